@@ -1,0 +1,74 @@
+"""Foliente's pinching: a multiplier of the Bouc-Wen rate that dips off centre."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import sympy as sp
+
+from bwbn_bayes.elements.law import DRIFT_RATE, ENERGY, HYSTERETIC_DISPLACEMENT, Effect, Slots, symbol
+from bwbn_bayes.parameters import Parameter, Value
+
+_SOURCE = "Foliente 1995, doi:10.1061/(ASCE)0733-9445(1995)121:6(1013)"
+
+
+def _parameter(name: str, unit: str, neutral: float, lower: float, description: str) -> Parameter:
+    return Parameter(
+        symbol=name, unit=unit, neutral=neutral, lower=lower, description=description, source=_SOURCE
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolientePinching(Effect):
+    """``h = 1 - z1 exp(-(z sgn v - q z_u)^2 / z2^2)`` multiplies the Bouc-Wen rate.
+
+    ``z1 = zeta_s (1 - exp(-p epsilon))``, ``z2 = (psi_0 + delta_psi epsilon)(lambda + z1)`` and
+    ``z_u = (1/(beta + gamma))^(1/n)`` (as OpenSees has it: without A and nu).
+
+    Parameters
+    ----------
+    zeta_s : float, Prior or PerStorey
+        Total slip, the final depth of the pinch.
+    p : float, Prior or PerStorey
+        Rate at which the pinch develops with work. [1/J]
+    q : float, Prior or PerStorey
+        Position of the pinch as a share of z_u.
+    psi_0 : float, Prior or PerStorey
+        Width of the pinch. [m]
+    delta_psi : float, Prior or PerStorey
+        Growth of the width with work. [m/J]
+    lambda_ : float, Prior or PerStorey
+        Floor of the width's growth with depth.
+
+    References
+    ----------
+    .. [1] G. C. Foliente, "Hysteresis Modeling of Wood Joints and Structural Systems", J. Struct. Eng. 121(6), 1995.
+    """
+
+    zeta_s: Value
+    p: Value
+    q: Value
+    psi_0: Value
+    delta_psi: Value
+    lambda_: Value
+
+    name: ClassVar[str] = "foliente_pinching"
+    summary: ClassVar[str] = "loops pinch off centre, depending on direction, and the pinch saturates"
+    source: ClassVar[str] = _SOURCE
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        _parameter("zeta_s", "", 0.0, 0.0, "total slip"),
+        _parameter("p", "1/J", 1.0, 0.0, "rate of the pinch with work"),
+        _parameter("q", "", 0.0, -1.0, "position of the pinch"),
+        _parameter("psi_0", "m", 1.0, 0.0, "width of the pinch"),
+        _parameter("delta_psi", "m/J", 0.0, 0.0, "growth of the width with work"),
+        _parameter("lambda_", "", 1.0, 1e-9, "floor of the width"),
+    )
+
+    def fill(self, slots: Slots) -> Slots:
+        zeta_s, p, q, psi_0, delta_psi, floor = (symbol(parameter.symbol) for parameter in self.parameters)
+        depth = zeta_s * (1 - sp.exp(-p * ENERGY))
+        width = (psi_0 + delta_psi * ENERGY) * (floor + depth)
+        z_u = (1 / (symbol("beta") + symbol("gamma"))) ** (1 / symbol("n"))
+        offset = HYSTERETIC_DISPLACEMENT * sp.sign(DRIFT_RATE) - q * z_u
+        return replace(slots, rate_multiplier=slots.rate_multiplier * (1 - depth * sp.exp(-(offset**2) / width**2)))

@@ -1,0 +1,57 @@
+"""Slip in series with the hysteretic spring: pinching near zero hysteretic displacement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import sympy as sp
+
+from bwbn_bayes.elements.law import ENERGY, HYSTERETIC_DISPLACEMENT, Effect, SharpFeature, Slots, symbol
+from bwbn_bayes.parameters import Parameter, Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlipLock(Effect):
+    """A slip-lock element in series, ``du2/dt = s a(z) dz/dt``, ``a(z) = sqrt(2/pi)/sigma exp(-z^2/(2 sigma^2))``.
+
+    A full crossing of ``z = 0`` slips by ``2 s`` with ``s = delta_s epsilon``.
+
+    Parameters
+    ----------
+    delta_s : float, Prior or PerStorey
+        Slip magnitude per unit of work. [m/J]
+    sigma : float, Prior or PerStorey
+        Width of the slip in hysteretic displacement. [m]
+
+    References
+    ----------
+    .. [1] T. T. Baber and M. N. Noori, "Random Vibration of Degrading, Pinching Systems", J. Eng. Mech. 111(8), 1985.
+    """
+
+    delta_s: Value
+    sigma: Value
+
+    name: ClassVar[str] = "slip_lock"
+    summary: ClassVar[str] = "the joint slips near zero hysteretic displacement: pinched loops"
+    source: ClassVar[str] = "Baber and Noori 1985"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            symbol="delta_s",
+            unit="m/J",
+            neutral=0.0,
+            lower=0.0,
+            description="slip magnitude per unit of work",
+            source=source,
+        ),
+        Parameter(symbol="sigma", unit="m", neutral=1.0, lower=1e-9, description="width of the slip", source=source),
+    )
+
+    def fill(self, slots: Slots) -> Slots:
+        sigma = symbol("sigma")
+        density = sp.sqrt(2 / sp.pi) / sigma * sp.exp(-(HYSTERETIC_DISPLACEMENT**2) / (2 * sigma**2))
+        return replace(
+            slots,
+            slip_compliance=slots.slip_compliance + symbol("delta_s") * ENERGY * density,
+            sharp_features=(*slots.sharp_features, SharpFeature(state=HYSTERETIC_DISPLACEMENT, width=sigma)),
+        )

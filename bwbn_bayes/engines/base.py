@@ -1,0 +1,210 @@
+"""What every engine promises.
+
+``simulate`` solves a model for many draws under one record; ``sensitivities`` adds the derivatives with respect to
+the identified parameters; ``misfit`` and ``normal_equations`` reduce both to what inference needs. A failed draw has a
+status and NaN rows, never an exception; a draw's result does not depend on which other draws share its batch.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
+
+OBSERVED_KINDS = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy", "restoring_force", "acceleration")
+"""Rows every engine can observe at each storey or floor; measured channels are linear combinations of them."""
+
+
+class Status(IntEnum):
+    """What became of a draw."""
+
+    OK = 0
+    NON_FINITE = 1
+    STEP_LIMIT = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Response:
+    """Solutions of a batch.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        What was asked for, e.g. ``("acceleration_1", "drift_2")``.
+    values : (n_draws, n_channels, n_times) array
+        In SI units; NaN where the draw failed.
+    status : (n_draws,) array of :class:`Status` values
+    """
+
+    channels: tuple[str, ...]
+    values: Floats
+    status: NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NormalEquations:
+    """Least squares in summary: residual r = measured - model, J = d model / d parameters, summed over time.
+
+    Attributes
+    ----------
+    misfit : (n_draws, n_channels) array
+        Sum of squared residuals.
+    gradient : (n_draws, n_channels, n_parameters) array
+        ``J^T r``.
+    information : (n_draws, n_channels, n_parameters, n_parameters) array
+        ``J^T J``.
+    """
+
+    misfit: Floats
+    gradient: Floats
+    information: Floats
+
+    def __getitem__(self, index: slice | NDArray[np.int64]) -> NormalEquations:
+        """The same for some of the draws."""
+        return replace(
+            self, misfit=self.misfit[index], gradient=self.gradient[index], information=self.information[index]
+        )
+
+
+class Engine(Protocol):
+    """Solves a model for draws ``(n_draws, n_parameters)`` in the parameters' own units."""
+
+    @property
+    def name(self) -> str:
+        """Name on the command line."""
+        ...
+
+    @property
+    def scheme(self) -> str:
+        """Scheme and accuracy in words, for the report."""
+        ...
+
+    def simulate(
+        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+    ) -> Response:
+        """Response at the record's times; its measured channels unless others are named."""
+        ...
+
+    def sensitivities(
+        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+    ) -> tuple[Response, Floats]:
+        """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``."""
+        ...
+
+    def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
+        """Sum of squared residuals ``(n_draws, n_channels)`` over the measured channels; infinite where it failed."""
+        ...
+
+    def normal_equations(self, model: Structure, draws: Floats, record: Record) -> NormalEquations:
+        """Least squares in summary over the measured channels."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelMap:
+    """Channels as linear combinations of observed rows.
+
+    ``row[starts[c]:starts[c+1]]`` and ``coefficient`` are the terms of channel c; ``ground`` multiplies the excitation.
+    Row ``kind * n_storeys + storey`` counts kinds as in :data:`OBSERVED_KINDS`.
+    """
+
+    names: tuple[str, ...]
+    starts: NDArray[np.int64]
+    row: NDArray[np.int64]
+    coefficient: Floats
+    ground: Floats
+
+    def apply(self, rows: Floats, excitation: Floats) -> Floats:
+        """Channels ``(..., n_channels, n_times)`` from observed rows ``(..., 6 n_storeys, n_times)``."""
+        result = np.empty((*rows.shape[:-2], len(self.names), rows.shape[-1]))
+        for c in range(len(self.names)):
+            terms = slice(self.starts[c], self.starts[c + 1])
+            result[..., c, :] = self.ground[c] * excitation
+            for row, coefficient in zip(self.row[terms], self.coefficient[terms], strict=True):
+                result[..., c, :] += coefficient * rows[..., row, :]
+        return result
+
+
+def channel_map(model: Structure, names: Sequence[str]) -> ChannelMap:
+    """Resolve channel names such as ``acceleration_2`` for a model.
+
+    Raises
+    ------
+    UserError
+        If a channel is unknown or its storey does not exist.
+    """
+    n = model.n_storeys
+    starts, rows, coefficients, ground = [0], [], [], []
+    for name in names:
+        kind, storey = _split(name, n)
+        terms, base = _terms(kind, storey, n, name)
+        rows += [row for row, _ in terms]
+        coefficients += [coefficient for _, coefficient in terms]
+        starts.append(len(rows))
+        ground.append(base)
+    return ChannelMap(
+        names=tuple(names),
+        starts=np.array(starts, dtype=np.int64),
+        row=np.array(rows, dtype=np.int64),
+        coefficient=np.array(coefficients, dtype=np.float64),
+        ground=np.array(ground, dtype=np.float64),
+    )
+
+
+def _split(name: str, n_storeys: int) -> tuple[str, int]:
+    if name == "force":
+        return "force", 1
+    match = re.fullmatch(r"([a-z_]+)_(\d+)", name)
+    if match is None:
+        raise UserError(f"channel {name!r} is not known: write a quantity and a floor or storey, e.g. acceleration_1")
+    storey = int(match[2])
+    if not 1 <= storey <= n_storeys:
+        raise UserError(f"channel {name!r}: the model has storeys 1 to {n_storeys}; drop the channel or add storeys")
+    return match[1], storey
+
+
+def _terms(kind: str, storey: int, n: int, name: str) -> tuple[list[tuple[int, float]], float]:
+    if kind in OBSERVED_KINDS:
+        return [(OBSERVED_KINDS.index(kind) * n + storey - 1, 1.0)], 0.0
+    if kind == "force":
+        return [(OBSERVED_KINDS.index("restoring_force") * n + storey - 1, 1.0)], 0.0
+    if kind == "relative_acceleration":
+        return [(OBSERVED_KINDS.index("acceleration") * n + storey - 1, 1.0)], -1.0
+    if kind == "displacement":
+        return [(i, 1.0) for i in range(storey)], 0.0
+    raise UserError(
+        f"channel {name!r} is not known: the engines give {', '.join(OBSERVED_KINDS)}, force, "
+        "relative_acceleration and displacement"
+    )
+
+
+def masses(model: Structure) -> Floats:
+    """Floor masses ``(n_storeys,)`` [kg]; ones for a specimen, whose equation of motion has none."""
+    return np.asarray(model.masses, dtype=np.float64) if isinstance(model, ShearBuilding) else np.ones(model.n_storeys)
+
+
+def check_record(model: Structure, record: Record) -> None:
+    """Raise :class:`UserError` unless the record excites the model in the model's own way."""
+    if record.excitation_kind != model.excitation_kind:
+        raise UserError(
+            f"the record is driven by {record.excitation_kind}, the model by {model.excitation_kind}: "
+            "use a ShearBuilding for ground motion and a Specimen for a displacement-driven test"
+        )
+
+
+def measured_matrix(record: Record, names: Sequence[str]) -> Floats:
+    """Measured channels ``(n_channels, n_times)`` in the given order."""
+    return np.ascontiguousarray([record.channels[name] for name in names], dtype=np.float64).reshape(
+        len(names), record.n_times
+    )

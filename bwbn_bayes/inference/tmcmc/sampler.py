@@ -1,0 +1,211 @@
+"""Transitional Markov chain Monte Carlo, assembled.
+
+From a cloud of the reference: choose the next tempering parameter, weigh, count the mean weight towards the
+evidence, resample, move; until the tempering parameter is one.
+
+References
+----------
+.. [1] J. Ching and Y.-C. Chen, "Transitional Markov Chain Monte Carlo Method for Bayesian Model Updating, Model Class
+   Selection, and Model Averaging", 2007, doi:10.1061/(ASCE)0733-9399(2007)133:7(816).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.tmcmc import checkpoint as checkpoints
+from bwbn_bayes.inference.tmcmc import tempering
+from bwbn_bayes.inference.tmcmc.checkpoint import Identity, RunState
+from bwbn_bayes.inference.tmcmc.moves import FIRST_TUNING
+from bwbn_bayes.inference.tmcmc.stages import Evaluator, Population, Streams, plain_stage, waste_free_stage
+from bwbn_bayes.inference.tmcmc.target import Floats, PriorReference, Reference, Target, evaluate
+from bwbn_bayes.results import StageFacts
+
+Variant = Literal["default", "plain"]
+TARGET_VARIATION = {"default": 0.5, "plain": 1.0}
+"""Coefficient of variation of the weights that each variant steps to."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TmcmcResult:
+    """A posterior cloud and its evidence.
+
+    Attributes
+    ----------
+    particles : (n_particles, d) array
+        Points of the unit cube, of equal weight.
+    log_likelihood : (n_particles,) array
+        Their log likelihoods.
+    log_evidence, log_evidence_se : float
+        Log evidence and its standard error. [nat]
+    stages : tuple of StageFacts
+        History; solves, log evidence and elapsed time are running totals.
+    n_solves : int
+        Likelihood evaluations in all.
+    """
+
+    particles: Floats
+    log_likelihood: Floats
+    log_evidence: float
+    log_evidence_se: float
+    stages: tuple[StageFacts, ...]
+    n_solves: int
+
+
+def sample(
+    target: Target,
+    *,
+    n_particles: int = 2000,
+    rng_seed: int,
+    variant: Variant = "default",
+    reference: Reference | None = None,
+    progress: Callable[[StageFacts], None] | None = None,
+    checkpoint: Path | None = None,
+) -> TmcmcResult:
+    """Sample a posterior and its evidence.
+
+    Parameters
+    ----------
+    target : Target
+        Prior and likelihood on the unit cube.
+    n_particles : int
+        Points of the result and smallest size of every stage's cloud.
+    rng_seed : int
+        The run is a function of it, however many workers solve.
+    variant : {"default", "plain"}
+        ``default`` moves until decorrelated; ``plain`` is the published algorithm with the scale 0.2, its bias kept.
+    reference : Reference, optional
+        Where the road starts; the prior if not given.
+    progress : callable, optional
+        Called with the facts of each finished stage.
+    checkpoint : Path, optional
+        Name (without suffix) under which the run is saved after each stage, and from which it resumes.
+
+    Returns
+    -------
+    TmcmcResult
+        Equal-weight points, log evidence with its standard error, history.
+
+    Raises
+    ------
+    UserError
+        If there are too few particles, no first draw has a finite likelihood, or the checkpoint is another run's.
+    """
+    fewest = 8 * (target.n_dim + 1)
+    if n_particles < fewest:
+        raise UserError(f"{n_particles} particles for {target.n_dim} parameters: use at least {fewest}")
+    start = reference if reference is not None else PriorReference(target)
+    evaluator = partial(evaluate, target, start)
+    identity: Identity = {
+        "n_particles": n_particles,
+        "rng_seed": rng_seed,
+        "variant": variant,
+        "n_dim": target.n_dim,
+        "reference": type(start).__name__,
+    }
+    state = checkpoints.load(checkpoint, identity) if checkpoint is not None else None
+    if state is None:
+        state = _first_state(start, evaluator, n_particles, rng_seed)
+        _announce(state, identity, progress, checkpoint)
+    else:
+        _require_same_target(state, evaluator, checkpoint)
+    began = time.perf_counter() - state.facts[-1].elapsed_s
+    while state.tempering_parameter < 1.0:
+        state = _next_state(state, evaluator, n_particles, rng_seed, variant, began)
+        _announce(state, identity, progress, checkpoint)
+    return _result(state, n_particles)
+
+
+def _first_state(reference: Reference, evaluator: Evaluator, n_particles: int, rng_seed: int) -> RunState:
+    """Draw and evaluate the reference."""
+    began = time.perf_counter()
+    cloud, n_solves = evaluator(reference.sample(Streams(rng_seed, 0).at(0), n_particles))
+    n_finite = int(np.count_nonzero(np.isfinite(cloud.log_ratio)))
+    if n_finite < 2:
+        raise UserError(
+            f"{n_finite} of {n_particles} draws of the prior (or reference) have a finite likelihood: "
+            "narrow the priors to where the model can be solved, or check record and model"
+        )
+    facts = StageFacts(
+        stage=0,
+        tempering_parameter=0.0,
+        acceptance=1.0,
+        effective_sample_size=float(n_finite),
+        n_solves=n_solves,
+        log_evidence=0.0,
+        elapsed_s=time.perf_counter() - began,
+        label="draws of the reference",
+    )
+    return RunState(Population(cloud, np.arange(n_particles), FIRST_TUNING), 0.0, 0.0, 0.0, n_solves, (facts,))
+
+
+def _next_state(
+    state: RunState, evaluator: Evaluator, n_particles: int, rng_seed: int, variant: Variant, began: float
+) -> RunState:
+    """Temper, weigh, resample, move."""
+    population, past = state.population, state.tempering_parameter
+    log_ratio = population.cloud.log_ratio
+    tempering_parameter = tempering.next_tempering_parameter(log_ratio, past, TARGET_VARIATION[variant])
+    log_weights = (tempering_parameter - past) * log_ratio
+    log_evidence = state.log_evidence + tempering.log_mean(log_weights)
+    variance = state.log_evidence_variance + tempering.log_mean_variance(log_weights, population.families)
+    streams = Streams(rng_seed, state.facts[-1].stage + 1)
+    if variant == "plain":
+        moved = plain_stage(evaluator, population, log_weights, tempering_parameter, streams)
+    else:
+        moved = waste_free_stage(evaluator, population, log_weights, tempering_parameter, streams, n_particles)
+    n_solves = state.n_solves + moved.n_solves
+    facts = StageFacts(
+        stage=streams.stage,
+        tempering_parameter=tempering_parameter,
+        acceptance=moved.acceptance,
+        effective_sample_size=moved.effective_sample_size,
+        n_solves=n_solves,
+        log_evidence=log_evidence,
+        elapsed_s=time.perf_counter() - began,
+        label=moved.label,
+    )
+    return RunState(moved.population, tempering_parameter, log_evidence, variance, n_solves, (*state.facts, facts))
+
+
+def _announce(
+    state: RunState, identity: Identity, progress: Callable[[StageFacts], None] | None, checkpoint: Path | None
+) -> None:
+    if checkpoint is not None:
+        checkpoints.save(checkpoint, state, identity)
+    if progress is not None:
+        progress(state.facts[-1])
+
+
+def _require_same_target(state: RunState, evaluator: Evaluator, checkpoint: Path | None) -> None:
+    """Solve one saved point again: another model or record would continue to a wrong posterior without a word."""
+    cloud = state.population.cloud
+    chosen = np.flatnonzero(np.isfinite(cloud.log_ratio))[:1]
+    again, _ = evaluator(cloud.points[chosen])
+    if not np.allclose(again.log_ratio, cloud.log_ratio[chosen], rtol=1e-9, atol=1e-6):
+        raise UserError(
+            f"checkpoint {checkpoint}: its likelihoods are not those of this model and record; delete it to start anew"
+        )
+
+
+def _result(state: RunState, n_particles: int) -> TmcmcResult:
+    """Thin the last cloud evenly along its chains to the number of particles asked for."""
+    cloud = state.population.cloud
+    by_chain = np.argsort(state.population.families, kind="stable")
+    chosen = by_chain[np.arange(n_particles) * len(by_chain) // n_particles]
+    return TmcmcResult(
+        particles=cloud.points[chosen],
+        log_likelihood=cloud.log_likelihood[chosen],
+        log_evidence=state.log_evidence,
+        log_evidence_se=float(np.sqrt(state.log_evidence_variance)),
+        stages=state.facts,
+        n_solves=state.n_solves,
+    )

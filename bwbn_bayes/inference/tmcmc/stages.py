@@ -1,0 +1,261 @@
+"""One stage of the sampler: resample the weighted cloud, then move it.
+
+:func:`plain_stage` is Ching and Chen's [1]_, with the scale of the seed paper. :func:`waste_free_stage` is Dau and
+Chopin's [2]_: few ancestors, long chains, every state of every chain kept; the chains run until they have forgotten
+where they began.
+
+References
+----------
+.. [1] J. Ching and Y.-C. Chen, 2007, doi:10.1061/(ASCE)0733-9399(2007)133:7(816), steps 3 and 4.
+.. [2] H. D. Dau and N. Chopin, "Waste-free sequential Monte Carlo", 2022, doi:10.1111/rssb.12475.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from bwbn_bayes.inference.tmcmc import moves, resampling, tempering
+from bwbn_bayes.inference.tmcmc.coordinates import Coordinates, to_probit
+from bwbn_bayes.inference.tmcmc.mixture import fit_gaussian, fit_mixture
+from bwbn_bayes.inference.tmcmc.moves import Shape, Tuning
+from bwbn_bayes.inference.tmcmc.target import Cloud, Floats, Integers, join
+
+PLAIN_SCALE = 0.2
+CHAIN_LENGTH = 16
+LONGEST_CHAIN = 512
+_CHAIN_MULTIPLE = 32
+_LENGTH_PER_CORRELATION_TIME = 4.0
+
+Evaluator = Callable[[Floats], tuple[Cloud, int]]
+"""Points ``(n, d)`` to an evaluated cloud and the solves spent."""
+
+
+class Population(NamedTuple):
+    """A cloud of equal weights, the chain to which each point belongs, and what the moves have learnt."""
+
+    cloud: Cloud
+    families: Integers
+    tuning: Tuning
+
+
+class Moved(NamedTuple):
+    """What a stage returns: the new population and the facts of how it moved."""
+
+    population: Population
+    acceptance: float
+    effective_sample_size: float
+    n_solves: int
+    label: str
+
+
+class Streams(NamedTuple):
+    """The random streams of one stage, one for each step and group, whoever computes them."""
+
+    seed: int
+    stage: int
+
+    def at(self, step: int, group: int = 0) -> np.random.Generator:
+        """The generator of a step; step 0 resamples."""
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(self.stage, step, group)))
+
+
+def plain_stage(
+    evaluator: Evaluator, population: Population, log_weights: Floats, tempering_parameter: float, streams: Streams
+) -> Moved:
+    """Resample ``n`` leads by weight and give each one Metropolis step; a lead drawn twice steps on from its first step.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+        Evaluates proposals.
+    population : Population
+        The cloud of the stage before, ``n`` points.
+    log_weights : (n,) array
+        Its weights towards this stage.
+    tempering_parameter : float
+        Of this stage.
+    streams : Streams
+        Random streams of this stage.
+
+    Returns
+    -------
+    Moved
+        Its effective sample size is that of the weights: a plain stage does not measure how well it mixed.
+    """
+    cloud, weights = population.cloud, tempering.normalised(log_weights)
+    counts = np.bincount(resampling.multinomial(weights, len(weights), streams.at(0)), minlength=len(weights))
+    alive = weights > 0.0
+    covariance = np.cov(cloud.points[alive], rowvar=False, aweights=weights[alive], ddof=0)
+    values, vectors = np.linalg.eigh(np.atleast_2d(covariance))
+    factor = PLAIN_SCALE * vectors * np.sqrt(values.clip(min=0.0))
+    leads = np.flatnonzero(counts)
+    heads, families, accepted, n_solves = cloud.take(leads), leads, 0, 0
+    collected, labels = [], []
+    for turn in range(1, int(counts.max()) + 1):
+        still = counts[families] >= turn
+        heads, families = heads.take(np.flatnonzero(still)), families[still]
+        rng = streams.at(turn)
+        proposal, solves = evaluator(heads.points + rng.standard_normal(heads.points.shape) @ factor.T)
+        log_odds = proposal.log_density(tempering_parameter) - heads.log_density(tempering_parameter)
+        moved = np.log(rng.random(len(families))) < log_odds
+        heads = proposal.where(moved, heads)
+        collected.append(heads)
+        labels.append(families)
+        accepted, n_solves = accepted + int(moved.sum()), n_solves + solves
+    moved_population = Population(join(collected), np.concatenate(labels), population.tuning)
+    return Moved(moved_population, accepted / len(weights), 1.0 / float(np.sum(weights**2)), n_solves, "plain")
+
+
+def waste_free_stage(
+    evaluator: Evaluator,
+    population: Population,
+    log_weights: Floats,
+    tempering_parameter: float,
+    streams: Streams,
+    n_particles: int,
+) -> Moved:
+    """Resample a few ancestors and run them as chains until decorrelated; the cloud is every state of every chain.
+
+    The chains grow by doubling from 16 steps until the longest integrated autocorrelation time (over the probit
+    coordinates and the log ratio) is a quarter of their length, or 512 steps, which the label then says.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+        Evaluates proposals.
+    population : Population
+        The cloud of the stage before, ``n`` points.
+    log_weights : (n,) array
+        Its weights towards this stage.
+    tempering_parameter : float
+        Of this stage.
+    streams : Streams
+        Random streams of this stage.
+    n_particles : int
+        Smallest size of the new cloud.
+
+    Returns
+    -------
+    Moved
+        Its effective sample size is the number of states over the longest autocorrelation time.
+    """
+    alive = np.flatnonzero(np.isfinite(log_weights))
+    cloud, families = population.cloud.take(alive), population.families[alive]
+    weights, tuning = tempering.normalised(log_weights[alive]), population.tuning
+    positions = to_probit(cloud.points)
+    order = resampling.order_along_principal_axis(positions, weights)
+    n_chains = chain_count(n_particles)
+    ancestors = order[resampling.systematic(weights[order], n_chains, streams.at(0))]
+    shapes = _shapes(positions, weights, families, n_particles, streams)
+    chains = _started(cloud.take(ancestors), positions[ancestors], families[ancestors] % 2, shapes)
+    clouds: list[Cloud] = []
+    traces: list[Floats] = []
+    tally, n_solves, length = moves.EMPTY_TALLY, 0, CHAIN_LENGTH
+    while True:
+        for step in range(len(clouds) + 1, length + 1):
+            chains, tally, solves = _advance(evaluator, chains, shapes, tuning, tally, tempering_parameter, streams, step)
+            clouds.append(chains.cloud)
+            traces.append(np.column_stack([to_probit(chains.cloud.points), chains.cloud.log_ratio]))
+            n_solves += solves
+        correlation_time = tempering.integrated_autocorrelation_time(np.stack(traces))
+        decorrelated = _LENGTH_PER_CORRELATION_TIME * correlation_time <= length
+        if decorrelated or length >= LONGEST_CHAIN:
+            break
+        length *= 2
+    label = f"{length} steps" if decorrelated else f"stopped at the cap of {length} steps, still correlated"
+    moved = Population(join(clouds), np.tile(np.arange(n_chains), length), moves.retune(tuning, tally))
+    return Moved(moved, tally.acceptance, n_chains * length / correlation_time, n_solves, label)
+
+
+def chain_count(n_particles: int) -> int:
+    """Number of chains: a multiple of 32, so that batches of 16 lanes fill two threads."""
+    return _CHAIN_MULTIPLE * max(1, -(-n_particles // (CHAIN_LENGTH * _CHAIN_MULTIPLE)))
+
+
+class _Chains(NamedTuple):
+    cloud: Cloud
+    groups: Integers
+    positions: Floats
+    log_volume: Floats
+    log_fit: Floats
+
+
+def _started(cloud: Cloud, positions: Floats, groups: Integers, shapes: tuple[Shape, Shape]) -> _Chains:
+    """Chains at probit positions, each in the coordinates of its group's shape."""
+    mapped, log_volume, log_fit = np.empty_like(positions), np.empty(len(groups)), np.empty(len(groups))
+    for group, shape in enumerate(shapes):
+        mine = groups == group
+        mapped[mine], _ = shape.coordinates.forward(positions[mine])
+        _, log_volume[mine] = shape.coordinates.inverse(mapped[mine])
+        log_fit[mine] = shape.mixture.log_density(mapped[mine])
+    return _Chains(cloud, groups, mapped, log_volume, log_fit)
+
+
+def _shapes(
+    positions: Floats, weights: Floats, families: Integers, n_particles: int, streams: Streams
+) -> tuple[Shape, Shape]:
+    """Two shapes, each fitted to the half of the families whose descendants it does not move.
+
+    A proposal fitted to the very point that it moves favours that point, a bias that adds up over the stages.
+    """
+    thinned = np.arange(0, len(weights), max(1, len(weights) // (2 * n_particles)))
+    halves = [thinned[families[thinned] % 2 == parity] for parity in (1, 0)]
+    if min(len(half) for half in halves) < 2:
+        halves = [thinned, thinned]
+    shares = [weights[half] / np.sum(weights[half]) for half in halves]
+    shapes = []
+    for own, other in ((0, 1), (1, 0)):
+        archive = positions[halves[own]][resampling.systematic(shares[own], n_particles, streams.at(0, 1 + own))]
+        shapes.append(_shape(positions[halves[own]], shares[own], archive, positions[halves[other]], shares[other]))
+    return shapes[0], shapes[1]
+
+
+def _shape(points: Floats, shares: Floats, archive: Floats, held_out: Floats, held_out_shares: Floats) -> Shape:
+    """Coordinates and mixture fitted to weighted probit positions; held-out ones decide which coordinates serve."""
+    candidates = (Coordinates.probit(points.shape[1]), Coordinates.straightening(archive))
+    scores = []
+    for candidate in candidates:
+        mapped, log_slope = candidate.forward(held_out)
+        fit = fit_gaussian(candidate.forward(points)[0], shares)
+        scores.append(float(held_out_shares @ (fit.log_density(mapped) + log_slope)))
+    best = candidates[int(np.argmax(scores))]
+    mixture = fit_mixture(best.forward(points)[0], shares, best.forward(held_out)[0], held_out_shares)
+    return Shape.of(best, mixture, best.forward(archive)[0])
+
+
+def _advance(
+    evaluator: Evaluator,
+    chains: _Chains,
+    shapes: tuple[Shape, Shape],
+    tuning: Tuning,
+    tally: moves.Tally,
+    tempering_parameter: float,
+    streams: Streams,
+    step: int,
+) -> tuple[_Chains, moves.Tally, int]:
+    """One Metropolis-Hastings step of every chain, in one batch of solves."""
+    proposed, points = np.empty_like(chains.positions), np.empty_like(chains.positions)
+    kinds = np.empty(len(proposed), dtype=np.int64)
+    log_odds, log_volume, log_fit, jumps = np.empty((4, len(proposed)))
+    for group, shape in enumerate(shapes):
+        mine = np.flatnonzero(chains.groups == group)
+        start = chains.positions[mine]
+        proposal = moves.propose(start, chains.log_fit[mine], shape, tuning, streams.at(step, group))
+        proposed[mine], log_fit[mine], kinds[mine] = proposal.positions, proposal.log_fit, proposal.moves
+        jumps[mine] = shape.squared_jumps(start, proposal.positions)
+        points[mine], log_volume[mine] = shape.coordinates.inverse(proposal.positions)
+        log_odds[mine] = proposal.log_asymmetry
+    candidate, n_solves = evaluator(points)
+    log_odds += log_volume - chains.log_volume + candidate.log_density(tempering_parameter) - chains.cloud.log_density(tempering_parameter)
+    accepted = np.log(streams.at(step, 2).random(len(proposed))) < log_odds
+    moved = _Chains(
+        candidate.where(accepted, chains.cloud),
+        chains.groups,
+        np.where(accepted[:, None], proposed, chains.positions),
+        np.where(accepted, log_volume, chains.log_volume),
+        np.where(accepted, log_fit, chains.log_fit),
+    )
+    return moved, tally.add(kinds, accepted.astype(np.float64), jumps), n_solves

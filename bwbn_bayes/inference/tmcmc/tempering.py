@@ -1,0 +1,121 @@
+"""How far to go next along the road, and what each step says about the evidence.
+
+The step is chosen so that the coefficient of variation of the weights meets a target (Ching and Chen's rule; a
+coefficient ``c`` is an effective sample size of ``n / (1 + c^2)``). A record of 9,000 points makes the first step
+smaller than 1e-7, so the search runs on the logarithm of the step, to a relative tolerance, and has no floor.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bwbn_bayes.inference.tmcmc.target import Floats, Integers
+
+_BISECTIONS = 60
+_LOG_SMALLEST_STEP = -700.0
+
+
+def coefficient_of_variation(log_weights: Floats) -> float:
+    """Coefficient of variation of weights given by their logarithms ``(n,)``; points of zero weight are left out."""
+    finite = log_weights[np.isfinite(log_weights)]
+    weights = np.exp(finite - finite.max())
+    return float(np.std(weights) / np.mean(weights))
+
+
+def next_tempering_parameter(log_ratio: Floats, tempering_parameter: float, target_variation: float) -> float:
+    """Find the next tempering parameter at which the weights reach a coefficient of variation.
+
+    Parameters
+    ----------
+    log_ratio : (n,) array
+        Log of prior times likelihood over reference. Entries of minus infinity (failed solves) do not count: their
+        weight is zero at any step, so no step could mend it.
+    tempering_parameter : float
+        The present one, in [0, 1).
+    target_variation : float
+        Coefficient of variation to reach.
+
+    Returns
+    -------
+    float
+        In (tempering_parameter, 1].
+
+    References
+    ----------
+    .. [1] J. Ching and Y.-C. Chen, 2007, doi:10.1061/(ASCE)0733-9399(2007)133:7(816), step 2.
+    """
+    finite = log_ratio[np.isfinite(log_ratio)]
+    rest = 1.0 - tempering_parameter
+    if coefficient_of_variation(rest * finite) <= target_variation:
+        return 1.0
+    low, high = _LOG_SMALLEST_STEP, np.log(rest)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if coefficient_of_variation(np.exp(middle) * finite) <= target_variation:
+            low = middle
+        else:
+            high = middle
+    return min(1.0, tempering_parameter + float(np.exp(low)))
+
+
+def log_mean(log_weights: Floats) -> float:
+    """Log of the mean of weights given by their logarithms ``(n,)``: one stage's factor of the evidence."""
+    return float(logsumexp(log_weights) - np.log(len(log_weights)))
+
+
+def normalised(log_weights: Floats) -> Floats:
+    """Weights ``(n,)`` that sum to one."""
+    weights: Floats = np.exp(log_weights - logsumexp(log_weights))
+    return weights
+
+
+def log_mean_variance(log_weights: Floats, families: Integers) -> float:
+    """Variance of :func:`log_mean`, where points of one family (one chain) depend on each other.
+
+    Families are taken as independent; the variance of their sums is that of the mean.
+
+    Parameters
+    ----------
+    log_weights : (n,) array
+        Logarithms of the weights.
+    families : (n,) array
+        Label of each point's family, from 0.
+
+    Returns
+    -------
+    float
+        Squared standard error. [nat^2]
+
+    References
+    ----------
+    .. [1] H. D. Dau and N. Chopin, "Waste-free sequential Monte Carlo", 2022, doi:10.1111/rssb.12475, section 3.
+    """
+    weights = normalised(log_weights)
+    excess = np.bincount(families, weights - 1.0 / len(weights))
+    n_families = np.count_nonzero(np.bincount(families))
+    return float(np.sum(excess**2)) * n_families / max(n_families - 1, 1)
+
+
+def integrated_autocorrelation_time(traces: Floats) -> float:
+    """Integrated autocorrelation time of chains that start in their stationary law, the largest over quantities.
+
+    The variance of the chain means is compared with that of independent draws, which needs many chains, not long
+    ones. The estimate cannot exceed the length of the chains.
+
+    Parameters
+    ----------
+    traces : (n_steps, n_chains, n_quantities) array
+        What to watch.
+
+    Returns
+    -------
+    float
+        In steps, at least 1.
+    """
+    n_steps = traces.shape[0]
+    total = np.var(traces, axis=(0, 1))
+    between = np.var(np.mean(traces, axis=0), axis=0, ddof=1)
+    moving = total > 0.0
+    times = np.where(moving, n_steps * between / np.where(moving, total, 1.0), n_steps)
+    return float(np.clip(np.max(times), 1.0, n_steps))

@@ -1,0 +1,35 @@
+"""Records: what was measured, its files, excitations and noise."""
+
+from bwbn_bayes.records.excitation import Envelope, el_centro, filtered_noise, ground_motion_density, sine
+from bwbn_bayes.records.noise import add_noise, model_free_noise_sd
+from bwbn_bayes.records.readers import (
+    as_dataset,
+    read_at2,
+    read_csv,
+    read_netcdf,
+    read_record,
+    write_csv,
+    write_netcdf,
+    write_record,
+)
+from bwbn_bayes.records.record import Record, si_unit
+
+__all__ = [
+    "Envelope",
+    "Record",
+    "add_noise",
+    "as_dataset",
+    "el_centro",
+    "filtered_noise",
+    "ground_motion_density",
+    "model_free_noise_sd",
+    "read_at2",
+    "read_csv",
+    "read_netcdf",
+    "read_record",
+    "si_unit",
+    "sine",
+    "write_csv",
+    "write_netcdf",
+    "write_record",
+]

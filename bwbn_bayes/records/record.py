@@ -1,0 +1,348 @@
+"""A measured or simulated record: one excitation, the channels measured under it, and what is known about them.
+
+Everything is in SI units, on a uniform time base that starts at zero. Floors and storeys count from 1.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import Floats
+
+ExcitationKind = Literal["ground_acceleration", "displacement"]
+
+MIN_TIMES = 8
+
+RESERVED_KEYS = ("name", "time_step")
+"""Comment keys of the CSV format that provenance may not use; ``true ...`` and ``noise_sd ...`` are reserved too."""
+
+CHANNEL_NAMES = "acceleration_i, relative_acceleration_i, displacement_i, drift_i, force_i (i from 1)"
+
+_NUMBERED = re.compile(r"(acceleration|relative_acceleration|displacement|drift|force)_([1-9][0-9]*)", re.ASCII)
+
+_SI_UNITS = {
+    "time": "s",
+    "ground_acceleration": "m/s^2",
+    "acceleration": "m/s^2",
+    "relative_acceleration": "m/s^2",
+    "displacement": "m",
+    "drift": "m",
+    "force": "N",
+}
+
+
+def quantity_of(column: str) -> str | None:
+    """Physical quantity a column name stands for, e.g. ``drift`` for ``drift_2``; None where the name is unknown."""
+    numbered = _NUMBERED.fullmatch(column)
+    if numbered:
+        return numbered.group(1)
+    return column if column in ("time", "ground_acceleration", "displacement", "force") else None
+
+
+def si_unit(column: str) -> str:
+    """SI unit of a column: ``m/s^2``, ``m``, ``N`` or ``s``.
+
+    Raises
+    ------
+    UserError
+        If the name is unknown.
+    """
+    quantity = quantity_of(column)
+    if quantity is None:
+        raise UserError(f"channel {column} is not known: use {CHANNEL_NAMES}, or force for a cyclic test")
+    return _SI_UNITS[quantity]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Record:
+    """One excitation and the channels measured under it.
+
+    Arrays are copied on entry and read-only; mappings are read-only. Names, labels and provenance are kept as single
+    lines of text (runs of white space become one space). Compare with :meth:`equals`.
+
+    Parameters
+    ----------
+    name : str
+        What the record is called in reports.
+    time_step : float
+        Time between samples. [s]
+    excitation : (n_times,) array
+        Ground acceleration [m/s^2], or the imposed displacement of a cyclic test [m].
+    excitation_kind : {"ground_acceleration", "displacement"}
+        Base-excited building, or displacement-driven cyclic test.
+    channels : mapping of str to (n_times,) array
+        Measured channels in order. Building: ``acceleration_i`` (total, what an accelerometer on floor i shows) and
+        ``relative_acceleration_i`` [m/s^2], ``displacement_i`` (relative to the ground) and ``drift_i`` (relative to
+        the floor below) [m], ``force_i`` [N]. Cyclic test: ``force`` [N].
+    provenance : mapping of str to str
+        Where the record comes from: label to text.
+    truth : mapping of str to float
+        True parameter values by label (``"k[1]"``), where known. [SI]
+    noise_sd : mapping of str to float
+        True standard deviation of the noise per channel, where known. [unit of the channel]
+
+    Raises
+    ------
+    UserError
+        If a number is not finite, lengths differ, ``time_step`` is not positive, there are fewer than 8 points, or a
+        channel or label is not understood.
+    """
+
+    name: str
+    time_step: float
+    excitation: Floats
+    excitation_kind: ExcitationKind = "ground_acceleration"
+    channels: Mapping[str, Floats] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    truth: Mapping[str, float] = field(default_factory=dict)
+    noise_sd: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        frozen = {
+            "name": _one_line(self.name),
+            "time_step": float(self.time_step),
+            "excitation": _frozen_array(self.excitation, self.excitation_kind),
+            "channels": MappingProxyType({key: _frozen_array(value, key) for key, value in self.channels.items()}),
+            "provenance": MappingProxyType({_label(k): _one_line(v) for k, v in self.provenance.items()}),
+            "truth": MappingProxyType({_label(k): float(v) for k, v in self.truth.items()}),
+            "noise_sd": MappingProxyType({k: float(v) for k, v in self.noise_sd.items()}),
+        }
+        for key, value in frozen.items():
+            object.__setattr__(self, key, value)
+        self._check_time_base()
+        self._check_channels()
+        self._check_labels()
+
+    def _check_time_base(self) -> None:
+        if self.excitation_kind not in ("ground_acceleration", "displacement"):
+            raise UserError(
+                f"excitation_kind is {self.excitation_kind!r}: it must be 'ground_acceleration' or 'displacement'"
+            )
+        if self.n_times < MIN_TIMES:
+            raise UserError(f"the record has {self.n_times} points: at least {MIN_TIMES} are needed")
+        if not (self.time_step > 0.0 and np.isfinite(self.time_step * self.n_times)):
+            raise UserError(f"time_step is {self.time_step:g} s: it must be a positive number")
+
+    def _check_channels(self) -> None:
+        for channel, values in self.channels.items():
+            if self.excitation_kind == "displacement":
+                if channel != "force":
+                    raise UserError(f"channel {channel} does not belong to a cyclic test: its only channel is force")
+            elif not _NUMBERED.fullmatch(channel):
+                raise UserError(f"channel {channel} is not known: use {CHANNEL_NAMES}")
+            if len(values) != self.n_times:
+                raise UserError(
+                    f"channel {channel} has {len(values)} points but the excitation {self.n_times}: they must be equal"
+                )
+
+    def _check_labels(self) -> None:
+        for key in self.provenance:
+            if key in RESERVED_KEYS or key.startswith(("true ", "noise_sd ")):
+                raise UserError(f"provenance key {key!r} is reserved: use another word")
+        for label, value in self.truth.items():
+            if not np.isfinite(value):
+                raise UserError(f"the true value of {label} is {value}: it must be a finite number")
+        for channel, value in self.noise_sd.items():
+            if channel not in self.channels:
+                raise UserError(f"noise_sd names {channel}, which the record does not have: remove it or add the channel")
+            if not (np.isfinite(value) and value >= 0.0):
+                raise UserError(f"noise_sd of {channel} is {value}: it must be zero or a positive number")
+
+    @property
+    def n_times(self) -> int:
+        """Number of samples."""
+        return len(self.excitation)
+
+    @cached_property
+    def times(self) -> Floats:
+        """Sample times ``(n_times,)`` from zero, read-only. [s]"""
+        times = self.time_step * np.arange(self.n_times, dtype=np.float64)
+        times.flags.writeable = False
+        return times
+
+    @property
+    def duration(self) -> float:
+        """Time of the last sample. [s]"""
+        return (self.n_times - 1) * self.time_step
+
+    @cached_property
+    def content_hash(self) -> str:
+        """SHA-256 of the data: time step, kind and values of the excitation, names and values of the channels.
+
+        The record's name, provenance, truth and noise level do not enter: the same data give the same hash.
+        """
+        digest = hashlib.sha256()
+        header = [repr(self.time_step), str(self.n_times), self.excitation_kind, *self.channels]
+        digest.update("\n".join(header).encode())
+        for values in (self.excitation, *self.channels.values()):
+            digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
+        return digest.hexdigest()
+
+    @property
+    def floors(self) -> tuple[int, ...]:
+        """Floors with a (total) acceleration channel, in increasing order."""
+        found = (_NUMBERED.fullmatch(channel) for channel in self.channels)
+        return tuple(sorted(int(match.group(2)) for match in found if match and match.group(1) == "acceleration"))
+
+    def equals(self, other: Record) -> bool:
+        """Whether two records agree in every number, name and label, order of the channels included."""
+        own, others = self._plain_fields(), other._plain_fields()
+        arrays_agree = np.array_equal(self.excitation, other.excitation) and all(
+            np.array_equal(mine, theirs)
+            for mine, theirs in zip(self.channels.values(), other.channels.values(), strict=False)
+        )
+        for plain in (own, others):
+            del plain["excitation"], plain["channels"]
+        return bool(arrays_agree and list(self.channels) == list(other.channels) and own == others)
+
+    def until(self, time: float) -> Record:
+        """The first part of the record, up to and including ``time`` [s]."""
+        return self.between(0.0, time)
+
+    def between(self, start: float, end: float) -> Record:
+        """The part from ``start`` to ``end`` [s], both included, with its time counted from zero again.
+
+        Raises
+        ------
+        UserError
+            If the part reaches outside the record or holds fewer than 8 points.
+        """
+        slack = 1e-6 * self.time_step
+        if not (-slack <= start < end <= self.duration + slack):
+            raise UserError(
+                f"the part from {start:g} to {end:g} s is not inside the record {self.name} (0 to {self.duration:g} s)"
+            )
+        first = int(np.ceil((start - slack) / self.time_step))
+        last = int(np.floor((end + slack) / self.time_step))
+        if first == 0 and last == self.n_times - 1:
+            return self
+        earlier = self.provenance.get("part")
+        part = f"{first * self.time_step:g} to {last * self.time_step:g} s"
+        return replace(
+            self,
+            excitation=self.excitation[first : last + 1],
+            channels={key: values[first : last + 1] for key, values in self.channels.items()},
+            provenance={**self.provenance, "part": f"{part} of ({earlier})" if earlier else part},
+        )
+
+    def with_channels(
+        self,
+        channels: Mapping[str, Floats],
+        *,
+        noise_sd: Mapping[str, float] | None = None,
+        truth: Mapping[str, float] | None = None,
+    ) -> Record:
+        """The same excitation with other channels.
+
+        Parameters
+        ----------
+        channels : mapping of str to (n_times,) array
+            They take the place of the present ones. [SI]
+        noise_sd : mapping of str to float, optional
+            True noise standard deviations of the new channels; unknown where left out.
+        truth : mapping of str to float, optional
+            True parameter values; those of this record where left out.
+        """
+        return replace(
+            self,
+            channels=channels,
+            noise_sd={} if noise_sd is None else noise_sd,
+            truth=self.truth if truth is None else truth,
+        )
+
+    def select(self, channel_names: Sequence[str]) -> Record:
+        """The same record with these channels only, in the given order.
+
+        Raises
+        ------
+        UserError
+            If a channel is not in the record.
+        """
+        for channel in channel_names:
+            if channel not in self.channels:
+                present = ", ".join(self.channels) or "none"
+                raise UserError(f"record {self.name} has no channel {channel}: it has {present}")
+        return replace(
+            self,
+            channels={channel: self.channels[channel] for channel in channel_names},
+            noise_sd={channel: sd for channel, sd in self.noise_sd.items() if channel in channel_names},
+        )
+
+    def storey_forces(self, masses: Sequence[float] | Floats, *, lowest_storey: int = 1) -> Floats:
+        """Measured storey forces ``V_i = -sum_{j>=i} m_j a_j``, viscous force included.
+
+        Equilibrium of the floors above storey i; no model of the storeys enters.
+
+        Parameters
+        ----------
+        masses : (n_floors,) array
+            Floor masses, lowest floor first. [kg]
+        lowest_storey : int
+            Leave out the storeys below this one: their floors then need no sensor.
+
+        Returns
+        -------
+        (n_floors - lowest_storey + 1, n_times) array
+            Storey forces from the lowest storey up. [N]
+
+        Raises
+        ------
+        UserError
+            If a floor at or above ``lowest_storey`` has no acceleration channel.
+        """
+        mass = np.asarray(masses, dtype=np.float64)
+        if mass.ndim != 1 or not 1 <= lowest_storey <= len(mass):
+            raise UserError(f"lowest_storey is {lowest_storey} for {mass.size} floor masses: it must be one of the storeys")
+        missing = [floor for floor in range(lowest_storey, len(mass) + 1) if floor not in self.floors]
+        if missing:
+            raise UserError(
+                f"the force of storey {lowest_storey} needs acceleration_{missing[-1]}, which record {self.name} does not "
+                "have: every floor above a storey needs a sensor"
+            )
+        floors = range(lowest_storey, len(mass) + 1)
+        inertia = np.stack([mass[floor - 1] * self.channels[f"acceleration_{floor}"] for floor in floors])
+        return -np.cumsum(inertia[::-1], axis=0)[::-1]
+
+    def _plain_fields(self) -> dict[str, object]:
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        return {key: dict(value) if isinstance(value, MappingProxyType) else value for key, value in values.items()}
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # A MappingProxyType does not pickle; records travel to worker processes.
+        return _rebuilt, (self._plain_fields(),)
+
+
+def _rebuilt(plain_fields: Mapping[str, object]) -> Record:
+    return Record(**plain_fields)  # type: ignore[arg-type]
+
+
+def _frozen_array(values: ArrayLike, column: str) -> Floats:
+    array = np.array(values, dtype=np.float64)
+    if array.ndim != 1:
+        raise UserError(f"{column} has {array.ndim} dimensions: it must be a list of numbers, one for each time")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if bad.size:
+        raise UserError(f"{column} is {array[bad[0]]} at point {bad[0] + 1}: every value must be a finite number")
+    array.flags.writeable = False
+    return array
+
+
+def _one_line(text: str) -> str:
+    return " ".join(str(text).split())
+
+
+def _label(text: str) -> str:
+    label = _one_line(text)
+    if not label or ":" in label:
+        raise UserError(f"the label {text!r} is empty or holds a colon: use a plain word")
+    return label

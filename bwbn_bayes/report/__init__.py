@@ -1,0 +1,5 @@
+"""The report of a run: content gathers, figures draw, html renders. No statistics beyond percentiles of draws."""
+
+from bwbn_bayes.report.html import ReportFiles, write_report
+
+__all__ = ["ReportFiles", "write_report"]

@@ -1,0 +1,86 @@
+"""The report's canvas: one palette, one width, one legend, PNG without a display."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+WIDTH_IN = 5.0
+"""Width of every figure: at this size 9.5 pt text stays readable on a screen 400 px wide."""
+DOTS_PER_INCH = 190
+N_COLOURS = 96
+"""Colours of a PNG's palette: enough for shades of one blue and grey, a third of the bytes."""
+
+INK, MEASURED, IDENTIFIED, PRIOR = "#222222", "#9b9b9b", "#0b62a4", "#d9d6cf"
+SERIES = ("#0b62a4", "#d1731c", "#3f8f5b", "#8a4f9e", "#b03a48", "#5f6b76")
+"""Colours that tell storeys or chains apart."""
+DASHES = (3.0, 3.0)
+"""The true value or history, everywhere."""
+STYLE: dict[Any, Any] = {
+    "font.size": 9.5,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "normal",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#8a8a8a",
+    "axes.linewidth": 0.7,
+    "axes.labelcolor": INK,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#ececec",
+    "grid.linewidth": 0.6,
+    "xtick.color": "#555555",
+    "ytick.color": "#555555",
+    "text.color": INK,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+    "mathtext.fontset": "dejavusans",
+    "path.simplify_threshold": 0.4,
+    "figure.constrained_layout.h_pad": 0.05,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawing:
+    """One figure: its file name, PNG bytes, a caption and a text for those who cannot see it; size in pixels."""
+
+    name: str
+    png: bytes
+    caption: str
+    alt: str
+    width: int
+    height: int
+
+
+def canvas(n_rows: int, height_in: float, n_columns: int = 1, *, share_x: bool = True) -> tuple[Figure, list[Axes]]:
+    """A blank figure of the report's width and its axes, row by row."""
+    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DOTS_PER_INCH, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(n_rows, n_columns, squeeze=False, sharex=share_x)
+    return figure, [axis for row in axes for axis in row]
+
+
+def finished(figure: Figure, name: str, caption: str, alt: str) -> Drawing:
+    """The figure rendered to PNG with a small palette."""
+    raw = BytesIO()
+    figure.savefig(raw, format="png", facecolor="white")
+    image = Image.open(raw).convert("RGB").quantize(N_COLOURS, dither=Image.Dither.NONE)
+    buffer = BytesIO()
+    image.save(buffer, format="PNG", optimize=True)
+    return Drawing(name=name, png=buffer.getvalue(), caption=caption, alt=alt, width=image.width, height=image.height)
+
+
+def legend(figure: Figure, labelled: Axes, empty: Axes | None = None) -> None:
+    """The legend of one axis for the whole figure: in an empty panel where there is one, else above."""
+    handles, labels = labelled.get_legend_handles_labels()
+    if empty is not None:
+        empty.legend(handles, labels, loc="center left", labelspacing=0.9)
+    else:
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), columnspacing=1.4)

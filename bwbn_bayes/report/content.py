@@ -1,0 +1,377 @@
+"""Gather what the page shows: histories, loops, marginals and quantities, with percentiles of the given draws.
+
+Nothing is estimated here; every array comes from the result's tree, every number from its facts.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import cast
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bwbn_bayes.results import Facts, ParameterFacts, Result
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+MAX_PANELS = 6
+"""Most floors or storeys drawn in one figure; taller buildings show evenly chosen ones."""
+MAX_POINTS = 3000
+"""Most points of a drawn history; extremes are kept."""
+MAX_LOOP_DRAWS = 25
+MAX_PAIRS = 4
+ZOOM_S = 5.0
+"""Length of the enlarged part: the strongest 5 s."""
+BAND_PERCENT = (5.0, 95.0)
+
+_QUANTITIES = {
+    "acceleration": ("acceleration", "m/s^2", "Floor"),
+    "relative_acceleration": ("relative acceleration", "m/s^2", "Floor"),
+    "velocity": ("velocity", "m/s", "Floor"),
+    "displacement": ("displacement", "m", "Floor"),
+    "drift": ("drift", "m", "Storey"),
+    "force": ("force", "N", "Storey"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Band:
+    """A middle value with its 90 % band, each ``(n_points,)``."""
+
+    lower: Floats
+    middle: Floats
+    upper: Floats
+
+    def at(self, index: Indices) -> Band:
+        """The band at chosen points."""
+        return Band(lower=self.lower[index], middle=self.middle[index], upper=self.upper[index])
+
+    def times(self, factor: float) -> Band:
+        """The band in another unit."""
+        return Band(lower=factor * self.lower, middle=factor * self.middle, upper=factor * self.upper)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelTrace:
+    """One measured channel against its posterior prediction, ``(n_time,)`` each; units as named."""
+
+    channel: str
+    title: str
+    quantity: str
+    unit: str
+    time: Floats
+    measured: Floats
+    predicted: Band
+    noise_sd: float
+    nrmse: float
+
+    @property
+    def residual(self) -> Floats:
+        """Measured minus posterior mean."""
+        return self.measured - self.predicted.middle
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreyLoop:
+    """Storey force against drift: measured, identified (mean and draws), true where known. [N] and [m]"""
+
+    storey: int
+    drift: Floats
+    force: Floats
+    drift_draws: Floats
+    force_draws: Floats
+    measured_force: Floats | None
+    true_drift: Floats | None
+    true_force: Floats | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreyHistory:
+    """Drift [m] and work on the hysteretic spring [J] of a storey against time [s]."""
+
+    storey: int
+    time: Floats
+    drift: Band
+    energy: Band
+    true_drift: Floats | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Marginal:
+    """One parameter's posterior and prior draws."""
+
+    parameter: ParameterFacts
+    posterior: Floats
+    prior: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Two strongly correlated parameters and their draws."""
+
+    first: Marginal
+    second: Marginal
+    correlation: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """An engineering quantity with its band per storey or mode: ``lower, middle, upper`` of ``(n_places,)``."""
+
+    name: str
+    unit: str
+    band: Band
+
+
+@dataclass(frozen=True, kw_only=True)
+class Period:
+    """First period of the damaged building against time. [s]"""
+
+    time: Floats
+    band: Band
+
+
+@dataclass(frozen=True, kw_only=True)
+class Content:
+    """Everything the report draws and prints."""
+
+    facts: Facts
+    traces: tuple[ChannelTrace, ...]
+    n_channels: int
+    loops: tuple[StoreyLoop, ...]
+    histories: tuple[StoreyHistory, ...]
+    marginals: tuple[Marginal, ...]
+    pairs: tuple[Pair, ...]
+    storeys: tuple[int, ...]
+    storey_quantities: tuple[Quantity, ...]
+    modal_quantities: tuple[Quantity, ...]
+    period: Period | None
+    n_chains: int
+
+
+def gather(result: Result) -> Content:
+    """Gather the report's content from a result.
+
+    Parameters
+    ----------
+    result : Result
+        Its groups are read as :mod:`bwbn_bayes.results` describes; every group but ``posterior`` may be missing.
+
+    Returns
+    -------
+    Content
+    """
+    tree, facts = result.tree, result.facts
+    marginals = _marginals(tree, facts)
+    quantities = _group(tree, "quantities")
+    return Content(
+        facts=facts,
+        traces=_traces(tree, facts),
+        n_channels=len(_group(tree, "observed_data")),
+        loops=_loops(tree),
+        histories=_histories(tree),
+        marginals=marginals,
+        pairs=_strongest_pairs(marginals),
+        storeys=tuple(range(1, quantities.sizes.get("storey", 0) + 1)),
+        storey_quantities=_quantities(quantities, "storey"),
+        modal_quantities=_quantities(quantities, "mode"),
+        period=_period(quantities),
+        n_chains=_group(tree, "posterior").sizes.get("chain", 1),
+    )
+
+
+def thinned(values: Floats, n_points: int = MAX_POINTS) -> Indices:
+    """Indices of at most ``n_points`` points of a history that keep every bin's smallest and largest value."""
+    if values.size <= n_points:
+        return np.arange(values.size)
+    edges = np.linspace(0, values.size, n_points // 2 + 1).astype(np.intp)
+    ends = [(a + np.argmin(values[a:b]), a + np.argmax(values[a:b])) for a, b in pairwise(edges)]
+    return np.unique(np.asarray(ends, dtype=np.intp))
+
+
+def strongest_window(time: Floats, signals: Sequence[Floats], length_s: float = ZOOM_S) -> tuple[float, float]:
+    """Start and end [s] of the part of a record with the most signal energy, channels weighted alike."""
+    if time[-1] - time[0] <= length_s:
+        return float(time[0]), float(time[-1])
+    energy = sum((signal / max(float(np.std(signal)), 1e-300)) ** 2 for signal in signals)
+    n_window = max(1, round(length_s / float(time[1] - time[0])))
+    sums = np.convolve(np.asarray(energy), np.ones(n_window), mode="valid")
+    start = int(np.argmax(sums))
+    return float(time[start]), float(time[min(start + n_window, time.size - 1)])
+
+
+def shown(labels: Sequence[int], n_shown: int = MAX_PANELS) -> tuple[int, ...]:
+    """All labels, or evenly chosen ones with both ends where there are too many."""
+    if len(labels) <= n_shown:
+        return tuple(labels)
+    positions = np.linspace(0, len(labels) - 1, n_shown).round().astype(int)
+    return tuple(labels[i] for i in positions)
+
+
+def _group(tree: xr.DataTree, name: str) -> xr.Dataset:
+    return tree[name].to_dataset() if name in tree.children else xr.Dataset()
+
+
+def _labels(array: xr.DataArray, dim: str) -> list[int]:
+    return [int(label) for label in array[dim].values]
+
+
+def _at(array: xr.DataArray, dim: str, label: int) -> xr.DataArray:
+    return array.isel({dim: _labels(array, dim).index(label)}) if dim in array.coords else array.isel({dim: label - 1})
+
+
+def _band(draws: Floats) -> Band:
+    """Mean and 90 % band over the first axis."""
+    lower, upper = np.percentile(draws, BAND_PERCENT, axis=0)
+    return Band(lower=lower, middle=np.mean(draws, axis=0), upper=upper)
+
+
+def _traces(tree: xr.DataTree, facts: Facts) -> tuple[ChannelTrace, ...]:
+    observed, predictive = _group(tree, "observed_data"), _group(tree, "posterior_predictive")
+    response = _group(tree, "response")
+    names = [str(name) for name in observed if name in predictive]
+    chosen = [names[i - 1] for i in shown(range(1, len(names) + 1))]
+    return tuple(_trace(name, observed, predictive[name], response, facts) for name in chosen)
+
+
+def _trace(
+    name: str, observed: xr.Dataset, predictive: xr.DataArray, response: xr.Dataset, facts: Facts
+) -> ChannelTrace:
+    match = re.fullmatch(r"(.+?)_(\d+)", name)
+    kind, place = (match.group(1), int(match.group(2))) if match else (name, 0)
+    quantity, unit, where = _QUANTITIES.get(kind, (kind.replace("_", " "), "", ""))
+    noisy = _band(np.asarray(predictive.stack(sample=("chain", "draw")).transpose("sample", "time").values))
+    middle = noisy.middle
+    dim = {"acceleration": "floor", "drift": "storey"}.get(kind)
+    if dim is not None and kind in response:
+        middle = _at(response[kind], dim, place).mean("draw").values
+    return ChannelTrace(
+        channel=name,
+        title=f"{where} {place}".strip() if match else name.replace("_", " "),
+        quantity=quantity,
+        unit=unit,
+        time=np.asarray(observed["time"].values, dtype=np.float64),
+        measured=np.asarray(observed[name].values, dtype=np.float64),
+        predicted=Band(lower=noisy.lower, middle=middle, upper=noisy.upper),
+        noise_sd=facts.noise_sd.get(name, float("nan")),
+        nrmse=facts.nrmse.get(name, float("nan")),
+    )
+
+
+def _loops(tree: xr.DataTree) -> tuple[StoreyLoop, ...]:
+    response, true = _group(tree, "response"), _group(tree, "true_response")
+    if "restoring_force" not in response:
+        return ()
+    measured = _group(tree, "constant_data").get("measured_storey_force")
+    loops = []
+    for storey in shown(_labels(response["drift"], "storey")):
+        drift, force = (
+            _at(response[name], "storey", storey).transpose("draw", "time").values
+            for name in ("drift", "restoring_force")
+        )
+        chosen = np.linspace(0, len(drift) - 1, min(MAX_LOOP_DRAWS, len(drift))).astype(int)
+        loops.append(
+            StoreyLoop(
+                storey=storey,
+                drift=drift.mean(axis=0),
+                force=force.mean(axis=0),
+                drift_draws=drift[chosen],
+                force_draws=force[chosen],
+                measured_force=_history(measured, storey),
+                true_drift=_history(true.get("drift"), storey),
+                true_force=_history(true.get("restoring_force"), storey),
+            )
+        )
+    return tuple(loops)
+
+
+def _history(array: xr.DataArray | None, storey: int) -> Floats | None:
+    if array is None or ("storey" in array.coords and storey not in _labels(array, "storey")):
+        return None
+    values = np.asarray(_at(array, "storey", storey).values, dtype=np.float64)
+    return values if np.any(np.isfinite(values)) else None
+
+
+def _histories(tree: xr.DataTree) -> tuple[StoreyHistory, ...]:
+    response, true = _group(tree, "response"), _group(tree, "true_response")
+    if "drift" not in response or "hysteretic_energy" not in response:
+        return ()
+    return tuple(
+        StoreyHistory(
+            storey=storey,
+            time=np.asarray(response["time"].values, dtype=np.float64),
+            drift=_band(_at(response["drift"], "storey", storey).transpose("draw", "time").values),
+            energy=_band(_at(response["hysteretic_energy"], "storey", storey).transpose("draw", "time").values),
+            true_drift=_history(true.get("drift"), storey),
+        )
+        for storey in shown(_labels(response["drift"], "storey"))
+    )
+
+
+def _marginals(tree: xr.DataTree, facts: Facts) -> tuple[Marginal, ...]:
+    posterior, prior = _group(tree, "posterior"), _group(tree, "prior")
+    return tuple(
+        Marginal(parameter=p, posterior=_draws(posterior, p), prior=_draws(prior, p).ravel())
+        for p in facts.parameters
+        if p.name in posterior or p.symbol in posterior
+    )
+
+
+def _draws(dataset: xr.Dataset, parameter: ParameterFacts) -> Floats:
+    """Draws ``(n_chains, n_draws)`` of one parameter; empty where the dataset lacks it."""
+    name = parameter.name if parameter.name in dataset else parameter.symbol
+    if name not in dataset:
+        return np.empty((1, 0))
+    array = dataset[name]
+    for dim in [str(dim) for dim in array.dims if dim not in ("chain", "draw")]:
+        index = parameter.name.partition("[")[2].rstrip("]")
+        labels = [str(label) for label in array[dim].values]
+        array = array.isel({dim: labels.index(index) if index in labels else int(index) - 1})
+    return np.asarray(array.transpose("chain", "draw").values, dtype=np.float64)
+
+
+def _strongest_pairs(marginals: tuple[Marginal, ...]) -> tuple[Pair, ...]:
+    varying = [m for m in marginals if m.posterior.size > 2 and float(np.ptp(m.posterior)) > 0.0]
+    if len(varying) < 2:
+        return ()
+    correlation: Floats = np.corrcoef(np.stack([m.posterior.ravel() for m in varying]))
+    rows, columns = np.triu_indices(len(varying), k=1)
+    order = np.argsort(-np.abs(correlation[rows, columns]))[:MAX_PAIRS]
+    return tuple(
+        Pair(first=varying[i], second=varying[j], correlation=float(correlation[i, j]))
+        for i, j in zip(rows[order], columns[order], strict=True)
+    )
+
+
+_QUANTITY_NAMES = {
+    "peak_drift": ("peak drift", "m"),
+    "residual_drift": ("residual drift", "m"),
+    "ductility": ("ductility", ""),
+    "stiffness_lost": ("stiffness lost", "%"),
+    "strength_lost": ("strength lost", "%"),
+    "dissipated_energy": ("hysteretic energy dissipated", "J"),
+    "modal_period": ("period", "s"),
+    "modal_damping_ratio": ("damping ratio", "%"),
+}
+
+
+def _quantities(quantities: xr.Dataset, dim: str) -> tuple[Quantity, ...]:
+    found = []
+    for name, (title, unit) in _QUANTITY_NAMES.items():
+        if name in quantities and dim in quantities[name].dims:
+            values = quantities[name].transpose("draw", dim).values * (100.0 if unit == "%" else 1.0)
+            found.append(Quantity(name=title, unit=unit, band=_band(values)))
+    return tuple(found)
+
+
+def _period(quantities: xr.Dataset) -> Period | None:
+    if "period" not in quantities:
+        return None
+    time = cast("Floats", quantities["time"].values)
+    return Period(time=time, band=_band(quantities["period"].transpose("draw", "time_point").values))

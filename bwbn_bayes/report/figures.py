@@ -1,0 +1,256 @@
+"""Draw the report's figures as PNG, headless, in one palette: measured grey, identified blue with band, true dashed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from bwbn_bayes.report.canvas import (
+    DASHES,
+    IDENTIFIED,
+    INK,
+    MEASURED,
+    SERIES,
+    STYLE,
+    Drawing,
+    canvas,
+    finished,
+    legend,
+)
+from bwbn_bayes.report.content import (
+    Band,
+    ChannelTrace,
+    Content,
+    StoreyHistory,
+    StoreyLoop,
+    strongest_window,
+    thinned,
+)
+from bwbn_bayes.report.marginals import draw_chains, draw_learned, draw_pairs, draw_posterior
+from bwbn_bayes.report.numbers import Scale, display_scale, math_unit
+from bwbn_bayes.results import StageFacts
+
+Floats = NDArray[np.float64]
+
+
+def draw_all(content: Content) -> tuple[Drawing, ...]:
+    """Draw every figure the content allows, in the page's order.
+
+    Parameters
+    ----------
+    content : Content
+        What :func:`~bwbn_bayes.report.content.gather` found; figures without data are left out.
+
+    Returns
+    -------
+    tuple of Drawing
+    """
+    with mpl.rc_context(STYLE):
+        drawings = [
+            *_acceleration_drawings(content.traces),
+            _hysteresis(content.loops),
+            _drift(content.histories),
+            _quantities(content),
+            draw_posterior(content.marginals),
+            draw_learned(content.marginals),
+            draw_pairs(content.pairs),
+            draw_chains(content),
+            _stages(content.facts.stages),
+        ]
+    return tuple(drawing for drawing in drawings if drawing is not None)
+
+
+def _draw_band(axis: Axes, x: Floats, band: Band, colour: str, *, mean: str, label: str = "") -> None:
+    axis.fill_between(x, band.lower, band.upper, color=colour, alpha=0.25, linewidth=0, label=label)
+    axis.plot(x, band.middle, color=colour, linewidth=1.1, label=mean)
+
+
+def _acceleration_drawings(traces: tuple[ChannelTrace, ...]) -> list[Drawing]:
+    if not traces:
+        return []
+    start, end = strongest_window(traces[0].time, [trace.measured for trace in traces])
+    whole = _panels(traces, _whole_record)
+    zoom = _panels(traces, lambda axis, trace: _zoomed(axis, trace, start, end))
+    residual = _panels(traces, _residual)
+    places = ", ".join(trace.title.lower() for trace in traces)
+    return [
+        finished(
+            whole,
+            "acceleration.png",
+            "The whole record: measured, and the posterior mean with its 90 % predictive band.",
+            f"Measured and predicted response against time, whole record: {places}.",
+        ),
+        finished(
+            zoom,
+            "acceleration_zoom.png",
+            f"The strongest part, {start:.3g} to {end:.3g} s. Dots are samples.",
+            f"Measured samples and predicted response from {start:.3g} to {end:.3g} s: {places}.",
+        ),
+        finished(
+            residual,
+            "residual.png",
+            "Measured minus posterior mean. The band is 1.64 identified noise sd: nine points in ten belong inside.",
+            f"Residuals against time with the band of the noise: {places}.",
+        ),
+    ]
+
+
+def _panels(traces: tuple[ChannelTrace, ...], draw: Callable[[Axes, ChannelTrace], None]) -> Figure:
+    figure, axes = canvas(len(traces), 0.6 + 1.2 * len(traces))
+    for axis, trace in zip(axes, reversed(traces), strict=True):
+        draw(axis, trace)
+        axis.set_title(f"{trace.title}, {trace.quantity}{math_unit(trace.unit)}")
+        axis.yaxis.set_major_locator(MaxNLocator(5))
+        axis.margins(x=0.0)
+    axes[-1].set_xlabel("time [s]")
+    legend(figure, axes[0])
+    return figure
+
+
+def _whole_record(axis: Axes, trace: ChannelTrace) -> None:
+    index = thinned(trace.measured)
+    time = trace.time[index]
+    axis.plot(time, trace.measured[index], color=MEASURED, linewidth=1.9, label="measured")
+    _draw_band(axis, time, trace.predicted.at(index), IDENTIFIED, mean="identified", label="90 % band")
+
+
+def _zoomed(axis: Axes, trace: ChannelTrace, start: float, end: float) -> None:
+    inside = np.flatnonzero((trace.time >= start) & (trace.time <= end))
+    time, measured = trace.time[inside], trace.measured[inside]
+    _draw_band(axis, time, trace.predicted.at(inside), IDENTIFIED, mean="identified", label="90 % band")
+    size = float(np.clip(500.0 / max(len(inside), 1), 2.5, 5.0))
+    axis.plot(time, measured, ".", color="#777777", markersize=size, label="measured", zorder=1.5)
+
+
+def _residual(axis: Axes, trace: ChannelTrace) -> None:
+    residual = trace.residual
+    index = thinned(residual)
+    if np.isfinite(trace.noise_sd):
+        half = 1.645 * trace.noise_sd
+        axis.axhspan(-half, half, color=IDENTIFIED, alpha=0.14, linewidth=0, label="90 % of the noise")
+    axis.plot(trace.time[index], residual[index], color="#4a4a4a", linewidth=0.7, label="residual")
+
+
+def _hysteresis(loops: tuple[StoreyLoop, ...]) -> Drawing | None:
+    if not loops:
+        return None
+    n_columns = 1 if len(loops) == 1 else 2
+    n_rows = -(-len(loops) // n_columns)
+    figure, axes = canvas(n_rows, 0.5 + (3.2 if n_columns == 1 else 2.3) * n_rows, n_columns, share_x=False)
+    length = display_scale("m", max(float(np.abs(loop.drift).max()) for loop in loops))
+    strength = display_scale("N", max(float(np.abs(loop.force).max()) for loop in loops))
+    for axis, loop in zip(axes, loops, strict=False):
+        _loop(axis, loop, length, strength)
+    for axis in axes[len(loops) :]:
+        axis.set_axis_off()
+    legend(figure, axes[0], axes[-1] if len(axes) > len(loops) else None)
+    measured = "Grey: the force measured by the floors above (masses times accelerations). "
+    return finished(
+        figure,
+        "hysteresis.png",
+        (measured if loops[0].measured_force is not None else "")
+        + "Blue: the posterior mean, over the loops of single draws. Measured forces stand against the mean drift.",
+        "Storey force against drift for storeys " + ", ".join(str(loop.storey) for loop in loops) + ".",
+    )
+
+
+def _loop(axis: Axes, loop: StoreyLoop, length: Scale, strength: Scale) -> None:
+    x, y = length.factor, strength.factor
+    if loop.measured_force is not None:
+        axis.plot(x * loop.drift, y * loop.measured_force, color="#bdbdbd", linewidth=1.8, label="measured")
+    axis.plot(x * loop.drift_draws.T, y * loop.force_draws.T, color=IDENTIFIED, alpha=0.08, linewidth=1.0)
+    axis.plot(x * loop.drift, y * loop.force, color=IDENTIFIED, linewidth=1.3, label="identified")
+    if loop.true_drift is not None and loop.true_force is not None:
+        axis.plot(x * loop.true_drift, y * loop.true_force, color=INK, linewidth=0.8, dashes=DASHES, label="true")
+    axis.set_title(f"Storey {loop.storey}")
+    axis.set_xlabel(f"drift [{length.unit}]")
+    axis.set_ylabel(f"force [{strength.unit}]")
+    axis.xaxis.set_major_locator(MaxNLocator(4))
+
+
+def _drift(histories: tuple[StoreyHistory, ...]) -> Drawing | None:
+    if not histories:
+        return None
+    figure, axes = canvas(len(histories), 0.6 + 1.2 * len(histories))
+    length = display_scale("m", max(float(np.abs(history.drift.middle).max()) for history in histories))
+    for axis, history in zip(axes, reversed(histories), strict=True):
+        index = thinned(history.drift.middle)
+        band = history.drift.at(index).times(length.factor)
+        _draw_band(axis, history.time[index], band, IDENTIFIED, mean="identified", label="90 % band")
+        if history.true_drift is not None:
+            true = length.factor * history.true_drift[index]
+            axis.plot(history.time[index], true, color=INK, linewidth=0.8, dashes=DASHES, label="true")
+        axis.set_title(f"Storey {history.storey}, drift [{length.unit}]")
+        axis.margins(x=0.0)
+    axes[-1].set_xlabel("time [s]")
+    legend(figure, axes[0])
+    return finished(
+        figure,
+        "drift.png",
+        "Storey drifts as the model sees them: posterior mean and 90 % band, without noise.",
+        "Identified storey drift against time with its band.",
+    )
+
+
+def _quantities(content: Content) -> Drawing | None:
+    panels = [name for name, there in (("period", content.period), ("energy", content.histories)) if there]
+    if not panels:
+        return None
+    figure, axes = canvas(len(panels), 0.4 + 1.9 * len(panels))
+    for axis, panel in zip(axes, panels, strict=True):
+        if panel == "period":
+            _period(axis, content)
+        else:
+            _energy(axis, content.histories)
+        axis.margins(x=0.0)
+    axes[-1].set_xlabel("time [s]")
+    return finished(
+        figure,
+        "quantities.png",
+        "Damage as it grows: the first period of the building vibrating gently about rest, and the work done on each "
+        "storey's hysteretic spring (stored and dissipated). Means with 90 % bands.",
+        "First period and hysteretic energy against time with their bands.",
+    )
+
+
+def _period(axis: Axes, content: Content) -> None:
+    if content.period is not None:
+        _draw_band(axis, content.period.time, content.period.band, IDENTIFIED, mean="period")
+        axis.set_title("First period [s]")
+
+
+def _energy(axis: Axes, histories: tuple[StoreyHistory, ...]) -> None:
+    energy = display_scale("J", max(float(np.abs(history.energy.middle).max()) for history in histories))
+    for history, colour in zip(histories, SERIES, strict=False):
+        index = thinned(history.energy.middle)
+        band = history.energy.at(index).times(energy.factor)
+        _draw_band(axis, history.time[index], band, colour, mean=f"storey {history.storey}")
+    axis.set_title(f"Work on the hysteretic springs [{energy.unit}]")
+    axis.legend(loc="upper left", ncols=1 if len(histories) <= 3 else 2)
+
+
+def _stages(stages: tuple[StageFacts, ...]) -> Drawing | None:
+    candidates = (
+        ("Tempering parameter", [stage.tempering_parameter for stage in stages]),
+        ("Log evidence so far [nat]", [stage.log_evidence for stage in stages]),
+        ("Solves so far", list(np.cumsum([stage.n_solves for stage in stages]).astype(float))),
+    )
+    panels = [(title, np.asarray(y)) for title, y in candidates if np.isfinite(y).sum() > 1 and np.nanstd(y) > 0.0][:2]
+    if not panels:
+        return None
+    figure, axes = canvas(len(panels), 0.4 + 1.4 * len(panels))
+    for axis, (title, values) in zip(axes, panels, strict=True):
+        axis.plot([stage.stage for stage in stages], values, "o-", color=IDENTIFIED, markersize=4, linewidth=1.1)
+        axis.set_title(title)
+        if title.startswith("Tempering") and np.nanmin(values) > 0.0:
+            axis.set_yscale("log")
+        axis.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+    axes[-1].set_xlabel("stage")
+    titles = " and ".join(title.lower() for title, _ in panels)
+    return finished(figure, "stages.png", f"Stage by stage: {titles}.", f"{titles} against stage.".capitalize())

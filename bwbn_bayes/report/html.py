@@ -1,0 +1,107 @@
+"""Render the report: one self-contained page and the PNG files beside it."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from bwbn_bayes.report import tables
+from bwbn_bayes.report.canvas import Drawing
+from bwbn_bayes.report.content import Content, gather
+from bwbn_bayes.report.figures import draw_all
+from bwbn_bayes.results import Equation, Result
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportFiles:
+    """The files of a report: the page and the figures, which the page holds as copies."""
+
+    html: Path
+    figures: tuple[Path, ...]
+
+
+def write_report(result: Result, directory: Path) -> ReportFiles:
+    """Write ``report.html`` (self-contained, no scripts) and its figures as PNG files.
+
+    Parameters
+    ----------
+    result : Result
+        What any method returned; groups that are missing leave their section out.
+    directory : Path
+        Where to write; made where it does not exist.
+
+    Returns
+    -------
+    ReportFiles
+    """
+    content = gather(result)
+    drawings = draw_all(content)
+    directory.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for drawing in drawings:
+        path = directory / drawing.name
+        path.write_bytes(drawing.png)
+        paths.append(path)
+    html = directory / "report.html"
+    html.write_text(render(content, drawings), encoding="utf-8")
+    return ReportFiles(html=html, figures=tuple(paths))
+
+
+def render(content: Content, drawings: tuple[Drawing, ...]) -> str:
+    """The page as text.
+
+    Parameters
+    ----------
+    content : Content
+        Facts and numbers.
+    drawings : tuple of Drawing
+        Figures, placed by name; sections without theirs are left out.
+
+    Returns
+    -------
+    str
+        HTML with inline style and figures; every text of the result is escaped, equations are MathML.
+    """
+    facts = content.facts
+    environment = Environment(
+        loader=PackageLoader("bwbn_bayes.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html.j2").render(
+        facts=facts,
+        method=tables.method_in_words(facts.method),
+        figures={drawing.name: drawing for drawing in drawings},
+        data_address=_data_address,
+        key_figures=tables.key_figures(facts),
+        parameters=[tables.parameter_row(parameter) for parameter in facts.parameters],
+        truth_known=any(parameter.true is not None for parameter in facts.parameters),
+        fit=tables.fit_table(facts),
+        force=tables.force_table(facts),
+        storeys=tables.quantity_table(content.storey_quantities, "storey"),
+        modes=tables.quantity_table(content.modal_quantities, "mode"),
+        stages=tables.stage_table(facts),
+        evidences=tables.evidence_table(facts),
+        checks=[(check, *tables.check_texts(check)) for check in facts.checks],
+        equations=[(equation.caption, _mathml(equation)) for equation in facts.equations],
+        provenance=tables.provenance_table(content),
+        channels_left_out=content.n_channels - len(content.traces),
+        storeys_left_out=facts.storeys - len(content.loops) if content.loops else 0,
+    )
+
+
+def _data_address(drawing: Drawing) -> str:
+    return "data:image/png;base64," + base64.b64encode(drawing.png).decode("ascii")
+
+
+def _mathml(equation: Equation) -> Markup:
+    """The equation in one ``math`` element; our own printer wrote it, so it is not escaped."""
+    inner = equation.mathml.strip()
+    whole = inner if inner.startswith("<math") else f'<math display="block">{inner}</math>'
+    return Markup(whole)

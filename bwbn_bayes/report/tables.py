@@ -1,0 +1,218 @@
+"""The report's tables as text: every number with the digits it deserves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from bwbn_bayes.report.content import Content, Quantity
+from bwbn_bayes.report.numbers import (
+    NOTHING,
+    display_scale,
+    duration,
+    html_symbol,
+    html_unit,
+    percent,
+    significant,
+    with_uncertainty,
+)
+from bwbn_bayes.results import Check, Facts, ParameterFacts
+
+_NORMAL_95 = 1.645
+_METHODS = {
+    "importance": "importance sampling from the posterior modes",
+    "tmcmc": "transitional Markov chain Monte Carlo",
+    "smc": "sequential Monte Carlo",
+    "nuts": "the no-U-turn sampler",
+}
+_DISCRETISATION = {
+    "scheme": "scheme",
+    "joint_shift_sd": "joint shift of the posterior by the time step [posterior sd]",
+    "log_likelihood_shift": "shift of the log likelihood by the time step [nat]",
+    "nrmse": "relative error of the response (step halving)",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Header cells and rows of cells; the first cell of a row is its heading."""
+
+    columns: tuple[str | Markup, ...]
+    rows: tuple[tuple[str | Markup, ...], ...]
+
+    def __bool__(self) -> bool:
+        return bool(self.rows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterRow:
+    """One parameter's texts."""
+
+    name: str
+    symbol: Markup
+    unit: Markup
+    prior: str
+    mean: str
+    sd: str
+    interval: str
+    true: str
+    z_score: str
+    flag: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyFigure:
+    """A number worth seeing first, and what it is."""
+
+    value: str
+    label: str
+
+
+def method_in_words(method: str) -> str:
+    """A method's name as a reader says it."""
+    return _METHODS.get(method, method)
+
+
+def parameter_row(parameter: ParameterFacts) -> ParameterRow:
+    """Texts of one parameter: sd with two digits, everything else to the same place."""
+    low, high = parameter.hdi90
+    mean, sd, low_text, high_text, true = with_uncertainty(
+        (parameter.mean, parameter.sd, low, high, _or_nan(parameter.true)), parameter.sd
+    )
+    z_score = parameter.z_score
+    return ParameterRow(
+        name=parameter.name,
+        symbol=html_symbol(parameter.name),
+        unit=html_unit(parameter.unit),
+        prior=parameter.prior,
+        mean=mean,
+        sd=sd,
+        interval=_interval(low_text, high_text),
+        true=true,
+        z_score=NOTHING if z_score is None else _signed(z_score),
+        flag=parameter.flag,
+    )
+
+
+def key_figures(facts: Facts) -> tuple[KeyFigure, ...]:
+    """The handful of numbers under the verdict."""
+    worst = max(facts.nrmse.values(), default=float("nan"))
+    evidence, error = with_uncertainty((facts.log_evidence, facts.log_evidence_se), facts.log_evidence_se)
+    passed = sum(check.passed for check in facts.checks)
+    figures = [
+        KeyFigure(value=str(len(facts.parameters)), label="parameters identified"),
+        KeyFigure(value=percent(worst), label="largest misfit, rms over rms"),
+        KeyFigure(value=evidence, label=f"log evidence, ± {error} nat"),
+        KeyFigure(value=significant(facts.effective_sample_size, 3), label="effective draws"),
+        KeyFigure(value=duration(facts.elapsed_s), label=f"{facts.n_solves:,} solves".replace(",", "\N{THIN SPACE}")),
+    ]
+    if facts.checks:
+        figures.insert(1, KeyFigure(value=f"{passed} of {len(facts.checks)}", label="checks passed"))
+    return tuple(figures)
+
+
+def fit_table(facts: Facts) -> Table:
+    """Misfit and noise per channel."""
+    rows = tuple(
+        (channel.replace("_", " "), percent(share), significant(facts.noise_sd.get(channel, float("nan")), 3))
+        for channel, share in facts.nrmse.items()
+    )
+    return Table(columns=("channel", "misfit (NRMSE)", "noise sd, in the channel's unit"), rows=rows)
+
+
+def force_table(facts: Facts) -> Table:
+    """Restoring force against the noise-free truth, per storey."""
+    rows = tuple(
+        (
+            f"storey {storey}",
+            percent(values.get("nrmse", float("nan"))),
+            _correlation(values.get("correlation_time", float("nan"))),
+            _correlation(values.get("correlation_drift", float("nan"))),
+        )
+        for storey, values in facts.restoring_force.items()
+    )
+    return Table(columns=("force against the truth", "NRMSE", "R over time", "R over drift"), rows=rows)
+
+
+def quantity_table(quantities: tuple[Quantity, ...], place: str) -> Table:
+    """Engineering quantities, one row for each storey or mode: mean, and the 90 % band below it."""
+    if not quantities:
+        return Table(columns=(), rows=())
+    columns = [_quantity_cells(quantity) for quantity in quantities]
+    n_places = len(quantities[0].band.middle)
+    rows = tuple((f"{place} {i + 1}", *(cells[i] for _, cells in columns)) for i in range(n_places))
+    return Table(columns=(place, *(heading for heading, _ in columns)), rows=rows)
+
+
+def stage_table(facts: Facts) -> Table:
+    """The sampler's history; a column of labels where stages have names, none for what was not counted."""
+    columns: list[tuple[str, list[str]]] = [
+        ("stage", [str(stage.stage) for stage in facts.stages]),
+        ("what", [stage.label for stage in facts.stages]),
+        ("tempering parameter", [significant(stage.tempering_parameter, 3) for stage in facts.stages]),
+        ("acceptance", [percent(s.acceptance) if np.isfinite(s.acceptance) else NOTHING for s in facts.stages]),
+        ("effective draws", [significant(stage.effective_sample_size, 3) for stage in facts.stages]),
+        ("solves", [f"{stage.n_solves:,}".replace(",", "\N{THIN SPACE}") for stage in facts.stages]),
+        ("log evidence", [significant(stage.log_evidence, 6) for stage in facts.stages]),
+        ("time", [duration(stage.elapsed_s) for stage in facts.stages]),
+    ]
+    kept = [(heading, cells) for heading, cells in columns if any(cell not in ("", NOTHING) for cell in cells)]
+    return Table(
+        columns=tuple(heading for heading, _ in kept), rows=tuple(zip(*(cells for _, cells in kept), strict=True))
+    )
+
+
+def evidence_table(facts: Facts) -> Table:
+    """Log evidence by road."""
+    rows = tuple((road, *with_uncertainty((value, error), error)) for road, (value, error) in facts.evidences.items())
+    return Table(columns=("road", "log evidence [nat]", "standard error"), rows=rows)
+
+
+def check_texts(check: Check) -> tuple[str, str]:
+    """Value and limit of a check."""
+    return significant(check.value, 3), significant(check.limit, 3)
+
+
+def provenance_table(content: Content) -> Table:
+    """Where the numbers come from: run, discretisation, versions."""
+    facts = content.facts
+    rows = [("model", facts.model), ("record", facts.record), ("engine", facts.engine), ("seed", str(facts.seed))]
+    rows += [(_DISCRETISATION.get(name, name), _plain(value)) for name, value in facts.discretisation.items()]
+    rows += [(name, text) for name, text in facts.provenance.items() if name not in ("seed", "engine")]
+    return Table(columns=("", ""), rows=tuple(rows))
+
+
+def _quantity_cells(quantity: Quantity) -> tuple[Markup, list[Markup]]:
+    band = quantity.band
+    finite = np.abs(band.middle[np.isfinite(band.middle)])
+    unit, factor = display_scale(quantity.unit, float(finite.max()) if finite.size else 0.0)
+    cells = []
+    for values in zip(factor * band.middle, factor * band.lower, factor * band.upper, strict=True):
+        middle, low, high = with_uncertainty(values, (values[2] - values[1]) / (2.0 * _NORMAL_95))
+        interval = _interval(low, high)
+        cells.append(Markup('{}<span class="band">{}</span>').format(middle, interval))
+    heading = Markup("{} [{}]").format(quantity.name, html_unit(unit)) if unit else Markup(quantity.name)
+    return heading, cells
+
+
+def _interval(low: str, high: str) -> str:
+    return f"{low} to {high}" if low != high else low
+
+
+def _correlation(value: float) -> str:
+    return f"{value:.5f}" if np.isfinite(value) else NOTHING
+
+
+def _plain(value: object) -> str:
+    return significant(value, 2) if isinstance(value, float) else str(value)
+
+
+def _signed(value: float) -> str:
+    text = f"{value:+.1f}"
+    return "0.0" if float(text) == 0.0 else text.replace("-", "\N{MINUS SIGN}")
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value

@@ -1,0 +1,201 @@
+"""The one result every method returns and every report reads: a DataTree of arrays and a dataclass of facts.
+
+Groups of the tree (dimensions in brackets; ``floor`` and ``storey`` count from 1):
+
+``posterior``, ``prior``
+    one variable per parameter symbol: ``alpha (chain, draw)``, ``k (chain, draw, storey)``
+``sample_stats``
+    ``log_likelihood (chain, draw)``
+``observed_data``
+    one variable per measured channel ``(time)``
+``constant_data``
+    the excitation ``(time)``; ``measured_storey_force (storey, time)`` where masses and sensors allow
+``posterior_predictive``
+    one variable per measured channel ``(chain, draw, time)``, noise included, for a subset of the draws
+``response``
+    ``drift, drift_rate, restoring_force, hysteretic_displacement, hysteretic_energy (draw, storey, time)`` and
+    ``acceleration (draw, floor, time)`` for the same subset, noise-free
+``parameters_by_storey``
+    ``k, c, alpha, ... (draw, storey)`` every parameter of the storey law for the same subset
+``true_response``
+    the same variables as ``response`` without ``draw``, where the truth is known
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterFacts:
+    """What is known of one identified parameter after the run."""
+
+    name: str
+    symbol: str
+    unit: str
+    prior: str
+    mean: float
+    sd: float
+    hdi90: tuple[float, float]
+    true: float | None = None
+    flag: str = ""
+    """Empty, ``"prior-bound"`` or ``"unidentified"``."""
+
+    @property
+    def z_score(self) -> float | None:
+        """Distance of the posterior mean from the true value in posterior sds, where the truth is known."""
+        if self.true is None or self.sd == 0.0:
+            return None
+        return (self.mean - self.true) / self.sd
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageFacts:
+    """One stage of a sampler's history."""
+
+    stage: int
+    tempering_parameter: float
+    acceptance: float
+    effective_sample_size: float
+    n_solves: int
+    log_evidence: float
+    elapsed_s: float
+    label: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One thing the method checked about itself: ``name``, ``value`` against ``limit``, passed or not, in a sentence."""
+
+    name: str
+    value: float
+    limit: float
+    passed: bool
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Equation:
+    """One equation of the model as presentation MathML."""
+
+    caption: str
+    mathml: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """Everything about a run that is not an array."""
+
+    method: str
+    """The method that produced the posterior: ``importance`` or ``tmcmc`` (or another sampler's name)."""
+    model: str
+    record: str
+    engine: str
+    seed: int
+    parameters: tuple[ParameterFacts, ...]
+    log_evidence: float
+    log_evidence_se: float
+    nrmse: Mapping[str, float]
+    """Per channel: rms of (measured minus posterior mean prediction) over rms of the measured signal."""
+    noise_sd: Mapping[str, float]
+    """Per channel: posterior mean of the noise standard deviation."""
+    n_solves: int
+    n_stages: int
+    elapsed_s: float
+    effective_sample_size: float
+    storeys: int
+    verdict: tuple[str, ...] = ()
+    """Two sentences: what was found, and whether it can be trusted."""
+    identifiability: tuple[str, ...] = ()
+    checks: tuple[Check, ...] = ()
+    stages: tuple[StageFacts, ...] = ()
+    equations: tuple[Equation, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    discretisation: Mapping[str, Any] = field(default_factory=dict)
+    """``scheme``, ``joint_shift_sd`` (posterior sds), ``log_likelihood_shift``, ``nrmse``."""
+    restoring_force: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Per storey (``"1"``): ``nrmse``, ``correlation_time`` and ``correlation_drift`` (R-x) against the noise-free truth."""
+    evidences: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Log evidence and its standard error by road, e.g. ``importance``, ``tmcmc (bridge)``, ``tmcmc (prior)``."""
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    """Versions, seed, data hash, processor: label to text."""
+
+    def as_json(self) -> dict[str, Any]:
+        """``result.json``, schema 1."""
+        return {
+            "schema": SCHEMA,
+            "method": self.method,
+            "model": self.model,
+            "record": self.record,
+            "engine": self.engine,
+            "seed": self.seed,
+            "parameters": {
+                p.name: {
+                    "mean": p.mean,
+                    "sd": p.sd,
+                    "hdi90": list(p.hdi90),
+                    "true": p.true,
+                    "unit": p.unit,
+                    "flag": p.flag,
+                }
+                for p in self.parameters
+            },
+            "log_evidence": self.log_evidence,
+            "log_evidence_se": self.log_evidence_se,
+            "evidences": {road: list(pair) for road, pair in self.evidences.items()},
+            "fit": {"nrmse": dict(self.nrmse)},
+            "noise_sd": dict(self.noise_sd),
+            "restoring_force": {storey: dict(values) for storey, values in self.restoring_force.items()},
+            "checks": [asdict(check) for check in self.checks],
+            "discretisation": dict(self.discretisation),
+            "effective_sample_size": self.effective_sample_size,
+            "n_solves": self.n_solves,
+            "n_stages": self.n_stages,
+            "elapsed_s": self.elapsed_s,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """Arrays (an ArviZ DataTree) and facts of one run."""
+
+    tree: xr.DataTree
+    facts: Facts
+
+    def save(self, path: Path) -> None:
+        """Write arrays and facts to one netCDF file."""
+        tree = self.tree.copy()
+        tree.attrs["facts"] = json.dumps(asdict(self.facts))
+        tree.to_netcdf(path, engine="h5netcdf")
+
+    @classmethod
+    def load(cls, path: Path) -> Result:
+        """Read what :meth:`save` wrote."""
+        tree = xr.open_datatree(path, engine="h5netcdf").load()
+        raw = json.loads(tree.attrs.pop("facts"))
+        facts = Facts(
+            **{
+                **raw,
+                "parameters": tuple(ParameterFacts(**{**p, "hdi90": tuple(p["hdi90"])}) for p in raw["parameters"]),
+                "checks": tuple(Check(**c) for c in raw["checks"]),
+                "stages": tuple(StageFacts(**s) for s in raw["stages"]),
+                "equations": tuple(Equation(**e) for e in raw["equations"]),
+                "evidences": {road: tuple(pair) for road, pair in raw["evidences"].items()},
+                "verdict": tuple(raw["verdict"]),
+                "identifiability": tuple(raw["identifiability"]),
+                "assumptions": tuple(raw["assumptions"]),
+            }
+        )
+        return cls(tree=tree, facts=facts)
+
+    def with_facts(self, facts: Facts) -> Result:
+        """The same arrays with other facts."""
+        return replace(self, facts=facts)

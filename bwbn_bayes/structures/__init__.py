@@ -1,0 +1,1 @@
+"""Nodes and links: how storeys are joined and what drives them."""

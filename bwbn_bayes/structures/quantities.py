@@ -1,0 +1,261 @@
+"""What an engineer asks next: peaks, losses, energies and periods from response histories, draw by draw.
+
+Every function is pure and works on any leading dimensions; draws stay separate, so that bands come from percentiles.
+Parameters that a model does not have (no ``delta_eta``, no jump) count as zero: nothing is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+RESIDUAL_SHARE = 0.05
+"""Share of the record, at its end, over which the residual drift is averaged."""
+N_TIME_POINTS = 48
+"""Number of times at which the period is reported."""
+
+
+def at_time(parameters: xr.Dataset, symbol: str, time: xr.DataArray | float) -> xr.DataArray:
+    """A storey parameter at a time: its value, plus its jump from the time of the jump on.
+
+    Parameters
+    ----------
+    parameters : Dataset (draw, storey)
+        Storey parameters by symbol; ``symbol``, ``symbol_jump``, ``symbol_time`` are read where present.
+    symbol : str
+        The literature's symbol, e.g. ``delta_eta``.
+    time : float or DataArray
+        Time. [s]
+
+    Returns
+    -------
+    DataArray
+        (draw, storey), with the dimensions of ``time`` added where the parameter jumps; zero where it is absent.
+    """
+    value = parameters[symbol] if symbol in parameters else xr.zeros_like(parameters["k"])
+    if f"{symbol}_jump" not in parameters:
+        return value
+    return value + parameters[f"{symbol}_jump"] * (time >= parameters[f"{symbol}_time"])
+
+
+def ultimate_hysteretic_displacement(parameters: xr.Dataset) -> xr.DataArray:
+    """Bound ``z_u = (A / (beta + gamma))^(1/n)`` of the hysteretic displacement before degradation. [m]
+
+    Parameters
+    ----------
+    parameters : Dataset (draw, storey)
+        Holds ``beta``, ``gamma`` [1/m^n], ``n`` and, where it is not 1, ``A``.
+
+    Returns
+    -------
+    DataArray (draw, storey)
+        Infinite where ``beta + gamma`` is zero (the linear storey).
+    """
+    with np.errstate(divide="ignore"):
+        bound: xr.DataArray = (_initial_rate(parameters) / (parameters["beta"] + parameters["gamma"])) ** (
+            1.0 / parameters["n"]
+        )
+    return bound
+
+
+def yield_drift(parameters: xr.Dataset) -> xr.DataArray:
+    """Drift ``u_y = z_u / A`` at which the initial slope meets the bound of z; ``u_y = z_u`` for A = 1. [m]
+
+    Parameters
+    ----------
+    parameters : Dataset (draw, storey)
+        As for :func:`ultimate_hysteretic_displacement`.
+
+    Returns
+    -------
+    DataArray (draw, storey)
+    """
+    return ultimate_hysteretic_displacement(parameters) / _initial_rate(parameters)
+
+
+def stiffness_degradation_factor(parameters: xr.Dataset, energy: xr.DataArray, time: xr.DataArray) -> xr.DataArray:
+    """``eta = 1 + delta_eta(t) epsilon(t)``; a jump of ``delta_eta`` acts on the past work too.
+
+    Parameters
+    ----------
+    parameters : Dataset (draw, storey)
+        ``delta_eta`` [1/J] and its jump, where present.
+    energy : DataArray (draw, storey, ...)
+        Work on the hysteretic spring. [J]
+    time : DataArray
+        The times of ``energy``. [s]
+
+    Returns
+    -------
+    DataArray (draw, storey, ...)
+    """
+    return 1.0 + at_time(parameters, "delta_eta", time) * energy
+
+
+def tangent_stiffness(parameters: xr.Dataset, energy: xr.DataArray, time: xr.DataArray) -> xr.DataArray:
+    """Initial tangent ``alpha k + (1 - alpha) k A / eta`` of each storey, degraded as it is at a time. [N/m]
+
+    It is the slope at z = 0 without slip or pinching: what a small vibration around rest sees.
+
+    Parameters
+    ----------
+    parameters : Dataset (draw, storey)
+        ``k`` [N/m], ``alpha``, and ``A``, ``delta_eta``, jumps where present.
+    energy : DataArray (draw, storey, ...)
+        Work on the hysteretic spring. [J]
+    time : DataArray
+        The times of ``energy``. [s]
+
+    Returns
+    -------
+    DataArray (draw, storey, ...)
+    """
+    k, alpha = at_time(parameters, "k", time), at_time(parameters, "alpha", time)
+    eta = stiffness_degradation_factor(parameters, energy, time)
+    return alpha * k + (1.0 - alpha) * k * _initial_rate(parameters) / eta
+
+
+def storey_matrix(coefficients: Floats) -> Floats:
+    """Matrix of a shear building from its storeys' coefficients: stiffness from k, damping from c.
+
+    Parameters
+    ----------
+    coefficients : (..., n_storeys) array
+        One coefficient for each storey, from the ground up. [N/m] or [N s/m]
+
+    Returns
+    -------
+    (..., n_storeys, n_storeys) array
+        Tridiagonal and symmetric, in the unit of the coefficients.
+    """
+    n_storeys = coefficients.shape[-1]
+    difference = np.eye(n_storeys) - np.eye(n_storeys, k=-1)
+    return np.asarray(np.einsum("si,...s,sj->...ij", difference, coefficients, difference))
+
+
+def modes(stiffness: Floats, damping: Floats, masses: Floats) -> tuple[Floats, Floats]:
+    """Undamped periods and modal damping ratios of shear buildings, longest period first.
+
+    Parameters
+    ----------
+    stiffness : (..., n_storeys) array
+        Storey stiffnesses. [N/m]
+    damping : (..., n_storeys) array
+        Storey damping coefficients. [N s/m]
+    masses : (n_storeys,) array
+        Floor masses. [kg]
+
+    Returns
+    -------
+    periods : (..., n_storeys) array
+        ``2 pi / omega_j`` of ``K phi = omega^2 M phi``. [s]
+    damping_ratios : (..., n_storeys) array
+        ``phi_j^T C phi_j / (2 omega_j)`` with ``phi_j^T M phi_j = 1``; the coupling of modes by C is left out.
+
+    References
+    ----------
+    .. [1] A. K. Chopra, "Dynamics of Structures", 4th ed., 2012, sections 10.2 and 10.10.
+    """
+    root = np.sqrt(masses)
+    squares, vectors = np.linalg.eigh(storey_matrix(stiffness) / (root[:, None] * root))
+    omega = np.sqrt(squares)
+    shapes = vectors / root[:, None]
+    modal_damping = np.einsum("...im,...ij,...jm->...m", shapes, storey_matrix(damping), shapes)
+    return 2.0 * np.pi / omega, modal_damping / (2.0 * omega)
+
+
+def engineering_quantities(
+    response: xr.Dataset, storey_parameters: xr.Dataset, masses: Sequence[float] | Floats
+) -> xr.Dataset:
+    """What an engineer asks next, for every draw.
+
+    Parameters
+    ----------
+    response : Dataset
+        ``drift`` [m], ``hysteretic_displacement`` [m], ``hysteretic_energy`` [J], each (draw, storey, time), with the
+        coordinate ``time`` [s].
+    storey_parameters : Dataset (draw, storey)
+        Every parameter of the storey law by symbol; effects that are absent cost nothing.
+    masses : (n_storeys,) array
+        Floor masses. [kg]
+
+    Returns
+    -------
+    Dataset
+        ``peak_drift``, ``residual_drift`` (signed mean of the last 5 % of the record) [m], ``ductility`` (peak over
+        :func:`yield_drift`), ``stiffness_lost`` (``1 - 1/eta`` at the end), ``strength_lost``
+        (``1 - z_u(nu)/z_u(1) = 1 - nu^(-1/n)`` at the end), ``dissipated_energy`` [J], each (draw, storey);
+        ``modal_period`` [s] and ``modal_damping_ratio`` at the start, each (draw, mode);
+        ``period`` [s], the first period against time, (draw, time_point) with the coordinate ``time``.
+    """
+    order = ("draw", "storey", "time")
+    drift, energy = response["drift"].transpose(*order), response["hysteretic_energy"].transpose(*order)
+    peak = abs(drift).max("time")
+    end = response["time"][-1]
+    energy_at_end = energy.isel(time=-1, drop=True)
+    n_tail = max(1, round(RESIDUAL_SHARE * drift.sizes["time"]))
+    eta = stiffness_degradation_factor(storey_parameters, energy_at_end, end)
+    nu = 1.0 + at_time(storey_parameters, "delta_nu", end) * energy_at_end
+    storey_quantities = {
+        "peak_drift": peak,
+        "residual_drift": drift.isel(time=slice(-n_tail, None)).mean("time"),
+        "ductility": peak / yield_drift(storey_parameters),
+        "stiffness_lost": 1.0 - 1.0 / eta,
+        "strength_lost": 1.0 - nu ** (-1.0 / storey_parameters["n"]),
+        "dissipated_energy": dissipated_energy(response.isel(time=-1), storey_parameters),
+    }
+    dataset = xr.Dataset(
+        {name: values.drop_vars("time", errors="ignore") for name, values in storey_quantities.items()}
+    )
+    return dataset.merge(_modal_quantities(energy, storey_parameters, np.asarray(masses, dtype=np.float64)))
+
+
+def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset) -> xr.DataArray:
+    """Hysteretic energy dissipated up to an instant. [J]
+
+    The work on the hysteretic spring less what unloading to z = 0 would return, ``(1 - alpha) k eta z^2 / (2 A)``:
+    exact where beta = gamma and nothing slips, and close elsewhere, since the second term is small at rest.
+
+    Parameters
+    ----------
+    at_end : Dataset (draw, storey)
+        ``hysteretic_energy`` [J], ``hysteretic_displacement`` [m] and the scalar coordinate ``time`` [s].
+    parameters : Dataset (draw, storey)
+        Storey parameters by symbol.
+
+    Returns
+    -------
+    DataArray (draw, storey)
+    """
+    energy, z, time = at_end["hysteretic_energy"], at_end["hysteretic_displacement"], at_end["time"]
+    k, alpha = at_time(parameters, "k", time), at_time(parameters, "alpha", time)
+    eta = stiffness_degradation_factor(parameters, energy, time)
+    return energy - (1.0 - alpha) * k * eta * z**2 / (2.0 * _initial_rate(parameters))
+
+
+def _initial_rate(parameters: xr.Dataset) -> xr.DataArray:
+    return parameters["A"] if "A" in parameters else xr.ones_like(parameters["k"])
+
+
+def _modal_quantities(energy: xr.DataArray, parameters: xr.Dataset, masses: Floats) -> xr.Dataset:
+    n_times = energy.sizes["time"]
+    chosen = np.unique(np.linspace(0, n_times - 1, min(N_TIME_POINTS, n_times)).round().astype(int))
+    sampled = energy.isel(time=chosen).rename(time="time_point")
+    time = sampled["time_point"]
+    stiffness = tangent_stiffness(parameters, sampled, time).transpose("draw", "time_point", "storey")
+    periods, _ = modes(stiffness.values, np.zeros_like(stiffness.values), masses)
+    damping = at_time(parameters, "c", float(time[0])).transpose("draw", "storey").values
+    modal_period, damping_ratio = modes(stiffness.values[:, 0], damping, masses)
+    return xr.Dataset(
+        {
+            "modal_period": (("draw", "mode"), modal_period),
+            "modal_damping_ratio": (("draw", "mode"), damping_ratio),
+            "period": (("draw", "time_point"), periods[..., 0]),
+        },
+        coords={"mode": np.arange(1, len(masses) + 1), "time": ("time_point", time.values)},
+    )

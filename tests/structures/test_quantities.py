@@ -1,0 +1,149 @@
+"""Engineering quantities against closed forms."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import linalg
+
+from bwbn_bayes.structures.quantities import (
+    at_time,
+    dissipated_energy,
+    engineering_quantities,
+    modes,
+    storey_matrix,
+    tangent_stiffness,
+    ultimate_hysteretic_displacement,
+    yield_drift,
+)
+
+
+def parameters(n_storeys=2, n_draws=3, **changes):
+    values = {"k": 10.0, "c": 0.05, "alpha": 0.1, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 2.0} | changes
+    shape = (n_draws, n_storeys)
+    return xr.Dataset(
+        {name: (("draw", "storey"), np.broadcast_to(value, shape).copy()) for name, value in values.items()},
+        coords={"storey": np.arange(1, n_storeys + 1)},
+    )
+
+
+def response(drift, energy, z, time):
+    dims = ("draw", "storey", "time")
+    return xr.Dataset(
+        {
+            "drift": (dims, drift),
+            "hysteretic_energy": (dims, energy),
+            "hysteretic_displacement": (dims, z),
+        },
+        coords={"time": time, "storey": np.arange(1, drift.shape[1] + 1)},
+    )
+
+
+def ramp_response(n_draws=3, n_storeys=2, end_energy=2.0):
+    time = np.linspace(0.0, 10.0, 201)
+    shape = (n_draws, n_storeys, time.size)
+    drift = np.broadcast_to(np.where(time < 5.0, -0.4 * time, 0.3), shape).copy()
+    energy = np.broadcast_to(end_energy * time / 10.0, shape).copy()
+    return response(drift, energy, np.zeros(shape), time)
+
+
+def test_two_equal_storeys_have_the_golden_ratio_frequencies():
+    k, m = 10.0, 2.0
+    periods, _ = modes(np.array([k, k]), np.zeros(2), np.array([m, m]))
+    omega_squared = k / m * (3.0 + np.array([-1.0, 1.0]) * np.sqrt(5.0)) / 2.0
+    np.testing.assert_allclose(periods, 2 * np.pi / np.sqrt(omega_squared), rtol=1e-13)
+
+
+def test_stiffness_proportional_damping_gives_ratios_proportional_to_frequency():
+    k, masses, ratio = np.array([[30.0, 20.0, 10.0]]), np.array([3.0, 2.0, 1.0]), 0.004
+    periods, zeta = modes(k, ratio * k, masses)
+    np.testing.assert_allclose(zeta, ratio * (2 * np.pi / periods) / 2.0, rtol=1e-12)
+
+
+def test_modes_agree_with_the_generalised_eigenproblem():
+    k, c, masses = np.array([30.0, 7.0, 12.0]), np.array([0.1, 0.5, 0.02]), np.array([3.0, 1.0, 2.0])
+    stiffness = np.array([[37.0, -7.0, 0.0], [-7.0, 19.0, -12.0], [0.0, -12.0, 12.0]])
+    np.testing.assert_allclose(storey_matrix(k), stiffness)
+    squares, shapes = linalg.eigh(stiffness, np.diag(masses))
+    periods, zeta = modes(k, c, masses)
+    np.testing.assert_allclose(periods, 2 * np.pi / np.sqrt(squares), rtol=1e-12)
+    damping = np.diag(shapes.T @ storey_matrix(c) @ shapes)
+    np.testing.assert_allclose(zeta, damping / (2 * np.sqrt(squares)), rtol=1e-12)
+
+
+def test_ultimate_hysteretic_displacement_and_yield_drift():
+    np.testing.assert_allclose(ultimate_hysteretic_displacement(parameters()), 0.5)
+    np.testing.assert_allclose(yield_drift(parameters(A=4.0)), 1.0 / 4.0)
+    linear = parameters(beta=0.0, gamma=0.0)
+    assert np.all(np.isinf(yield_drift(linear)))
+
+
+def test_yield_drift_does_not_change_with_the_redundant_scale_of_z():
+    scale, n = 3.0, 2.0
+    scaled = parameters(A=scale, beta=2.0 * scale ** (1 - n), gamma=2.0 * scale ** (1 - n))
+    np.testing.assert_allclose(yield_drift(scaled), yield_drift(parameters()), rtol=1e-14)
+
+
+def test_a_jump_acts_from_its_time_on():
+    jumping = parameters(delta_eta=1.0, delta_eta_jump=2.0, delta_eta_time=5.0)
+    times = xr.DataArray([4.9, 5.0], dims="time_point")
+    np.testing.assert_allclose(at_time(jumping, "delta_eta", times).isel(draw=0, storey=0), [1.0, 3.0])
+    only_jump = parameters(delta_nu_jump=2.0, delta_nu_time=5.0)
+    assert float(at_time(only_jump, "delta_nu", 6.0)[0, 0]) == 2.0
+
+
+def test_losses_drifts_and_ductility_from_known_histories():
+    found = engineering_quantities(ramp_response(), parameters(delta_nu=1.5, delta_eta=0.5), [1.0, 1.0])
+    dims = ("draw", "storey")
+    for name in ("peak_drift", "residual_drift", "ductility", "stiffness_lost", "strength_lost", "dissipated_energy"):
+        assert found[name].dims == dims, name
+    np.testing.assert_allclose(found["peak_drift"], 0.4 * 4.95)
+    np.testing.assert_allclose(found["residual_drift"], 0.3)
+    np.testing.assert_allclose(found["ductility"], 0.4 * 4.95 / 0.5)
+    np.testing.assert_allclose(found["stiffness_lost"], 1.0 - 1.0 / (1.0 + 0.5 * 2.0))
+    np.testing.assert_allclose(found["strength_lost"], 1.0 - (1.0 + 1.5 * 2.0) ** (-1.0 / 2.0))
+    np.testing.assert_allclose(found["dissipated_energy"], 2.0)
+
+
+def test_absent_effects_lose_nothing_and_keep_the_period():
+    found = engineering_quantities(ramp_response(), parameters(), [1.0, 1.0])
+    np.testing.assert_array_equal(found["stiffness_lost"], 0.0)
+    np.testing.assert_array_equal(found["strength_lost"], 0.0)
+    np.testing.assert_allclose(found["period"], found["period"][0, 0], rtol=1e-13)
+    np.testing.assert_allclose(found["period"][0, 0], found["modal_period"][0, 0], rtol=1e-13)
+
+
+def test_period_of_one_storey_follows_the_degraded_tangent():
+    mass, k, alpha, delta_eta = 2.0, 10.0, 0.1, 0.5
+    found = engineering_quantities(
+        ramp_response(n_storeys=1), parameters(n_storeys=1, delta_eta=delta_eta), np.array([mass])
+    )
+    eta = 1.0 + delta_eta * 2.0 * found["time"].values / 10.0
+    expected = 2 * np.pi * np.sqrt(mass / (alpha * k + (1 - alpha) * k / eta))
+    assert found["period"].dims == ("draw", "time_point")
+    assert 24 <= found.sizes["time_point"] <= 48
+    np.testing.assert_allclose(found["period"].isel(draw=1), expected, rtol=1e-12)
+    np.testing.assert_allclose(found["modal_damping_ratio"], 0.05 / (2 * np.sqrt(k * mass)), rtol=1e-12)
+
+
+def test_a_jump_of_stiffness_shows_in_the_tangent():
+    times = xr.DataArray([1.0, 9.0], dims="time_point")
+    energy = xr.zeros_like(times)
+    jumping = parameters(k_jump=-4.0, k_time=5.0)
+    tangent = tangent_stiffness(jumping, energy, times).isel(draw=0, storey=0)
+    np.testing.assert_allclose(tangent, [10.0, 6.0])
+
+
+@pytest.mark.parametrize("peak_force_share", [0.3, 0.9])
+def test_an_elastic_half_cycle_dissipates_only_the_loop(peak_force_share):
+    """Monotonic n = 1 loading has z and work in closed form; unloading with beta = gamma is straight."""
+    k, alpha, decay = 10.0, 0.1, 4.0
+    u = -np.log(1.0 - peak_force_share) / decay
+    z = (1.0 - np.exp(-decay * u)) / decay
+    work = (1 - alpha) * k * (u - z) / decay
+    returned = (1 - alpha) * k * z**2 / 2.0
+    at_end = response(
+        np.full((1, 1, 1), u), np.full((1, 1, 1), work), np.full((1, 1, 1), z), np.array([1.0])
+    ).isel(time=0)
+    found = dissipated_energy(at_end, parameters(n_storeys=1, n_draws=1, n=1.0))
+    np.testing.assert_allclose(found, work - returned, rtol=1e-12)
+    assert float(found.squeeze()) > 0.0

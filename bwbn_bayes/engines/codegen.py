@@ -8,12 +8,12 @@ almost everywhere. What depends on parameters alone is hoisted out of the time l
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, StoreyLaw
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Event, SharpFeature, StoreyLaw
 from bwbn_bayes.errors import UserError
 
 
@@ -64,7 +64,9 @@ class _NumbaPrinter(PythonCodePrinter):
         return f"_exp({self._print(exponent)} * _log({self._print(base)}))"
 
     def emptyPrinter(self, expr: object) -> str:
-        raise UserError(f"a storey law uses {expr!r}, which the code generator cannot print: use exp, log, tanh, Abs, sign, Max or powers")
+        raise UserError(
+            f"a storey law uses {expr!r}, which the code generator cannot print: use exp, log, tanh, Abs, sign, Max or powers"
+        )
 
 
 def print_expression(expression: sp.Expr) -> str:
@@ -79,7 +81,8 @@ def derivative(expression: sp.Expr, variable: sp.Symbol) -> sp.Expr:
     """
     magnitudes = {a: sp.Dummy(f"abs{i}", positive=True) for i, a in enumerate(expression.atoms(sp.Abs))}
     steps = {
-        s: sp.Dummy(f"step{i}", real=True) for i, s in enumerate(expression.atoms(sp.sign) | expression.atoms(sp.Heaviside))
+        s: sp.Dummy(f"step{i}", real=True)
+        for i, s in enumerate(expression.atoms(sp.sign) | expression.atoms(sp.Heaviside))
     }
     opaque = expression.subs(magnitudes).subs(steps)
     result = sp.diff(opaque, variable)
@@ -153,6 +156,23 @@ class LawPrograms:
     variables: tuple[sp.Symbol, ...]
     partials: tuple[tuple[int, int], ...]
     """(output, variable) of each nonzero partial, in the order of ``tangent.outputs`` after the outputs themselves."""
+
+
+def spelled(law: StoreyLaw) -> StoreyLaw:
+    """The same law with names that no variable of a kernel has: parameters are written ``p_`` and so on."""
+    old = (*law.states, *law.symbols, *(event.indicator for event in law.events))
+    new = {s: sp.Symbol(f"{s.name}_", **s.assumptions0) for s in old}
+    return replace(
+        law,
+        parameters=tuple(replace(p, symbol=f"{p.symbol}_") for p in law.parameters),
+        states=tuple(new[s] for s in law.states),
+        force=law.force.xreplace(new),
+        rates=tuple(rate.xreplace(new) for rate in law.rates),
+        events=tuple(Event(time=new[e.time], indicator=new[e.indicator]) for e in law.events),
+        sharp_features=tuple(
+            SharpFeature(state=new.get(f.state, f.state), width=f.width.xreplace(new)) for f in law.sharp_features
+        ),
+    )
 
 
 def law_programs(law: StoreyLaw) -> LawPrograms:

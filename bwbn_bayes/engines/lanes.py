@@ -35,7 +35,7 @@ from bwbn_bayes.engines.base import (
     masses,
     measured_matrix,
 )
-from bwbn_bayes.engines.codegen import law_programs
+from bwbn_bayes.engines.codegen import law_programs, spelled
 from bwbn_bayes.engines.lane_source import LANES, lane_source
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
@@ -192,7 +192,7 @@ class _Problem:
             n_storeys=model.n_storeys,
             n_directions=model.space.n_dim if with_tangents else 0,
             time_step=record.time_step,
-            excitation=np.ascontiguousarray(record.excitation),
+            excitation=np.array(record.excitation),  # a copy: read-only arrays are another type to numba
             inverse_masses=np.repeat(1.0 / masses(model), LANES),
             seed=_seed(model) if with_tangents else np.zeros(1, dtype=np.int64),
             channels=channel_map(model, names),
@@ -269,7 +269,8 @@ def kernel_module(law: StoreyLaw, *, driven: bool) -> ModuleType:
 
 @cache
 def _source_of(law: StoreyLaw, driven: bool) -> str:
-    return lane_source(law, law_programs(law), driven=driven)
+    safe = spelled(law)
+    return lane_source(safe, law_programs(safe), driven=driven)
 
 
 @cache

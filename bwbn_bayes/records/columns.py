@@ -131,7 +131,8 @@ def printed_quantum(cells: Sequence[str]) -> float:
     """Smallest step a column of printed numbers resolves, from its decimals and significant digits."""
     parts = [Decimal(cell.strip()).as_tuple() for cell in cells]
     decimals = max(-int(part.exponent) for part in parts)
-    significant = max(len(part.digits) for part in parts)
+    # Six digits are what %g prints: fewer mean short numbers, not rounding to significant digits.
+    significant = max(6, *(len(part.digits) for part in parts))
     leading = max(len(part.digits) + int(part.exponent) for part in parts)
     return 10.0 ** max(-decimals, leading - significant)
 

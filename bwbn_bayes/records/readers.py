@@ -182,7 +182,9 @@ def read_netcdf(path: Path | str) -> Record:
                 f"{dataset.variables[kind].size}, they must be equal"
             )
     single = "time" in names and dataset.variables["time"].dtype == np.float32
-    quantum = float(np.spacing(np.float32(np.max(np.abs(dataset.variables["time"].values))))) if single else 0.0
+    quantum = (
+        float(np.spacing(np.float32(np.max(np.abs(dataset.variables["time"].values), initial=0.0)))) if single else 0.0
+    )
     source = Source(file=str(path), header=str(path), place=lambda row: f"point {row + 1}")
     return record_from_columns(columns, labels, source, quantum)
 
@@ -208,7 +210,9 @@ def read_at2(path: Path | str) -> Record:
     lines = _bytes(Path(path)).decode("utf-8", errors="replace").split("\n")
     unit = _AT2_UNIT.search(lines[2]) if len(lines) > 3 else None
     if unit is None:
-        raise UserError(f"{path}, line 3: no 'ACCELERATION ... IN UNITS OF', the file is not a PEER acceleration record")
+        raise UserError(
+            f"{path}, line 3: no 'ACCELERATION ... IN UNITS OF', the file is not a PEER acceleration record"
+        )
     count = _AT2_COUNT.search(lines[3]) or _AT2_COUNT_OLD.match(lines[3])
     if count is None:
         raise UserError(f"{path}, line 4: no 'NPTS= ..., DT= ...', the file is not a PEER acceleration record")
@@ -285,7 +289,9 @@ def _comment_labels(lines: Sequence[str], path: Path) -> Labels:
         if not colon or not key:
             remarks += [text] if text else []
         elif key in stated:
-            raise UserError(f"{path}, line {number}: the key {key!r} was given in line {stated[key][0]} already, keep one")
+            raise UserError(
+                f"{path}, line {number}: the key {key!r} was given in line {stated[key][0]} already, keep one"
+            )
         else:
             stated[key] = (number, value)
 
@@ -298,7 +304,9 @@ def _comment_labels(lines: Sequence[str], path: Path) -> Labels:
 
     step = stated.get("time_step")
     provenance = {
-        key: value for key, (_, value) in stated.items() if key not in RESERVED_KEYS and not key.startswith(("true ", "noise_sd "))
+        key: value
+        for key, (_, value) in stated.items()
+        if key not in RESERVED_KEYS and not key.startswith(("true ", "noise_sd "))
     }
     if remarks:
         provenance["remarks"] = "; ".join([*([provenance["remarks"]] if "remarks" in provenance else []), *remarks])

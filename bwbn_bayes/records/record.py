@@ -154,7 +154,9 @@ class Record:
                 raise UserError(f"the true value of {label} is {value}: it must be a finite number")
         for channel, value in self.noise_sd.items():
             if channel not in self.channels:
-                raise UserError(f"noise_sd names {channel}, which the record does not have: remove it or add the channel")
+                raise UserError(
+                    f"noise_sd names {channel}, which the record does not have: remove it or add the channel"
+                )
             if not (np.isfinite(value) and value >= 0.0):
                 raise UserError(f"noise_sd of {channel} is {value}: it must be zero or a positive number")
 
@@ -165,14 +167,14 @@ class Record:
 
     @cached_property
     def times(self) -> Floats:
-        """Sample times ``(n_times,)`` from zero, read-only. [s]"""
+        """Sample times ``(n_times,)`` [s] from zero, read-only."""
         times = self.time_step * np.arange(self.n_times, dtype=np.float64)
         times.flags.writeable = False
         return times
 
     @property
     def duration(self) -> float:
-        """Time of the last sample. [s]"""
+        """Time of the last sample [s]."""
         return (self.n_times - 1) * self.time_step
 
     @cached_property
@@ -302,7 +304,9 @@ class Record:
         """
         mass = np.asarray(masses, dtype=np.float64)
         if mass.ndim != 1 or not 1 <= lowest_storey <= len(mass):
-            raise UserError(f"lowest_storey is {lowest_storey} for {mass.size} floor masses: it must be one of the storeys")
+            raise UserError(
+                f"lowest_storey is {lowest_storey} for {mass.size} floor masses: it must be one of the storeys"
+            )
         missing = [floor for floor in range(lowest_storey, len(mass) + 1) if floor not in self.floors]
         if missing:
             raise UserError(

@@ -32,7 +32,12 @@ from bwbn_bayes.report.content import (
     strongest_window,
     thinned,
 )
-from bwbn_bayes.report.marginals import draw_chains, draw_learned, draw_pairs, draw_posterior
+from bwbn_bayes.report.marginals import (
+    draw_chains,
+    draw_learned,
+    draw_pairs,
+    draw_posterior,
+)
 from bwbn_bayes.report.numbers import Scale, display_scale, math_unit
 from bwbn_bayes.results import StageFacts
 
@@ -232,7 +237,9 @@ def _energy(axis: Axes, histories: tuple[StoreyHistory, ...]) -> None:
         band = history.energy.at(index).times(energy.factor)
         _draw_band(axis, history.time[index], band, colour, mean=f"storey {history.storey}")
     axis.set_title(f"Work on the hysteretic springs [{energy.unit}]")
-    axis.legend(loc="upper left", ncols=1 if len(histories) <= 3 else 2)
+    bottom, top = axis.get_ylim()
+    axis.set_ylim(bottom, top + (0.25 if len(histories) <= 3 else 0.45) * (top - bottom))
+    axis.legend(loc="upper left", ncols=3)
 
 
 def _stages(stages: tuple[StageFacts, ...]) -> Drawing | None:

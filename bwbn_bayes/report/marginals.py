@@ -10,7 +10,17 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from bwbn_bayes.report.canvas import DASHES, IDENTIFIED, INK, PRIOR, SERIES, Drawing, canvas, finished, legend
+from bwbn_bayes.report.canvas import (
+    DASHES,
+    IDENTIFIED,
+    INK,
+    PRIOR,
+    SERIES,
+    Drawing,
+    canvas,
+    finished,
+    legend,
+)
 from bwbn_bayes.report.content import Content, Marginal, Pair
 from bwbn_bayes.report.numbers import math_symbol, math_unit
 

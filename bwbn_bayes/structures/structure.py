@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise, product
 from typing import ClassVar, Self
 
 import numpy as np
@@ -79,8 +80,10 @@ class Structure:
         """A new structure with an effect at the given storeys (from 1; all of them by default)."""
         placed = tuple(storeys) if storeys is not None else tuple(range(1, self.n_storeys + 1))
         wrong = [s for s in placed if not 1 <= s <= self.n_storeys]
-        if wrong or not placed:
-            raise UserError(f"{effect.name}: storey {wrong or 'list'} is not among 1 to {self.n_storeys}")
+        if wrong or not placed or any(b <= a for a, b in pairwise(placed)):
+            raise UserError(
+                f"{effect.name}: storeys {list(placed)} must be numbers from 1 to {self.n_storeys} in increasing order"
+            )
         symbols = {p.symbol for p in effect.parameters}
         for other in self.effects:
             if symbols & {p.symbol for p in other.effect.parameters} and set(placed) & set(other.storeys):
@@ -95,11 +98,18 @@ class Structure:
         for placed in self.effects:
             kinds.setdefault(tuple(p.symbol for p in placed.effect.parameters), placed.effect)
         law = combine(self.storey.parameters, self.storey.constraints, tuple(kinds[key] for key in sorted(kinds)))
+        names = [s.name for s in law.symbols]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise UserError(f"two parts of the storey law bring a parameter {', '.join(twice)}: rename one of them")
         known = {*law.symbols, *law.states, *(event.indicator for event in law.events)}
-        for expression in (law.force, *law.rates):
+        for expression in (law.force, *law.rates, *(base for base, _ in law.increments)):
             missing = {s.name for s in expression.free_symbols} - {s.name for s in known} - {"u", "v"}
             if missing:
-                raise UserError(f"an effect refers to {sorted(missing)}, which no effect of the model brings: add that effect")
+                raise UserError(
+                    f"an effect refers to {', '.join(sorted(missing))}, which nothing in the model brings: "
+                    "add the effect that does first"
+                )
         return law
 
     @cached_property
@@ -115,7 +125,7 @@ class Structure:
     def space(self) -> ParameterSpace:
         """The identified parameters with their joint prior."""
         table, free = self._assembly
-        return ParameterSpace(parameters=free, constraints=_constraints(self.law, table))
+        return ParameterSpace(parameters=free, constraints=_constraints(self.law, table, free))
 
     def draws(self, values: Mapping[str, float]) -> Floats:
         """One draw ``(1, n_parameters)`` from named values, e.g. ``{"k[1]": 20.0, "alpha": 0.01}``."""
@@ -142,8 +152,10 @@ class Structure:
             ends.append(pick(values))
         if ends[1] > ends[0]:
             return (
-                "The prior admits |gamma| > beta, where a loop can give back more energy than it took in "
-                "(Erlicher and Bursi, arXiv 0901.1448).",
+                (
+                    "The prior admits |gamma| > beta, where a loop can give back more energy than it took in "
+                    "(Erlicher and Bursi, arXiv 0901.1448)."
+                ),
             )
         return ()
 
@@ -188,12 +200,22 @@ def _spread(
 
 def _checked(parameter: Parameter, name: str, value: float) -> float:
     if not (np.isfinite(value) and parameter.lower <= value <= parameter.upper):
-        raise UserError(f"{name} = {value:g} lies outside its admissible range [{parameter.lower:g}, {parameter.upper:g}]")
+        raise UserError(
+            f"{name} = {value:g} lies outside its admissible range [{parameter.lower:g}, {parameter.upper:g}]"
+        )
     return float(value)
 
 
-def _constraints(law: StoreyLaw, table: ParameterTable) -> tuple[Constraint, ...]:
-    """The law's joint conditions at each storey; an error where known values already break one."""
+def _never_cuts(
+    function: Callable[..., object], fixed: Floats, index: NDArray[np.int64], free: tuple[FreeParameter, ...]
+) -> bool:
+    """Whether a condition, monotone in each parameter, holds at every corner of the priors' supports."""
+    ends = [free[i].prior.support if i >= 0 else (float(known),) for i, known in zip(index, fixed, strict=True)]
+    return all(bool(function(*corner)) for corner in product(*ends))
+
+
+def _constraints(law: StoreyLaw, table: ParameterTable, free: tuple[FreeParameter, ...]) -> tuple[Constraint, ...]:
+    """The law's joint conditions that cut the prior at a storey; an error where known values already break one."""
     result: dict[tuple[int, ...], Constraint] = {}
     for number, relation in enumerate(law.constraints):
         columns = [i for i, s in enumerate(law.symbols) if s in relation.free_symbols]
@@ -202,6 +224,8 @@ def _constraints(law: StoreyLaw, table: ParameterTable) -> tuple[Constraint, ...
             if np.all(index < 0):
                 if not bool(function(*fixed)):
                     raise UserError(f"storey {row + 1}: {relation} does not hold for the values given")
+                continue
+            if _never_cuts(function, fixed, index, free):
                 continue
 
             def holds(

@@ -98,3 +98,162 @@ def linear_gaussian(
         posterior_mean=mean,
         posterior_sd=np.sqrt(np.diag(covariance)),
     )
+
+
+def normal_inverse_gamma(n_dim: int = 2, n_data: int = 200, data_seed: int = 3) -> EvidenceOracle:
+    """Regression with unknown noise: variance inverse-gamma(3, 0.5), coefficients normal(0, variance)."""
+    gram, estimate, least = _regression(n_dim, n_data, 0.3, data_seed)
+    shape, rate = 3.0, 0.5
+
+    def values(points: Floats) -> Floats:
+        variance = stats.invgamma.ppf(points[:, -1], shape, scale=rate)
+        return np.column_stack([special.ndtri(points[:, :-1]) * np.sqrt(variance)[:, None], variance])
+
+    def log_likelihood(theta: Floats) -> Floats:
+        error, variance = theta[:, :-1] - estimate, theta[:, -1]
+        squares = least + np.einsum("ni,ij,nj->n", error, gram, error, optimize=True)
+        return -0.5 * n_data * np.log(2.0 * np.pi * variance) - 0.5 * squares / variance
+
+    precision = gram + np.eye(n_dim)
+    mean = np.linalg.solve(precision, gram @ estimate)
+    shape_after = shape + 0.5 * n_data
+    rate_after = rate + 0.5 * (least + estimate @ gram @ estimate - mean @ precision @ mean)
+    log_evidence = (
+        -0.5 * n_data * np.log(2.0 * np.pi)
+        - 0.5 * np.linalg.slogdet(precision)[1]
+        + shape * np.log(rate)
+        - shape_after * np.log(rate_after)
+        + special.gammaln(shape_after)
+        - special.gammaln(shape)
+    )
+    variance_mean = rate_after / (shape_after - 1.0)
+    spread = np.sqrt(np.diag(np.linalg.inv(precision)) * variance_mean)
+    return EvidenceOracle(
+        name="normal-inverse-gamma",
+        n_dim=n_dim + 1,
+        values=values,
+        log_likelihood_of_values=log_likelihood,
+        log_evidence=float(log_evidence),
+        posterior_mean=np.append(mean, variance_mean),
+        posterior_sd=np.append(spread, variance_mean / np.sqrt(shape_after - 2.0)),
+    )
+
+
+def gaussian_in_box(centre: Floats, sd: Floats) -> EvidenceOracle:
+    """Product of Gaussian likelihoods under a uniform prior on [0, 1]; a centre may lie at a bound or past it."""
+    centre, sd = np.asarray(centre, dtype=np.float64), np.asarray(sd, dtype=np.float64)
+    low, high = -centre / sd, (1.0 - centre) / sd
+    mass = stats.norm.cdf(high) - stats.norm.cdf(low)
+    marginal = stats.truncnorm(low, high, loc=centre, scale=sd)
+    return EvidenceOracle(
+        name="Gaussian in a box",
+        n_dim=len(centre),
+        values=_box(0.0, 1.0),
+        log_likelihood_of_values=lambda x: np.sum(stats.norm.logpdf(x, centre, sd), axis=1),
+        log_evidence=float(np.sum(np.log(mass))),
+        posterior_mean=marginal.mean(),
+        posterior_sd=marginal.std(),
+    )
+
+
+def two_gaussians(n_dim: int, share: float = 0.5, sd: float = 0.1) -> EvidenceOracle:
+    """Two Gaussians at +1 and -1 in every coordinate of [-2, 2]^d, ``share`` of the mass at +1.
+
+    The boxes end ten sds away, so truncation does not show in double precision.
+    """
+
+    def log_likelihood(x: Floats) -> Floats:
+        at_plus = np.log(share) + np.sum(stats.norm.logpdf(x, 1.0, sd), axis=1)
+        return np.logaddexp(at_plus, np.log1p(-share) + np.sum(stats.norm.logpdf(x, -1.0, sd), axis=1))
+
+    mean = 2.0 * share - 1.0
+    return EvidenceOracle(
+        name=f"two Gaussians, d = {n_dim}, share {share}",
+        n_dim=n_dim,
+        values=_box(-2.0, 2.0),
+        log_likelihood_of_values=log_likelihood,
+        log_evidence=-n_dim * float(np.log(4.0)),
+        posterior_mean=np.full(n_dim, mean),
+        posterior_sd=np.full(n_dim, np.sqrt(sd**2 + 1.0 - mean**2)),
+    )
+
+
+def beta_binomial(successes: int = 1, trials: int = 400) -> EvidenceOracle:
+    """Binomial likelihood under a uniform prior."""
+    after = stats.beta(successes + 1, trials - successes + 1)
+
+    def log_likelihood(x: Floats) -> Floats:
+        p = x[:, 0]
+        return (
+            np.log(special.comb(trials, successes))
+            + special.xlogy(successes, p)
+            + special.xlog1py(trials - successes, -p)
+        )
+
+    return EvidenceOracle(
+        name="Beta-Binomial",
+        n_dim=1,
+        values=_box(0.0, 1.0),
+        log_likelihood_of_values=log_likelihood,
+        log_evidence=-float(np.log(trials + 1.0)),
+        posterior_mean=np.array([after.mean()]),
+        posterior_sd=np.array([after.std()]),
+    )
+
+
+def exponential(n_dim: int = 3, rate: float = 1500.0) -> EvidenceOracle:
+    """Likelihood ``exp(-rate * sum(x))``: one-sided, so that a wrong sign or a reflected step cannot hide."""
+    cut = np.exp(-rate)
+    mean = 1.0 / rate - cut / (1.0 - cut)
+    variance = 1.0 / rate**2 - cut / (1.0 - cut) ** 2
+    return EvidenceOracle(
+        name="exponential",
+        n_dim=n_dim,
+        values=_box(0.0, 1.0),
+        log_likelihood_of_values=lambda x: -rate * np.sum(x, axis=1),
+        log_evidence=n_dim * float(np.log1p(-cut) - np.log(rate)),
+        posterior_mean=np.full(n_dim, mean),
+        posterior_sd=np.full(n_dim, np.sqrt(variance)),
+    )
+
+
+def gumbel(n_dim: int = 2, scale: float = 0.01) -> EvidenceOracle:
+    """Gumbel-shaped likelihood about 0.4, skewed to the right, far from the bounds."""
+    shape = stats.gumbel_r(0.4, scale)
+    return EvidenceOracle(
+        name="Gumbel",
+        n_dim=n_dim,
+        values=_box(0.0, 1.0),
+        log_likelihood_of_values=lambda x: np.sum(shape.logpdf(x), axis=1),
+        log_evidence=n_dim * float(np.log(shape.cdf(1.0) - shape.cdf(0.0))),
+        posterior_mean=np.full(n_dim, shape.mean()),
+        posterior_sd=np.full(n_dim, shape.std()),
+    )
+
+
+def product_ridge(product: float = 0.25, sd: float = 0.002) -> EvidenceOracle:
+    """Data that see only ``x1 * x2`` of two uniform parameters: a curved ridge from bound to bound.
+
+    The product has density ``-log(s)`` on (0, 1), so evidence and moments are one-dimensional quadratures.
+    """
+    ends = (product - 12.0 * sd, product + 12.0 * sd)
+
+    def integral(of: Callable[[float], float]) -> float:
+        weighted = integrate.quad(
+            lambda s: of(s) * stats.norm.pdf(product, s, sd), *ends, points=[product], epsabs=1e-13
+        )
+        return float(weighted[0])
+
+    evidence = integral(lambda s: -np.log(s))
+    # Given s, x1 has density proportional to 1 / x1 on (s, 1).
+    mean = integral(lambda s: 1.0 - s) / evidence
+    second = integral(lambda s: 0.5 * (1.0 - s**2)) / evidence
+    return EvidenceOracle(
+        name="product ridge",
+        n_dim=2,
+        values=_box(0.0, 1.0),
+        log_likelihood_of_values=lambda x: stats.norm.logpdf(product, x[:, 0] * x[:, 1], sd),
+        log_evidence=float(np.log(evidence)),
+        posterior_mean=np.full(2, mean),
+        posterior_sd=np.full(2, np.sqrt(second - mean**2)),
+    )

@@ -7,11 +7,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bwbn_bayes.records import Record
+from bwbn_bayes.records.record import ExcitationKind
+
+KINDS: tuple[ExcitationKind, ...] = ("ground_acceleration", "displacement")
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 TEXT = st.text(max_size=12)
 LABELS = st.text(min_size=1, max_size=8).filter(
-    lambda text: ":" not in text and text.split() and not text.strip().startswith(("#", "true", "noise_sd", "name", "time_step"))
+    lambda text: (
+        ":" not in text and text.split() and not text.strip().startswith(("#", "true", "noise_sd", "name", "time_step"))
+    )
 )
 NUMBERED = st.builds(
     "{}_{}".format,
@@ -23,7 +28,7 @@ NUMBERED = st.builds(
 @st.composite
 def records(draw: st.DrawFn) -> Record:
     """A record with awkward numbers, names and labels."""
-    kind = draw(st.sampled_from(["ground_acceleration", "displacement"]))
+    kind = draw(st.sampled_from(KINDS))
     names = draw(st.lists(NUMBERED, max_size=3, unique=True)) if kind == "ground_acceleration" else ["force"]
     series = arrays(np.float64, draw(st.integers(8, 12)), elements=FINITE)
     positive = st.floats(0.0, 1e300)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from record_strategies import records
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records import Record, read_csv, read_record, write_csv, write_record
-from record_strategies import records
 
 HEADER = "time [s],ground_acceleration [m/s^2],acceleration_1 [m/s^2]"
 ROWS = [f"{0.02 * i:.2f},{0.1 * i:.1f},{-0.1 * i:.1f}" for i in range(10)]
@@ -133,7 +133,8 @@ def test_printed_times_may_be_rounded(write: Write, step: float, pattern: str, s
 
 
 @pytest.mark.parametrize(
-    ("step", "pattern"), [(0.01, "{:.4f}"), (0.01, "{:.2f}"), (1.0 / 30.0, "{:.2f}"), (1.0 / 1024.0, "{:.9g}"), (0.1, "{!r}")]
+    ("step", "pattern"),
+    [(0.01, "{:.4f}"), (0.01, "{:.2f}"), (1.0 / 30.0, "{:.2f}"), (1.0 / 1024.0, "{:.9g}"), (0.1, "{!r}")],
 )
 @pytest.mark.parametrize("dropped", [1, 7, 500, 998])
 def test_a_dropped_sample_is_named(write: Write, step: float, pattern: str, dropped: int) -> None:
@@ -150,7 +151,9 @@ def test_a_dropped_sample_is_named(write: Write, step: float, pattern: str, drop
 def test_a_slow_change_of_the_clock_is_named(write: Write) -> None:
     times = np.cumsum(0.01 * (1.0 + 4e-4 * np.linspace(-1.0, 1.0, 3000)))
     path = write(lines(rows=[f"{t!r},0,0" for t in times.tolist()]))
-    with pytest.raises(UserError, match=r"run.csv, line \d+, column time: the times drift .* from a uniform time base of 0.01 s"):
+    with pytest.raises(
+        UserError, match=r"run.csv, line \d+, column time: the times drift .* from a uniform time base of 0.01 s"
+    ):
         read_csv(path)
 
 
@@ -158,20 +161,40 @@ def changed(row: int, text: str) -> str:
     return lines(rows=[*ROWS[:row], text, *ROWS[row + 1 :]])
 
 
+CHANNELS = (
+    "acceleration_i, relative_acceleration_i, displacement_i, drift_i, force_i (i from 1), or displacement and force for a "
+    "cyclic test"
+)
+COLUMN_NAME = "write a name and its unit, such as acceleration_1 [m/s^2], separated by commas"
 BAD_FILES = [
     ("\n \n", "{path}: the file is empty"),
     ("# name: x\n", "{path}: the file is empty, it needs a header and at least 8 rows of numbers"),
     (HEADER, "{path}: the record has 0 points, at least 8 are needed"),
     (lines(rows=ROWS[:7]), "{path}: the record has 7 points, at least 8 are needed"),
-    (changed(3, "0.06,nan,0.1"), "{path}, line 5, column ground_acceleration: the value is nan, every value must be a finite number"),
-    (changed(3, "0.06,0.1,-Inf"), "{path}, line 5, column acceleration_1: the value is -Inf, every value must be a finite number"),
-    (changed(3, "0.06,0.1,1e999"), "{path}, line 5, column acceleration_1: the value is 1e999, every value must be a finite number"),
-    (changed(0, "0.00, ,0.1"), "{path}, line 2, column ground_acceleration: the cell is blank, every cell needs a number"),
+    (
+        changed(3, "0.06,nan,0.1"),
+        "{path}, line 5, column ground_acceleration: the value is nan, every value must be a finite number",
+    ),
+    (
+        changed(3, "0.06,0.1,-Inf"),
+        "{path}, line 5, column acceleration_1: the value is -Inf, every value must be a finite number",
+    ),
+    (
+        changed(3, "0.06,0.1,1e999"),
+        "{path}, line 5, column acceleration_1: the value is 1e999, every value must be a finite number",
+    ),
+    (
+        changed(0, "0.00, ,0.1"),
+        "{path}, line 2, column ground_acceleration: the cell is blank, every cell needs a number",
+    ),
     (changed(9, "0.18,0.1,"), "{path}, line 11, column acceleration_1: the cell is blank, every cell needs a number"),
     (changed(4, "0.08,abc,0.1"), "{path}, line 6, column ground_acceleration: 'abc' is not a number"),
     (changed(4, "0.08,1_000,0.1"), "{path}, line 6, column ground_acceleration: '1_000' is not a number"),
     (changed(4, "0.08,0.1"), "{path}, line 6: 2 cells where the header has 3 columns, give one number for each"),
-    (changed(4, "0.08,0.1,0.2,0.3"), "{path}, line 6: 4 cells where the header has 3 columns, give one number for each"),
+    (
+        changed(4, "0.08,0.1,0.2,0.3"),
+        "{path}, line 6: 4 cells where the header has 3 columns, give one number for each",
+    ),
     (changed(4, ""), "{path}, line 6: 0 cells where the header has 3 columns, give one number for each"),
     (
         changed(4, "0.06,0.1,0.2"),
@@ -196,8 +219,7 @@ BAD_FILES = [
     (lines(header=HEADER.replace("time [s]", "drift_1 [m]")), "{path}, line 1: column time is missing, add it"),
     (
         lines(header=HEADER.replace("acceleration_1", "velocity_1")),
-        "{path}, line 1, column velocity_1: the name is not known, use time, ground_acceleration, acceleration_i, "
-        "relative_acceleration_i, displacement_i, drift_i, force_i (i from 1), or displacement and force for a cyclic test",
+        "{path}, line 1, column velocity_1: the name is not known, use time, ground_acceleration, " + CHANNELS,
     ),
     (
         lines(header=HEADER.replace(" [m/s^2],a", ",a")),
@@ -217,8 +239,7 @@ BAD_FILES = [
     ),
     (
         lines(header=HEADER.replace(",", ";"), rows=[row.replace(",", ";") for row in ROWS]),
-        "{path}, line 1, column 1: 'time [s];ground_acceleration [m/s^2];acc' is not a column name, write a name and its "
-        "unit, such as acceleration_1 [m/s^2], separated by commas",
+        "{path}, line 1, column 1: 'time [s];ground_acceleration [m/s^2];acc' is not a column name, " + COLUMN_NAME,
     ),
     (
         lines(header="time [s],ground_acceleration [g],displacement [m]"),
@@ -233,7 +254,10 @@ BAD_FILES = [
         "{path}, line 1, column drift_1: it belongs to a base-excited building, not beside displacement, remove it",
     ),
     (lines(comments=("# true k[1]: many",)), "{path}, line 1, key 'true k[1]': 'many' is not a number"),
-    (lines(comments=("# a: b", "# time_step: nan")), "{path}, line 2, key 'time_step': the value is nan, every value must be a finite number"),
+    (
+        lines(comments=("# a: b", "# time_step: nan")),
+        "{path}, line 2, key 'time_step': the value is nan, every value must be a finite number",
+    ),
     (lines(comments=("# a: b", "# a: c")), "{path}, line 2: the key 'a' was given in line 1 already, keep one"),
     (
         lines(comments=("# time_step: 0.01",)),

@@ -61,7 +61,10 @@ def test_nothing_can_be_changed() -> None:
         ({"excitation": np.ones((9, 2))}, "ground_acceleration has 2 dimensions"),
         ({"excitation": np.r_[np.ones(100), np.nan]}, "ground_acceleration is nan at point 101"),
         ({"channels": {"acceleration_1": np.full(101, np.inf)}}, "acceleration_1 is inf at point 1"),
-        ({"channels": {"acceleration_1": np.ones(100)}}, "channel acceleration_1 has 100 points but the excitation 101"),
+        (
+            {"channels": {"acceleration_1": np.ones(100)}},
+            "channel acceleration_1 has 100 points but the excitation 101",
+        ),
         ({"channels": {"acceleration_0": np.ones(101)}}, "channel acceleration_0 is not known"),
         ({"channels": {"velocity_1": np.ones(101)}}, "channel velocity_1 is not known"),
         ({"channels": {"force": np.ones(101)}}, "channel force is not known"),
@@ -126,7 +129,9 @@ def test_select_keeps_order_and_noise() -> None:
     assert list(chosen.channels) == ["acceleration_3", "acceleration_2"]
     assert dict(chosen.noise_sd) == {"acceleration_2": 0.1}
     assert chosen.floors == (2, 3)
-    with pytest.raises(UserError, match="has no channel drift_1: it has acceleration_1, acceleration_2, acceleration_3"):
+    with pytest.raises(
+        UserError, match="has no channel drift_1: it has acceleration_1, acceleration_2, acceleration_3"
+    ):
         building().select(["drift_1"])
 
 
@@ -189,14 +194,15 @@ def test_content_hash_is_stable() -> None:
 def test_equals_sees_every_field() -> None:
     record = building()
     assert record.equals(building())
-    for changes in (
+    other_fields: tuple[dict[str, object], ...] = (
         {"name": "other"},
         {"time_step": 0.01},
         {"excitation": record.excitation + 1.0},
         {"provenance": {}},
         {"truth": {}},
         {"noise_sd": {}},
-    ):
+    )
+    for changes in other_fields:
         assert not record.equals(replace(record, **changes))  # type: ignore[arg-type]
     assert not record.equals(record.select(["acceleration_2", "acceleration_1", "acceleration_3"]))
     assert not record.equals(record.select(["acceleration_2"]))

@@ -50,14 +50,17 @@ def test_factor_to_si(column: str, unit: str, factor: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("column", "unit"), [("acceleration_1", "m"), ("force", "kg"), ("time", "Hz"), ("displacement", "g"), ("drift_1", "degC")]
+    ("column", "unit"),
+    [("acceleration_1", "m"), ("force", "kg"), ("time", "Hz"), ("displacement", "g"), ("drift_1", "degC")],
 )
 def test_wrong_dimension(column: str, unit: str) -> None:
     with pytest.raises(UserError, match=rf"the unit \[{unit}\] has the wrong dimension: write a unit of"):
         si_factor(column, unit)
 
 
-@pytest.mark.parametrize("unit", ["", "furlongish", "2 m", "m;", "m^(9**9**9)", "m^999999999", "__import__('os')", "m" * 60])
+@pytest.mark.parametrize(
+    "unit", ["", "furlongish", "2 m", "m;", "m^(9**9**9)", "m^999999999", "__import__('os')", "m" * 60]
+)
 def test_text_that_is_no_unit(unit: str) -> None:
     start = time.perf_counter()
     with pytest.raises(UserError, match="is not understood: write a unit of drift such as m"):

@@ -7,7 +7,14 @@ import pytest
 import xarray as xr
 
 from bwbn_bayes.parameters import Uniform
-from bwbn_bayes.results import Check, Equation, Facts, ParameterFacts, Result, StageFacts
+from bwbn_bayes.results import (
+    Check,
+    Equation,
+    Facts,
+    ParameterFacts,
+    Result,
+    StageFacts,
+)
 from bwbn_bayes.structures.quantities import engineering_quantities
 
 SUBSTEPS = 4
@@ -123,8 +130,8 @@ def build_facts(draws, nrmse, noise, truth, stages, n_storeys):
         method="tmcmc", model="three_storey_el_centro", record="El Centro 1940, RSN6 180 <S00E & W>", engine="lanes",
         seed=1, parameters=parameter_facts(draws, truth), log_evidence=1234.567, log_evidence_se=0.043, nrmse=nrmse,
         noise_sd=noise, n_solves=41500, n_stages=8, elapsed_s=58.4, effective_sample_size=1180.0, storeys=n_storeys,
-        verdict=("The building's 13 parameters were identified from three floor accelerations: the model explains "
-                 "99.9 % of the measured motion, down to the noise.",
+        verdict=(("The building's 13 parameters were identified from three floor accelerations: the model explains "
+                 "99.9 % of the measured motion, down to the noise."),
                  "All checks passed but one: gamma leans on the upper end of its prior."),
         identifiability=("The record sees every combination of the parameters at least 10 times better than the prior.",
                          "beta and gamma are seen mainly through their sum."),
@@ -169,9 +176,7 @@ def build_result(
         sums = -np.cumsum((masses[:, None] * measured)[::-1], axis=0)[::-1]
         constant["measured_storey_force"] = (("storey", "time"), sums)
     n_prior = 1000
-    prior = {
-        symbol: PRIORS[symbol].quantile(rng.random((n_prior, *draws[symbol].shape[1:]))) for symbol in draws
-    }
+    prior = {symbol: PRIORS[symbol].quantile(rng.random((n_prior, *draws[symbol].shape[1:]))) for symbol in draws}
     groups = {
         "posterior": parameter_group(draws, n_chains, n_storeys),
         "prior": parameter_group(prior, 1, n_storeys),

@@ -141,9 +141,9 @@ def test_an_elastic_half_cycle_dissipates_only_the_loop(peak_force_share):
     z = (1.0 - np.exp(-decay * u)) / decay
     work = (1 - alpha) * k * (u - z) / decay
     returned = (1 - alpha) * k * z**2 / 2.0
-    at_end = response(
-        np.full((1, 1, 1), u), np.full((1, 1, 1), work), np.full((1, 1, 1), z), np.array([1.0])
-    ).isel(time=0)
+    at_end = response(np.full((1, 1, 1), u), np.full((1, 1, 1), work), np.full((1, 1, 1), z), np.array([1.0])).isel(
+        time=0
+    )
     found = dissipated_energy(at_end, parameters(n_storeys=1, n_draws=1, n=1.0))
     np.testing.assert_allclose(found, work - returned, rtol=1e-12)
     assert float(found.squeeze()) > 0.0

@@ -7,16 +7,14 @@ from typing import ClassVar
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import DRIFT_RATE, ENERGY, HYSTERETIC_DISPLACEMENT, Effect, Slots, symbol
+from bwbn_bayes.elements.law import DRIFT_RATE, ENERGY, HYSTERETIC_DISPLACEMENT, Definition, Effect, Slots, step, symbol
 from bwbn_bayes.parameters import Parameter, Value
 
 _SOURCE = "Foliente 1995, doi:10.1061/(ASCE)0733-9445(1995)121:6(1013)"
 
 
 def _parameter(name: str, unit: str, neutral: float, lower: float, description: str) -> Parameter:
-    return Parameter(
-        symbol=name, unit=unit, neutral=neutral, lower=lower, description=description, source=_SOURCE
-    )
+    return Parameter(symbol=name, unit=unit, neutral=neutral, lower=lower, description=description, source=_SOURCE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +54,8 @@ class FolientePinching(Effect):
     name: ClassVar[str] = "foliente_pinching"
     summary: ClassVar[str] = "loops pinch off centre, depending on direction, and the pinch saturates"
     source: ClassVar[str] = _SOURCE
+    residual: ClassVar[str] = "a pinch off centre that depends on the direction and saturates"
+    confusable: ClassVar[str] = "slip_lock"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         _parameter("zeta_s", "", 0.0, 0.0, "total slip"),
         _parameter("p", "1/J", 1.0, 0.0, "rate of the pinch with work"),
@@ -67,8 +67,17 @@ class FolientePinching(Effect):
 
     def fill(self, slots: Slots) -> Slots:
         zeta_s, p, q, psi_0, delta_psi, floor = (symbol(parameter.symbol) for parameter in self.parameters)
-        depth = zeta_s * (1 - sp.exp(-p * ENERGY))
-        width = (psi_0 + delta_psi * ENERGY) * (floor + depth)
-        z_u = (1 / (symbol("beta") + symbol("gamma"))) ** (1 / symbol("n"))
+        depth, width, z_u = step("z_1"), step("z_2"), step("z_u")
         offset = HYSTERETIC_DISPLACEMENT * sp.sign(DRIFT_RATE) - q * z_u
-        return replace(slots, rate_multiplier=slots.rate_multiplier * (1 - depth * sp.exp(-(offset**2) / width**2)))
+        bound = (1 / (symbol("beta") + symbol("gamma"))) ** (1 / symbol("n"))
+        steps = (
+            ("depth of the pinch", depth, zeta_s * (1 - sp.exp(-p * ENERGY))),
+            ("width of the pinch", width, (psi_0 + delta_psi * ENERGY) * (floor + depth)),
+            ("bound of the hysteretic displacement", z_u, bound),
+        )
+        return replace(
+            slots,
+            rate_multiplier=slots.rate_multiplier * (1 - depth * sp.exp(-(offset**2) / width**2)),
+            constraints=(*slots.constraints, symbol("beta") + symbol("gamma") > 0),
+            steps=(*slots.steps, *(Definition(caption=c, subject=s, expression=e) for c, s, e in steps)),
+        )

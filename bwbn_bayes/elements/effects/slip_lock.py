@@ -7,7 +7,16 @@ from typing import ClassVar
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import ENERGY, HYSTERETIC_DISPLACEMENT, Effect, SharpFeature, Slots, symbol
+from bwbn_bayes.elements.law import (
+    ENERGY,
+    HYSTERETIC_DISPLACEMENT,
+    Definition,
+    Effect,
+    SharpFeature,
+    Slots,
+    step,
+    symbol,
+)
 from bwbn_bayes.parameters import Parameter, Value
 
 
@@ -35,6 +44,8 @@ class SlipLock(Effect):
     name: ClassVar[str] = "slip_lock"
     summary: ClassVar[str] = "the joint slips near zero hysteretic displacement: pinched loops"
     source: ClassVar[str] = "Baber and Noori 1985"
+    residual: ClassVar[str] = "bursts near z = 0 after each reversal"
+    confusable: ClassVar[str] = "a gap, foliente_pinching with q = 0"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="delta_s",
@@ -49,9 +60,15 @@ class SlipLock(Effect):
 
     def fill(self, slots: Slots) -> Slots:
         sigma = symbol("sigma")
+        s, a = step("s"), step("a")
         density = sp.sqrt(2 / sp.pi) / sigma * sp.exp(-(HYSTERETIC_DISPLACEMENT**2) / (2 * sigma**2))
         return replace(
             slots,
-            slip_compliance=slots.slip_compliance + symbol("delta_s") * ENERGY * density,
+            slip_compliance=slots.slip_compliance + s * a,
+            steps=(
+                *slots.steps,
+                Definition(caption="slip", subject=s, expression=symbol("delta_s") * ENERGY),
+                Definition(caption="where the joint slips", subject=a, expression=density),
+            ),
             sharp_features=(*slots.sharp_features, SharpFeature(state=HYSTERETIC_DISPLACEMENT, width=sigma)),
         )

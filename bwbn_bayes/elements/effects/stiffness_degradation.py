@@ -29,6 +29,8 @@ class StiffnessDegradation(Effect):
     name: ClassVar[str] = "stiffness_degradation"
     summary: ClassVar[str] = "stiffness falls with the work done on the hysteretic spring"
     source: ClassVar[str] = "Baber and Wen 1981"
+    residual: ClassVar[str] = "the period grows with the work done"
+    confusable: ClassVar[str] = "slow damage, base flexibility"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="delta_eta",

@@ -29,6 +29,8 @@ class StrengthDegradation(Effect):
     name: ClassVar[str] = "strength_degradation"
     summary: ClassVar[str] = "strength falls with the work done on the hysteretic spring"
     source: ClassVar[str] = "Baber and Wen 1981"
+    residual: ClassVar[str] = "peaks are clipped more as work is done"
+    confusable: ClassVar[str] = "falling n or beta"
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="delta_nu",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import sympy as sp
 
@@ -19,7 +19,7 @@ _UNITS = {"k": "N/m", "c": "N s/m", "alpha": "", "delta_nu": "1/J", "delta_eta":
 class SuddenDamage(Effect):
     """A storey parameter changes by ``jump`` at ``time``; the past work is kept: ``nu = 1 + delta_nu(t) epsilon``.
 
-    A jump of k drops the force at once and takes stored energy with it. Engines split the step at the time; an unknown
+    The parameter stays admissible after the jump. A jump of k drops the force at once and takes stored energy with it. Engines split the step at the time; an unknown
     time contributes its jump term to the derivatives.
 
     Parameters
@@ -48,6 +48,8 @@ class SuddenDamage(Effect):
     name: ClassVar[str] = "sudden_damage"
     summary: ClassVar[str] = "a parameter changes at a time: a brace breaks, degradation sets in"
     source: ClassVar[str] = "Zhao et al. 2019, doi:10.3389/fbuil.2018.00080"
+    residual: ClassVar[str] = "an onset at one time"
+    confusable: ClassVar[str] = "degradation"
 
     def __post_init__(self) -> None:
         if self.parameter not in _UNITS:
@@ -79,10 +81,20 @@ class SuddenDamage(Effect):
     def values(self) -> Mapping[str, Value]:
         return {f"{self.parameter}_jump": self.jump, f"{self.parameter}_time": self.time}
 
+    @classmethod
+    def neutral_forms(cls) -> tuple[Self, ...]:
+        """No jump of each parameter that can jump."""
+        return tuple(cls(parameter=parameter, jump=0.0, time=0.0) for parameter in _UNITS)
+
     def fill(self, slots: Slots) -> Slots:
         base, jump, time = (symbol(self.parameter + suffix) for suffix in ("", "_jump", "_time"))
         happened = sp.Symbol(f"{self.parameter}_happened", nonnegative=True)
         increments = {**slots.increments, base: slots.increments.get(base, sp.Integer(0)) + jump * happened}
+        after = base + jump
+        bounds = (after >= -1, after <= 1) if self.parameter == "alpha" else (after >= 0,)
         return replace(
-            slots, increments=increments, events=(*slots.events, Event(time=time, indicator=happened))
+            slots,
+            increments=increments,
+            events=(*slots.events, Event(time=time, indicator=happened)),
+            constraints=(*slots.constraints, *bounds),
         )

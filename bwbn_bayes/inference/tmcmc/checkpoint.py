@@ -63,6 +63,7 @@ def save(path: Path, state: RunState, identity: Identity) -> None:
     description = {
         "identity": dict(identity),
         "arrays": arrays.name,
+        "effective_size": population.effective_size,
         "tempering_parameter": state.tempering_parameter,
         "log_evidence": state.log_evidence,
         "log_evidence_variance": state.log_evidence_variance,
@@ -91,7 +92,8 @@ def load(path: Path, identity: Identity) -> RunState | None:
         description = json.loads(_description(path).read_text())
         with np.load(path.with_name(description["arrays"])) as arrays:
             cloud = Cloud(*(arrays[name] for name in Cloud._fields))
-            population = Population(cloud, arrays["families"], Tuning(arrays["shares"], arrays["scales"]))
+            tuning = Tuning(arrays["shares"], arrays["scales"])
+            population = Population(cloud, arrays["families"], description["effective_size"], tuning)
         found = description["identity"]
         state = RunState(
             population=population,

@@ -9,12 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
 
 from bwbn_bayes.inference.tmcmc.target import Floats, Integers
 
-_LARGER_SIZES = (2, 4)
-_WORTHWHILE_GAIN = 0.02
+_SIZES = (1, 2, 4)
 _ITERATIONS = 10
 _RIDGE = 1e-9
 
@@ -31,7 +29,8 @@ class GaussianMixture(NamedTuple):
         """Draw ``(n, d)`` points."""
         labels = self.labels(rng, n)
         noise = rng.standard_normal((n, self.means.shape[1]))
-        return self.means[labels] + np.einsum("nij,nj->ni", self.factors[labels], noise)
+        points: Floats = self.means[labels] + np.einsum("nij,nj->ni", self.factors[labels], noise)
+        return points
 
     def labels(self, rng: np.random.Generator, n: int) -> Integers:
         """Draw ``(n,)`` component indices."""
@@ -39,7 +38,7 @@ class GaussianMixture(NamedTuple):
 
     def log_density(self, points: Floats) -> Floats:
         """Log density ``(n,)`` at points ``(n, d)``."""
-        return np.asarray(logsumexp(self.log_parts(points), axis=0))
+        return np.asarray(np.logaddexp.reduce(self.log_parts(points), axis=0), dtype=np.float64)
 
     def log_parts(self, points: Floats) -> Floats:
         """Log of each component's weighted density, ``(k, n)``."""
@@ -48,37 +47,54 @@ class GaussianMixture(NamedTuple):
         for part, log_scale, mean, inverse in zip(parts, log_scales, self.means, self.inverses, strict=True):
             whitened = (points - mean) @ inverse.T
             part[:] = log_scale - 0.5 * np.einsum("ni,ni->n", whitened, whitened)
-        return parts - 0.5 * points.shape[1] * np.log(2.0 * np.pi)
+        parts -= 0.5 * points.shape[1] * np.log(2.0 * np.pi)
+        return parts
 
     def inflated(self, factor: float) -> GaussianMixture:
         """The same mixture with every standard deviation multiplied by ``factor``."""
         return self._replace(factors=self.factors * factor, inverses=self.inverses / factor)
 
 
-def fit_mixture(points: Floats, weights: Floats, held_out: Floats, held_out_weights: Floats) -> GaussianMixture:
-    """Fit mixtures of one, two and four Gaussians, as long as each predicts the held-out points better than the last.
+def fit_mixture(points: Floats, weights: Floats, effective_size: float) -> GaussianMixture:
+    """Fit mixtures of one, two and four Gaussians, as long as each improves the Bayesian information criterion.
+
+    The states of chains are correlated, so the criterion counts effective draws. Judging by held-out states instead
+    let related chains on both sides vote for ever more components, and the sampler then fed on its own overfit.
 
     Parameters
     ----------
-    points, held_out : (n, d), (m, d) arrays
-        Points to fit and points to judge by.
-    weights, held_out_weights : (n,), (m,) arrays
-        Their weights, each summing to one.
+    points : (n, d) array
+        Points to fit.
+    weights : (n,) array
+        Their weights, summing to one.
+    effective_size : float
+        Number of independent draws that they are worth.
 
     Returns
     -------
     GaussianMixture
         The fit.
     """
-    best = fit_gaussian(points, weights)
-    best_score = float(held_out_weights @ best.log_density(held_out))
-    for size in _LARGER_SIZES:
-        fit = _expectation_maximisation(points, weights, size)
-        score = float(held_out_weights @ fit.log_density(held_out))
-        if score < best_score + _WORTHWHILE_GAIN:
+    n_dim = points.shape[1]
+    best, best_score = fit_gaussian(points, weights), -np.inf
+    for size in _SIZES:
+        fit = best if size == 1 else _expectation_maximisation(points, weights, size)
+        n_coefficients = len(fit.weights) * (1 + n_dim + n_dim * (n_dim + 1) // 2)
+        score = float(weights @ fit.log_density(points)) - information_penalty(n_coefficients, effective_size)
+        if score <= best_score:
             break
         best, best_score = fit, score
     return best
+
+
+def information_penalty(n_coefficients: int, effective_size: float) -> float:
+    """What a fit of so many coefficients must gain in mean log density to be believed. [nat]
+
+    References
+    ----------
+    .. [1] G. Schwarz, "Estimating the Dimension of a Model", 1978, doi:10.1214/aos/1176344136.
+    """
+    return 0.5 * n_coefficients * float(np.log(effective_size)) / effective_size
 
 
 def fit_gaussian(points: Floats, weights: Floats) -> GaussianMixture:
@@ -98,7 +114,7 @@ def _expectation_maximisation(points: Floats, weights: Floats, size: int) -> Gau
     mixture = _maximise(points, shares, covariance)
     for _ in range(_ITERATIONS if size > 1 else 0):
         log_parts = mixture.log_parts(points)
-        shares = np.exp(log_parts - logsumexp(log_parts, axis=0)) * weights
+        shares = np.exp(log_parts - np.logaddexp.reduce(log_parts, axis=0)) * weights
         effective = np.sum(shares, axis=1) ** 2 / np.sum(shares**2, axis=1).clip(min=1e-300)
         kept = effective > 2.0 * (n_dim + 1)
         if not np.any(kept):

@@ -54,7 +54,8 @@ class Shape(NamedTuple):
     def squared_jumps(self, start: Floats, end: Floats) -> Floats:
         """Squared lengths ``(n,)`` of jumps between positions ``(n, d)`` in units of the archive's spread."""
         step = end - start
-        return np.einsum("ni,ni->n", step @ self.precision, step)
+        lengths: Floats = np.einsum("ni,ni->n", step @ self.precision, step)
+        return lengths
 
 
 class Proposal(NamedTuple):
@@ -67,9 +68,7 @@ class Proposal(NamedTuple):
     moves: Integers
 
 
-def propose(
-    positions: Floats, log_fit: Floats, shape: Shape, tuning: Tuning, rng: np.random.Generator
-) -> Proposal:
+def propose(positions: Floats, log_fit: Floats, shape: Shape, tuning: Tuning, rng: np.random.Generator) -> Proposal:
     """Propose one move for every chain, each chain drawing its kind of move anew.
 
     Parameters
@@ -115,8 +114,9 @@ def _random_walk(positions: Floats, shape: Shape, scale: float, rng: np.random.G
     """Gaussian step with the covariance of a component drawn without regard to the position."""
     n, n_dim = positions.shape
     factors = shape.mixture.factors[shape.mixture.labels(rng, n)]
-    step = np.einsum("nij,nj->ni", factors, rng.standard_normal((n, n_dim)))
-    return positions + scale * 2.38 / np.sqrt(n_dim) * step
+    step: Floats = np.einsum("nij,nj->ni", factors, rng.standard_normal((n, n_dim)))
+    moved: Floats = positions + scale * 2.38 / np.sqrt(n_dim) * step
+    return moved
 
 
 def _differential_evolution(positions: Floats, shape: Shape, scale: float, rng: np.random.Generator) -> Floats:
@@ -127,7 +127,8 @@ def _differential_evolution(positions: Floats, shape: Shape, scale: float, rng: 
     whole = rng.random((n, 1)) < _JUMP_SHARE
     length = np.where(whole, 1.0, scale * 2.38 / np.sqrt(2.0 * n_dim))
     jitter = _JUMP_JITTER * _random_walk(np.zeros_like(positions), shape, 1.0, rng)
-    return positions + length * (shape.archive[first] - shape.archive[second]) + jitter
+    moved: Floats = positions + length * (shape.archive[first] - shape.archive[second]) + jitter
+    return moved
 
 
 def _autoregressive(positions: Floats, mixture: GaussianMixture, fresh: float, rng: np.random.Generator) -> Floats:
@@ -141,8 +142,9 @@ def _autoregressive(positions: Floats, mixture: GaussianMixture, fresh: float, r
     levels = rng.random(len(positions)) * shares.sum(axis=0)
     labels = np.sum(np.cumsum(shares, axis=0) < levels, axis=0).clip(max=len(parts) - 1)
     means = mixture.means[labels]
-    noise = np.einsum("nij,nj->ni", mixture.factors[labels], rng.standard_normal(positions.shape))
-    return means + np.sqrt(1.0 - fresh**2) * (positions - means) + fresh * noise
+    noise: Floats = np.einsum("nij,nj->ni", mixture.factors[labels], rng.standard_normal(positions.shape))
+    moved: Floats = means + np.sqrt(1.0 - fresh**2) * (positions - means) + fresh * noise
+    return moved
 
 
 class Tally(NamedTuple):

@@ -30,10 +30,12 @@ def order_along_principal_axis(positions: Floats, weights: Floats) -> Integers:
     """Indices ``(n,)`` that order positions ``(n, d)`` along the widest direction of the weighted cloud."""
     centred = positions - weights @ positions
     _, vectors = np.linalg.eigh(centred.T @ (centred * weights[:, None]))
-    return np.argsort(centred @ vectors[:, -1], kind="stable")
+    order: Integers = np.argsort(centred @ vectors[:, -1], kind="stable")
+    return order
 
 
 def _inverse(weights: Floats, levels: Floats) -> Integers:
     cumulative = np.cumsum(weights)
     # The right side passes over weights of zero; the clip keeps rounding from running past the last that is not.
-    return np.searchsorted(cumulative, levels * cumulative[-1], side="right").clip(max=np.flatnonzero(weights)[-1])
+    indices = np.searchsorted(cumulative, levels * cumulative[-1], side="right")
+    return np.asarray(np.minimum(indices, np.flatnonzero(weights)[-1]), dtype=np.int64)

@@ -45,7 +45,8 @@ class TmcmcResult:
     log_likelihood : (n_particles,) array
         Their log likelihoods.
     log_evidence, log_evidence_se : float
-        Log evidence and its standard error. [nat]
+        Log evidence and its standard error. [nat] The error takes chains as independent between stages. That holds for
+        the default; the plain variant's clouds stay correlated from stage to stage, and its figure is far too small.
     stages : tuple of StageFacts
         History; solves, log evidence and elapsed time are running totals.
     n_solves : int
@@ -144,7 +145,9 @@ def _first_state(reference: Reference, evaluator: Evaluator, n_particles: int, r
         elapsed_s=time.perf_counter() - began,
         label="draws of the reference",
     )
-    return RunState(Population(cloud, np.arange(n_particles), FIRST_TUNING), 0.0, 0.0, 0.0, n_solves, (facts,))
+    return RunState(
+        Population(cloud, np.arange(n_particles), float(n_finite), FIRST_TUNING), 0.0, 0.0, 0.0, n_solves, (facts,)
+    )
 
 
 def _next_state(
@@ -167,7 +170,7 @@ def _next_state(
         stage=streams.stage,
         tempering_parameter=tempering_parameter,
         acceptance=moved.acceptance,
-        effective_sample_size=moved.effective_sample_size,
+        effective_sample_size=moved.population.effective_size,
         n_solves=n_solves,
         log_evidence=log_evidence,
         elapsed_s=time.perf_counter() - began,

@@ -19,7 +19,7 @@ import numpy as np
 
 from bwbn_bayes.inference.tmcmc import moves, resampling, tempering
 from bwbn_bayes.inference.tmcmc.coordinates import Coordinates, to_probit
-from bwbn_bayes.inference.tmcmc.mixture import fit_gaussian, fit_mixture
+from bwbn_bayes.inference.tmcmc.mixture import fit_gaussian, fit_mixture, information_penalty
 from bwbn_bayes.inference.tmcmc.moves import Shape, Tuning
 from bwbn_bayes.inference.tmcmc.target import Cloud, Floats, Integers, join
 
@@ -27,17 +27,18 @@ PLAIN_SCALE = 0.2
 CHAIN_LENGTH = 16
 LONGEST_CHAIN = 512
 _CHAIN_MULTIPLE = 32
-_LENGTH_PER_CORRELATION_TIME = 4.0
+_LENGTH_PER_CORRELATION_TIME = 8.0
 
 Evaluator = Callable[[Floats], tuple[Cloud, int]]
 """Points ``(n, d)`` to an evaluated cloud and the solves spent."""
 
 
 class Population(NamedTuple):
-    """A cloud of equal weights, the chain to which each point belongs, and what the moves have learnt."""
+    """A cloud of equal weights, its points' chains, the independent draws it is worth, what the moves have learnt."""
 
     cloud: Cloud
     families: Integers
+    effective_size: float
     tuning: Tuning
 
 
@@ -46,7 +47,6 @@ class Moved(NamedTuple):
 
     population: Population
     acceptance: float
-    effective_sample_size: float
     n_solves: int
     label: str
 
@@ -105,8 +105,9 @@ def plain_stage(
         collected.append(heads)
         labels.append(families)
         accepted, n_solves = accepted + int(moved.sum()), n_solves + solves
-    moved_population = Population(join(collected), np.concatenate(labels), population.tuning)
-    return Moved(moved_population, accepted / len(weights), 1.0 / float(np.sum(weights**2)), n_solves, "plain")
+    worth = 1.0 / float(np.sum(weights**2))
+    moved_population = Population(join(collected), np.concatenate(labels), worth, population.tuning)
+    return Moved(moved_population, accepted / len(weights), n_solves, "plain")
 
 
 def waste_free_stage(
@@ -120,7 +121,7 @@ def waste_free_stage(
     """Resample a few ancestors and run them as chains until decorrelated; the cloud is every state of every chain.
 
     The chains grow by doubling from 16 steps until the longest integrated autocorrelation time (over the probit
-    coordinates and the log ratio) is a quarter of their length, or 512 steps, which the label then says.
+    coordinates and the log ratio) is an eighth of their length, or 512 steps, which the label then says.
 
     Parameters
     ----------
@@ -149,25 +150,17 @@ def waste_free_stage(
     order = resampling.order_along_principal_axis(positions, weights)
     n_chains = chain_count(n_particles)
     ancestors = order[resampling.systematic(weights[order], n_chains, streams.at(0))]
-    shapes = _shapes(positions, weights, families, n_particles, streams)
+    worth = population.effective_size / (len(weights) * float(np.sum(weights**2)))
+    shapes = _shapes(positions, weights, families, worth, n_particles, streams)
     chains = _started(cloud.take(ancestors), positions[ancestors], families[ancestors] % 2, shapes)
-    clouds: list[Cloud] = []
-    traces: list[Floats] = []
-    tally, n_solves, length = moves.EMPTY_TALLY, 0, CHAIN_LENGTH
-    while True:
-        for step in range(len(clouds) + 1, length + 1):
-            chains, tally, solves = _advance(evaluator, chains, shapes, tuning, tally, tempering_parameter, streams, step)
-            clouds.append(chains.cloud)
-            traces.append(np.column_stack([to_probit(chains.cloud.points), chains.cloud.log_ratio]))
-            n_solves += solves
-        correlation_time = tempering.integrated_autocorrelation_time(np.stack(traces))
-        decorrelated = _LENGTH_PER_CORRELATION_TIME * correlation_time <= length
-        if decorrelated or length >= LONGEST_CHAIN:
-            break
-        length *= 2
-    label = f"{length} steps" if decorrelated else f"stopped at the cap of {length} steps, still correlated"
-    moved = Population(join(clouds), np.tile(np.arange(n_chains), length), moves.retune(tuning, tally))
-    return Moved(moved, tally.acceptance, n_chains * length / correlation_time, n_solves, label)
+    run = _run(evaluator, chains, shapes, tuning, tempering_parameter, streams)
+    moved = Population(
+        join(run.clouds),
+        np.tile(np.arange(n_chains), len(run.clouds)),
+        n_chains * len(run.clouds) / run.correlation_time,
+        moves.retune(tuning, run.tally),
+    )
+    return Moved(moved, run.tally.acceptance, run.n_solves, run.label)
 
 
 def chain_count(n_particles: int) -> int:
@@ -194,8 +187,45 @@ def _started(cloud: Cloud, positions: Floats, groups: Integers, shapes: tuple[Sh
     return _Chains(cloud, groups, mapped, log_volume, log_fit)
 
 
+class _Run(NamedTuple):
+    clouds: list[Cloud]
+    correlation_time: float
+    tally: moves.Tally
+    n_solves: int
+    label: str
+
+
+def _run(
+    evaluator: Evaluator,
+    chains: _Chains,
+    shapes: tuple[Shape, Shape],
+    tuning: Tuning,
+    tempering_parameter: float,
+    streams: Streams,
+) -> _Run:
+    """Advance the chains, doubling their length until they are decorrelated or at the cap."""
+    clouds: list[Cloud] = []
+    traces: list[Floats] = []
+    tally, n_solves, length = moves.EMPTY_TALLY, 0, CHAIN_LENGTH
+    while True:
+        for step in range(len(clouds) + 1, length + 1):
+            chains, tally, solves = _advance(
+                evaluator, chains, shapes, tuning, tally, tempering_parameter, streams, step
+            )
+            clouds.append(chains.cloud)
+            traces.append(np.column_stack([to_probit(chains.cloud.points), chains.cloud.log_ratio]))
+            n_solves += solves
+        correlation_time = tempering.integrated_autocorrelation_time(np.stack(traces))
+        if _LENGTH_PER_CORRELATION_TIME * correlation_time <= length:
+            return _Run(clouds, correlation_time, tally, n_solves, f"{length} steps")
+        if length >= LONGEST_CHAIN:
+            label = f"stopped at the cap of {length} steps, still correlated"
+            return _Run(clouds, correlation_time, tally, n_solves, label)
+        length *= 2
+
+
 def _shapes(
-    positions: Floats, weights: Floats, families: Integers, n_particles: int, streams: Streams
+    positions: Floats, weights: Floats, families: Integers, effective_size: float, n_particles: int, streams: Streams
 ) -> tuple[Shape, Shape]:
     """Two shapes, each fitted to the half of the families whose descendants it does not move.
 
@@ -206,23 +236,24 @@ def _shapes(
     if min(len(half) for half in halves) < 2:
         halves = [thinned, thinned]
     shares = [weights[half] / np.sum(weights[half]) for half in halves]
-    shapes = []
-    for own, other in ((0, 1), (1, 0)):
-        archive = positions[halves[own]][resampling.systematic(shares[own], n_particles, streams.at(0, 1 + own))]
-        shapes.append(_shape(positions[halves[own]], shares[own], archive, positions[halves[other]], shares[other]))
-    return shapes[0], shapes[1]
+    archives = [
+        positions[half][resampling.systematic(share, n_particles, streams.at(0, 1 + own))]
+        for own, (half, share) in enumerate(zip(halves, shares, strict=True))
+    ]
+    worth = max(2.0, 0.5 * effective_size)
+    first, second = (_shape(positions[halves[own]], shares[own], archives[own], worth) for own in (0, 1))
+    return first, second
 
 
-def _shape(points: Floats, shares: Floats, archive: Floats, held_out: Floats, held_out_shares: Floats) -> Shape:
-    """Coordinates and mixture fitted to weighted probit positions; held-out ones decide which coordinates serve."""
-    candidates = (Coordinates.probit(points.shape[1]), Coordinates.straightening(archive))
-    scores = []
-    for candidate in candidates:
-        mapped, log_slope = candidate.forward(held_out)
-        fit = fit_gaussian(candidate.forward(points)[0], shares)
-        scores.append(float(held_out_shares @ (fit.log_density(mapped) + log_slope)))
-    best = candidates[int(np.argmax(scores))]
-    mixture = fit_mixture(best.forward(points)[0], shares, best.forward(held_out)[0], held_out_shares)
+def _shape(points: Floats, shares: Floats, archive: Floats, effective_size: float) -> Shape:
+    """Coordinates and mixture fitted to weighted probit positions; straightened only where that clearly pays."""
+    n_dim = points.shape[1]
+    plain, straightened = Coordinates.probit(n_dim), Coordinates.straightening(archive)
+    mapped, log_slope = straightened.forward(points)
+    as_it_is, after = fit_gaussian(points, shares), fit_gaussian(mapped, shares)
+    gain = shares @ (after.log_density(mapped) + log_slope - as_it_is.log_density(points))
+    best = straightened if gain > information_penalty(3 * n_dim, effective_size) else plain
+    mixture = fit_mixture(best.forward(points)[0], shares, effective_size)
     return Shape.of(best, mixture, best.forward(archive)[0])
 
 
@@ -249,7 +280,12 @@ def _advance(
         points[mine], log_volume[mine] = shape.coordinates.inverse(proposal.positions)
         log_odds[mine] = proposal.log_asymmetry
     candidate, n_solves = evaluator(points)
-    log_odds += log_volume - chains.log_volume + candidate.log_density(tempering_parameter) - chains.cloud.log_density(tempering_parameter)
+    log_odds += (
+        log_volume
+        - chains.log_volume
+        + candidate.log_density(tempering_parameter)
+        - chains.cloud.log_density(tempering_parameter)
+    )
     accepted = np.log(streams.at(step, 2).random(len(proposed))) < log_odds
     moved = _Chains(
         candidate.where(accepted, chains.cloud),

@@ -80,8 +80,10 @@ class PriorReference:
 class DefensiveMixture:
     """A component (say an inflated Laplace mixture at the known modes) mixed with the prior.
 
-    The prior's share bounds the ratio of prior to reference by ``1 / prior_share``, so no part of the posterior is
-    out of reach.
+    The prior's share bounds the ratio of prior to reference by ``1 / prior_share``: no part of the posterior has
+    reference density zero. It is no guarantee that a finite cloud gets there. On the geometric road a mode that the
+    component misses holds, early on, a share of about the posterior's volume (in prior units, times the inflation), so
+    a narrow one in many dimensions is lost: the road from the prior is the check.
 
     Parameters
     ----------
@@ -121,10 +123,11 @@ class DefensiveMixture:
         """Log density ``(n,)`` of points ``(n, d)``."""
         with np.errstate(divide="ignore"):
             log_share, log_rest = np.log(self.prior_share), np.log1p(-self.prior_share)
-        return np.logaddexp(
+        log_density: Floats = np.logaddexp(
             log_share + self.target.log_prior(points),
             log_rest + self.component.log_density(points),
         )
+        return log_density
 
 
 class Cloud(NamedTuple):

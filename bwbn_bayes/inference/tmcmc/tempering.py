@@ -19,8 +19,8 @@ _LOG_SMALLEST_STEP = -700.0
 def coefficient_of_variation(log_weights: Floats) -> float:
     """Coefficient of variation of weights given by their logarithms ``(n,)``; points of zero weight are left out."""
     finite = log_weights[np.isfinite(log_weights)]
-    weights = np.exp(finite - finite.max())
-    return float(np.std(weights) / np.mean(weights))
+    weights: Floats = np.exp(finite - finite.max())
+    return float(np.std(weights)) / float(np.mean(weights))
 
 
 def next_tempering_parameter(log_ratio: Floats, tempering_parameter: float, target_variation: float) -> float:
@@ -93,7 +93,7 @@ def log_mean_variance(log_weights: Floats, families: Integers) -> float:
     """
     weights = normalised(log_weights)
     excess = np.bincount(families, weights - 1.0 / len(weights))
-    n_families = np.count_nonzero(np.bincount(families))
+    n_families = len(np.unique(families))
     return float(np.sum(excess**2)) * n_families / max(n_families - 1, 1)
 
 
@@ -118,4 +118,5 @@ def integrated_autocorrelation_time(traces: Floats) -> float:
     between = np.var(np.mean(traces, axis=0), axis=0, ddof=1)
     moving = total > 0.0
     times = np.where(moving, n_steps * between / np.where(moving, total, 1.0), n_steps)
-    return float(np.clip(np.max(times), 1.0, n_steps))
+    longest: Floats = np.max(times)
+    return min(max(float(longest), 1.0), float(n_steps))

@@ -1,0 +1,431 @@
+"""A storey's law as equations to read: Unicode text for the terminal, presentation MathML for pages.
+
+One traversal of the SymPy expressions serves both. Factors and terms stand in the order of the literature
+(parameters, then states), which SymPy's own printers do not keep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+from xml.sax.saxutils import escape
+
+import sympy as sp
+from sympy.printing.pretty.pretty_symbology import greek_unicode
+
+from bwbn_bayes.elements.law import Definition, Slots, StoreyLaw, rate_of
+
+READING_ORDER = ("kappa", "nu", "h", "s", "a", "f", "epsilon", "u", "z", "v")
+"""Steps and states as they follow each other in a product; parameters come before them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrittenEquation:
+    """One equation: what it says in a few words, on one line of text, and as a row of presentation MathML."""
+
+    caption: str
+    text: str
+    mathml: str
+
+
+class Notation(Protocol):
+    """How the parts of a formula are set."""
+
+    def identifier(self, letter: str, subscript: str) -> str:
+        """A symbol."""
+        ...
+
+    def number(self, text: str) -> str:
+        """A number."""
+        ...
+
+    def operator(self, sign: str) -> str:
+        """A binary operator, or a relation."""
+        ...
+
+    def minus(self, operand: str) -> str:
+        """A negative operand."""
+        ...
+
+    def row(self, parts: Sequence[str]) -> str:
+        """Parts side by side."""
+        ...
+
+    def product(self, factors: Sequence[str]) -> str:
+        """Factors side by side."""
+        ...
+
+    def fence(self, left: str, inner: str, right: str) -> str:
+        """Brackets or bars around something."""
+        ...
+
+    def fraction(self, above: str, below: str, *, above_is_simple: bool, below_is_simple: bool) -> str:
+        """A quotient."""
+        ...
+
+    def power(self, base: str, exponent: str, *, exponent_is_simple: bool) -> str:
+        """A power."""
+        ...
+
+    def root(self, inner: str, *, is_simple: bool) -> str:
+        """A square root."""
+        ...
+
+    def function(self, name: str, argument: str, *, bare: bool) -> str:
+        """A function of one argument, without brackets where ``bare``."""
+        ...
+
+
+class UnicodeNotation:
+    """One line of text."""
+
+    _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+    def identifier(self, letter: str, subscript: str) -> str:
+        """``δ_ν``; a subscript that has a subscript is bracketed."""
+        return f"{letter}_({subscript})" if "_" in subscript else f"{letter}_{subscript}" if subscript else letter
+
+    def number(self, text: str) -> str:
+        """As it is."""
+        return text
+
+    def operator(self, sign: str) -> str:
+        """Between spaces."""
+        return f" {sign} "
+
+    def minus(self, operand: str) -> str:
+        """``−x``."""
+        return f"−{operand}"
+
+    def row(self, parts: Sequence[str]) -> str:
+        """Joined."""
+        return "".join(parts)
+
+    def product(self, factors: Sequence[str]) -> str:
+        """Joined by spaces."""
+        return " ".join(factors)
+
+    def fence(self, left: str, inner: str, right: str) -> str:
+        """Joined."""
+        return f"{left}{inner}{right}"
+
+    def fraction(self, above: str, below: str, *, above_is_simple: bool, below_is_simple: bool) -> str:
+        """``a / b`` with the brackets it needs."""
+        top = above if above_is_simple else f"({above})"
+        bottom = below if below_is_simple and " " not in below else f"({below})"
+        tight = " " not in top + bottom
+        return f"{top}/{bottom}" if tight else f"{top} / {bottom}"
+
+    def power(self, base: str, exponent: str, *, exponent_is_simple: bool) -> str:
+        """``z²``, ``z^n`` or ``z^(1/n)``."""
+        if exponent.isdigit():
+            return base + exponent.translate(self._SUPERSCRIPTS)
+        return f"{base}^{exponent}" if exponent_is_simple else f"{base}^({exponent})"
+
+    def root(self, inner: str, *, is_simple: bool) -> str:
+        """``√2``."""
+        return f"√{inner}" if is_simple else f"√({inner})"
+
+    def function(self, name: str, argument: str, *, bare: bool) -> str:
+        """``sgn v`` or ``exp(x)``."""
+        return f"{name} {argument}" if bare else f"{name}({argument})"
+
+
+class MathmlNotation:
+    """Presentation MathML Core."""
+
+    def identifier(self, letter: str, subscript: str) -> str:
+        """An ``mi``, in an ``msub`` with its subscript."""
+        head, _, rest = subscript.partition("_")
+        below = self.identifier(head, rest) if rest else f"<mi>{escape(head)}</mi>"
+        return f"<msub><mi>{escape(letter)}</mi>{below}</msub>" if subscript else f"<mi>{escape(letter)}</mi>"
+
+    def number(self, text: str) -> str:
+        """An ``mn``."""
+        return f"<mn>{escape(text)}</mn>"
+
+    def operator(self, sign: str) -> str:
+        """An ``mo``."""
+        return f"<mo>{escape(sign)}</mo>"
+
+    def minus(self, operand: str) -> str:
+        """A prefix minus."""
+        return self.row((self.operator("−"), operand))
+
+    def row(self, parts: Sequence[str]) -> str:
+        """An ``mrow``."""
+        return parts[0] if len(parts) == 1 else f"<mrow>{''.join(parts)}</mrow>"
+
+    def product(self, factors: Sequence[str]) -> str:
+        """Joined by the invisible sign of multiplication."""
+        return self.row(
+            (
+                factors[0],
+                *(part for factor in factors[1:] for part in ('<mo lspace="0.1em" rspace="0.1em">\u2062</mo>', factor)),
+            )
+        )
+
+    def fence(self, left: str, inner: str, right: str) -> str:
+        """Operators at both ends."""
+        return self.row((self.operator(left), inner, self.operator(right)))
+
+    def fraction(self, above: str, below: str, *, above_is_simple: bool, below_is_simple: bool) -> str:
+        """An ``mfrac``; it needs no brackets."""
+        return f"<mfrac>{above}{below}</mfrac>"
+
+    def power(self, base: str, exponent: str, *, exponent_is_simple: bool) -> str:
+        """An ``msup``."""
+        return f"<msup>{base}{exponent}</msup>"
+
+    def root(self, inner: str, *, is_simple: bool) -> str:
+        """An ``msqrt``."""
+        return f"<msqrt>{inner}</msqrt>"
+
+    def function(self, name: str, argument: str, *, bare: bool) -> str:
+        """An upright name, the sign of function application, the argument."""
+        inner = argument if bare else self.fence("(", argument, ")")
+        return self.row((f'<mi mathvariant="normal">{escape(name)}</mi>', "<mo>\u2061</mo>", inner))
+
+
+class _Writer:
+    """Writes SymPy expressions in one notation; ``changing`` parameters are shown as functions of time."""
+
+    def __init__(self, notation: Notation, changing: frozenset[sp.Symbol] = frozenset()) -> None:
+        self.notation = notation
+        self.changing = changing
+
+    def write(self, expression: sp.Expr) -> str:
+        """The expression in the notation."""
+        if isinstance(expression, sp.Symbol):
+            return self.symbol(expression)
+        if expression.could_extract_minus_sign() and not expression.is_Add:
+            return self.notation.minus(self._factor(-expression))
+        if expression.is_Add:
+            return self._sum(expression)
+        if expression.is_Mul or (expression.is_Rational and not expression.is_Integer):
+            return self._product(expression)
+        if expression.is_Pow:
+            return self._power(expression)
+        if expression.is_number and not expression.args:
+            return self.notation.number("π" if expression == sp.pi else str(expression))
+        return self._call(expression)
+
+    def symbol(self, symbol: sp.Symbol) -> str:
+        """A symbol; Greek letters, subscripts, ``Δ`` for a jump and ``t`` for its time."""
+        written = self.name(symbol.name)
+        return self.notation.row((written, self.of_time())) if symbol in self.changing else written
+
+    def of_time(self) -> str:
+        """``(t)``."""
+        return self.notation.fence("(", self.notation.identifier("t", ""), ")")
+
+    def name(self, name: str) -> str:
+        """A symbol by name."""
+        if name.endswith("_jump"):
+            return self.notation.row((self.notation.identifier("Δ", ""), self.name(name.removesuffix("_jump"))))
+        if name.endswith("_time"):
+            return self.notation.identifier("t", "_".join(_letters(name.removesuffix("_time"))))
+        letter, *below = _letters(name)
+        return self.notation.identifier(letter, " ".join(below))
+
+    def _sum(self, expression: sp.Add) -> str:
+        parts: list[str] = []
+        for position, term in enumerate(sorted(expression.args, key=_place_of_term)):
+            negative = term.could_extract_minus_sign()
+            written = self._factor(-term) if negative else self.write(term)
+            if position > 0:
+                parts += [self.notation.operator("−" if negative else "+"), written]
+            else:
+                parts.append(self.notation.minus(written) if negative else written)
+        return self.notation.row(parts)
+
+    def _product(self, expression: sp.Expr) -> str:
+        above, below = _split_fraction(expression)
+        if not below:
+            return self.notation.product([self._factor(factor) for factor in above])
+        top = self._side(above)
+        return self.notation.fraction(
+            top,
+            self._side(below),
+            above_is_simple=len(above) != 1 or not above[0].is_Add,
+            below_is_simple=len(below) == 1 and not below[0].is_Add,
+        )
+
+    def _side(self, factors: list[sp.Expr]) -> str:
+        """One side of a fraction: a lone sum needs no brackets of its own."""
+        if not factors:
+            return self.notation.number("1")
+        return (
+            self.write(factors[0]) if len(factors) == 1 else self.notation.product([self._factor(f) for f in factors])
+        )
+
+    def _factor(self, factor: sp.Expr) -> str:
+        written = self.write(factor)
+        return self.notation.fence("(", written, ")") if factor.is_Add else written
+
+    def _power(self, expression: sp.Pow) -> str:
+        base, exponent = expression.args
+        if exponent.is_number and exponent < 0:
+            return self._product(expression)
+        if exponent == sp.S.Half:
+            return self.notation.root(self.write(base), is_simple=not base.args)
+        written = self.write(base)
+        if base.args and not isinstance(base, sp.Abs):
+            written = self.notation.fence("(", written, ")")
+        return self.notation.power(written, self.write(exponent), exponent_is_simple=not exponent.args)
+
+    def _call(self, expression: sp.Expr) -> str:
+        if isinstance(expression, sp.Abs):
+            return self.notation.fence("|", self.write(expression.args[0]), "|")
+        name = {"sign": "sgn", "Heaviside": "H", "Max": "max", "Min": "min"}.get(
+            expression.func.__name__, expression.func.__name__
+        )
+        arguments = expression.args[:1] if name == "H" else expression.args
+        inner = self.notation.row(self._separated([self.write(argument) for argument in arguments]))
+        return self.notation.function(name, inner, bare=name == "sgn" and not arguments[0].args)
+
+    def _separated(self, written: list[str]) -> list[str]:
+        return [written[0], *(part for item in written[1:] for part in (self.notation.operator(","), item))]
+
+
+def _letters(name: str) -> list[str]:
+    """Letter and subscripts of a symbol, Greek where the name is Greek."""
+    return [greek_unicode.get(part, part) for part in name.split("_") if part]
+
+
+def _split_fraction(expression: sp.Expr) -> tuple[list[sp.Expr], list[sp.Expr]]:
+    above: list[sp.Expr] = []
+    below: list[sp.Expr] = []
+    for factor in sp.Mul.make_args(expression):
+        if factor.is_Rational:
+            above += [sp.Integer(factor.p)] if factor.p != 1 else []
+            below += [sp.Integer(factor.q)] if factor.q != 1 else []
+            continue
+        base, exponent = factor.as_base_exp()
+        if isinstance(factor, sp.Pow) and exponent.is_number and exponent < 0:
+            below.append(base**-exponent)
+        else:
+            above.append(factor)
+    return sorted(above, key=_place_of_factor), sorted(below, key=_place_of_factor)
+
+
+def _rank(expression: sp.Expr) -> int:
+    """Where the last step or state of an expression stands in the reading order; -1 for parameters alone."""
+    names = {s.name for s in expression.free_symbols}
+    return max((i for i, name in enumerate(READING_ORDER) if name in names), default=-1)
+
+
+def _place_of_factor(factor: sp.Expr) -> tuple[int, int, str]:
+    """Numbers, brackets of parameters, parameters, steps and states, powers of them, then brackets and functions."""
+    rank = _rank(factor)
+    if factor.is_number:
+        kind = 0
+    elif factor.is_Add:
+        kind = 1 if rank < 0 else 5
+    elif factor.is_Symbol:
+        kind = 2 if rank < 0 else 3
+    else:
+        kind = 4 if factor.is_Pow else 6
+    return kind, rank, str(factor)
+
+
+def _place_of_term(term: sp.Expr) -> tuple[bool, bool, bool, int, str]:
+    """Numbers first, minus terms late, then what carries a sign of a state, then by the reading order."""
+    return not term.is_number, term.could_extract_minus_sign(), not term.has(sp.sign), _rank(term), str(term)
+
+
+def law_equations(law: StoreyLaw) -> tuple[WrittenEquation, ...]:
+    """A storey's law in named steps.
+
+    Parameters
+    ----------
+    law : StoreyLaw
+        The law of a structure's storeys, ``model.law``.
+
+    Returns
+    -------
+    tuple of WrittenEquation
+        Parameters that jump, steps, rates, force, in the order in which they are evaluated.
+    """
+    moments = {event.indicator: event.time for event in law.events}
+    changing = frozenset(base for base, _ in law.increments)
+    jumps = tuple(_jump(base, increment, moments) for base, increment in law.increments)
+    return jumps + tuple(_written(definition, changing) for definition in law.definitions)
+
+
+def slot_equations(slots: Slots) -> tuple[WrittenEquation, ...]:
+    """What an effect fills into neutral slots: its own steps, then each slot it changes.
+
+    Parameters
+    ----------
+    slots : Slots
+        ``effect.fill(Slots())``.
+
+    Returns
+    -------
+    tuple of WrittenEquation
+        At least one for an effect that does anything.
+    """
+    neutral = Slots()
+    moments = {event.indicator: event.time for event in slots.events}
+    result = [_jump(base, increment, moments) for base, increment in slots.increments.items()]
+    result += [_written(definition) for definition in slots.steps]
+    for name, caption, subject in _SLOTS:
+        value = getattr(slots, name)
+        if value != getattr(neutral, name):
+            result.append(_equation(caption, lambda writer, s=subject: writer.name(s), value))  # type: ignore[misc]
+    return (*result, *(_written(_rate(added.state, added.rate)) for added in slots.added_states))
+
+
+_SLOTS = (
+    ("stiffness_factor", "multiplies the stiffness", "kappa"),
+    ("nu", "multiplies the shape bracket: strength degradation", "nu"),
+    ("eta", "divides the rate: stiffness degradation", "eta"),
+    ("shape_bracket", "added to the shape bracket", "b"),
+    ("rate_multiplier", "multiplies the rate of the hysteretic displacement", "h"),
+    ("slip_compliance", "slip per unit of hysteretic displacement", "du_2/dz"),
+    ("added_force", "added to the storey force", "F_added"),
+)
+
+
+def _rate(state: sp.Symbol, rate: sp.Expr) -> Definition:
+    return Definition(caption=f"rate of {state}", subject=rate_of(state), expression=rate)
+
+
+def _jump(base: sp.Symbol, increment: sp.Expr, moments: dict[sp.Symbol, sp.Symbol]) -> WrittenEquation:
+    """A parameter that steps; H is the unit step."""
+    t = sp.Symbol("t")
+    steps = {indicator: sp.Heaviside(t - moment) for indicator, moment in moments.items()}
+
+    def subject(writer: _Writer) -> str:
+        return writer.notation.row((writer.name(base.name), writer.of_time()))
+
+    return _equation("sudden change, H the unit step", subject, base + increment.xreplace(steps))
+
+
+def _written(definition: Definition, changing: frozenset[sp.Symbol] = frozenset()) -> WrittenEquation:
+    return _equation(
+        definition.caption, lambda writer: _subject(writer, definition.subject.name), definition.expression, changing
+    )
+
+
+def _subject(writer: _Writer, name: str) -> str:
+    """Left side of a definition: a symbol, or a derivative written ``dz/dt``."""
+    above, slash, below = name.partition("/")
+    if not slash:
+        return writer.name(name)
+    parts = [
+        writer.notation.row((writer.notation.identifier("d", ""), writer.name(side[1:]))) for side in (above, below)
+    ]
+    return writer.notation.fraction(parts[0], parts[1], above_is_simple=True, below_is_simple=True)
+
+
+def _equation(
+    caption: str, subject: Callable[[_Writer], str], value: sp.Expr, changing: frozenset[sp.Symbol] = frozenset()
+) -> WrittenEquation:
+    sides = []
+    for notation in (UnicodeNotation(), MathmlNotation()):
+        writer = _Writer(notation, changing)
+        sides.append(notation.row((subject(writer), notation.operator("="), writer.write(value))))
+    return WrittenEquation(caption=caption, text=sides[0], mathml=sides[1])

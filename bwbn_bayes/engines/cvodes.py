@@ -1,0 +1,146 @@
+"""CVODES with a compiled right-hand side: LLNL's solver through the library that ``sundials4py`` ships.
+
+Its Python callbacks cost more than the solve, so the generated kernel hands CVODES the addresses of compiled functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from types import ModuleType
+from typing import Literal
+
+import llvmlite.binding
+import numpy as np
+
+from bwbn_bayes.elements.law import StoreyLaw
+from bwbn_bayes.engines.base import Response, Status
+from bwbn_bayes.engines.cvodes_source import cvodes_source
+from bwbn_bayes.engines.kernel_cache import load_kernel
+from bwbn_bayes.engines.reduction import Reduction
+from bwbn_bayes.engines.scalar import ScalarProblem, programs_of, scalar_problem, solve_each
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
+
+_STEP_FLAGS = (-1, -2, -3, -4)
+"""CVODES: too much work, too much accuracy asked for, error test or convergence failed at the smallest step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cvodes(Reduction):
+    """SUNDIALS CVODES.
+
+    Parameters
+    ----------
+    rtol, atol : float
+        Relative and absolute tolerance of the states; those of the sensitivities follow from them, with error control
+        on. [1], [m, m/s, J]
+    max_steps : int
+        Steps allowed in one solve.
+    method : {"adams", "bdf"}
+        Adams with fixed-point iteration, or BDF with Newton's method and the generated dense Jacobian. The models are
+        not stiff as a rule, and Adams is the faster at equal accuracy. Steps run on over the kinks of the excitation at
+        the samples: ending them there was measured to cost more and to be less accurate.
+    n_threads : int
+        Threads over draws.
+    """
+
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    max_steps: int = 1_000_000
+    method: Literal["adams", "bdf"] = "adams"
+    n_threads: int = 1
+
+    name = "cvodes"
+
+    @property
+    def scheme(self) -> str:
+        """Scheme and accuracy in words."""
+        word = "Adams" if self.method == "adams" else "BDF"
+        return f"CVODES {word}, relative tolerance {self.rtol:g}, compiled right-hand side"
+
+    def simulate(
+        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+    ) -> Response:
+        """Response at the record's times; its measured channels unless others are named."""
+        names = tuple(record.channels) if channels is None else tuple(channels)
+        problem = scalar_problem(model, draws, record, names, with_tangents=False, load=cvodes_kernel)
+        return self._solve_each(model, draws, problem)[0]
+
+    def sensitivities(
+        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+    ) -> tuple[Response, Floats]:
+        """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``.
+
+        CVODES solves the sensitivity equations with their exact right-hand side, staggered, with error control; at an
+        event of unknown time the sensitivities jump by the difference of the rates.
+        """
+        names = tuple(record.channels) if channels is None else tuple(channels)
+        problem = scalar_problem(model, draws, record, names, with_tangents=True, load=cvodes_kernel)
+        return self._solve_each(model, draws, problem)
+
+    def _solve_each(self, model: Structure, draws: Floats, problem: ScalarProblem) -> tuple[Response, Floats]:
+        spread = np.array([parameter.prior.sd for parameter in model.space.parameters])
+        scales = np.maximum(np.abs(draws), spread)
+
+        def solve(problem: ScalarProblem, draw: int, out: Floats) -> Status:
+            return self._solve(problem, np.ascontiguousarray(scales[draw]), problem.data(draw), out)
+
+        return solve_each(problem, solve, self.n_threads)
+
+    def _solve(self, problem: ScalarProblem, scales: Floats, data: Floats, out: Floats) -> Status:
+        kernel = problem.kernel
+        flag = kernel.run_cvodes(
+            self.method == "bdf",
+            self.rtol,
+            self.atol,
+            self.max_steps,
+            scales,
+            kernel.rates_callback.address,
+            kernel.jacobian_callback.address,
+            kernel.tangents_callback.address,
+            *problem.channel_arrays,
+            data,
+            out,
+        )
+        if flag >= 0:
+            return Status.OK
+        return Status.STEP_LIMIT if flag in _STEP_FLAGS else Status.NON_FINITE
+
+
+@cache
+def cvodes_kernel(law: StoreyLaw, driven: bool) -> ModuleType:
+    """The compiled CVODES kernel of a law.
+
+    Raises
+    ------
+    UserError
+        If ``sundials4py`` is not installed or its library cannot be used.
+    """
+    load_library()
+    return load_kernel("cvodes", cvodes_source(law, programs_of(law), driven=driven))
+
+
+@cache
+def load_library() -> None:
+    """Make the symbols of the SUNDIALS library known to compiled code.
+
+    Raises
+    ------
+    UserError
+        If ``sundials4py`` is not installed or its library does not export CVODES.
+    """
+    try:
+        library = import_module("sundials4py").__file__ or ""
+    except ImportError as error:
+        raise UserError(f"the engine cvodes needs the package sundials4py ({error}): install it") from error
+    try:
+        llvmlite.binding.load_library_permanently(library)
+    except RuntimeError as error:
+        raise UserError(f"the engine cvodes cannot load {library}: reinstall sundials4py") from error
+    if llvmlite.binding.address_of_symbol("CVodeSensInit") is None:
+        raise UserError(f"the engine cvodes finds no CVODES in {library}: install another version of sundials4py")

@@ -1,0 +1,242 @@
+"""One draw at a time: the problem that SciPy, CVODES and the scalar Runge-Kutta solve, and the last as an engine.
+
+The scalar Runge-Kutta is the scheme of the lane engine without its lanes: the measure of what the lanes bring.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bwbn_bayes.elements.law import StoreyLaw
+from bwbn_bayes.engines.base import ChannelMap, Response, Status, channel_map, check_record, masses
+from bwbn_bayes.engines.codegen import LawPrograms, law_programs
+from bwbn_bayes.engines.kernel_cache import load_kernel
+from bwbn_bayes.engines.reduction import Reduction
+from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScalarProblem:
+    """What all draws of one call share.
+
+    Attributes
+    ----------
+    kernel : module
+        The compiled functions of :mod:`~bwbn_bayes.engines.scalar_source`.
+    place : Layout
+        Where things stand in ``data``.
+    n_storeys, n_states, n_directions, n_times : int
+        Sizes; ``n_directions`` is zero without sensitivities.
+    time_step : float
+        Between samples. [s]
+    driven : bool
+        Whether the displacement is given.
+    template : (n_data,) array
+        ``data`` without the law parameters.
+    channels : ChannelMap
+        What is asked for.
+    local : (n_draws, n_storeys, n_law) array
+        Law parameters of each draw.
+    """
+
+    kernel: ModuleType
+    place: Layout
+    n_storeys: int
+    n_states: int
+    n_directions: int
+    n_times: int
+    time_step: float
+    driven: bool
+    template: Floats
+    channels: ChannelMap
+    local: Floats
+
+    def data(self, draw: int) -> Floats:
+        """The flat array of one draw, its own copy."""
+        data = self.template.copy()
+        blocks = data[HEAD : HEAD + self.n_storeys * self.place.block].reshape(self.n_storeys, self.place.block)
+        blocks[:, : self.local.shape[2]] = self.local[draw]
+        return data
+
+    def empty_output(self) -> Floats:
+        """Room for channels and their derivatives ``(n_times, 1 + n_directions, n_channels)``."""
+        return np.full((self.n_times, 1 + self.n_directions, len(self.channels.names)), np.nan)
+
+    @property
+    def channel_arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
+        """The channel map as the kernel takes it."""
+        return self.channels.starts, self.channels.row, self.channels.coefficient, self.channels.ground
+
+
+def scalar_problem(
+    model: Structure,
+    draws: Floats,
+    record: Record,
+    names: Sequence[str],
+    *,
+    with_tangents: bool,
+    load: Callable[[StoreyLaw, bool], ModuleType] | None = None,
+) -> ScalarProblem:
+    """Set up the draws of a model under a record.
+
+    Parameters
+    ----------
+    model : Structure
+        Shear building or specimen.
+    draws : (n_draws, n_parameters) array
+        In the parameters' own units.
+    record : Record
+        Its excitation must be of the model's kind.
+    names : sequence of str
+        Channels to observe.
+    with_tangents : bool
+        Whether derivatives with respect to the identified parameters are wanted.
+    load : callable, optional
+        Compiles the kernel from the law and whether it is driven; :func:`scalar_kernel` by default.
+
+    Raises
+    ------
+    UserError
+        If the record does not excite the model in its own way, or a channel is not known.
+    """
+    check_record(model, record)
+    driven = model.excitation_kind == "displacement"
+    place = layout(model.law, programs_of(model.law))
+    n, d = model.n_storeys, model.space.n_dim if with_tangents else 0
+    template = np.zeros(place.excitation(n, d) + record.n_times)
+    template[:HEAD] = n, record.time_step, record.n_times, d
+    blocks = template[HEAD : place.seed(n)].reshape(n, place.block)
+    blocks[:, place.inverse_mass] = 1.0 / masses(model)
+    if d:
+        template[place.seed(n) : place.excitation(n, d)] = _columns(model, place).ravel()
+    template[place.excitation(n, d) :] = record.excitation
+    return ScalarProblem(
+        kernel=(load or scalar_kernel)(model.law, driven),
+        place=place,
+        n_storeys=n,
+        n_states=n * place.n_rows,
+        n_directions=d,
+        n_times=record.n_times,
+        time_step=record.time_step,
+        driven=driven,
+        template=template,
+        channels=channel_map(model, names),
+        local=model.table.local(np.asarray(draws, dtype=np.float64)),
+    )
+
+
+def _columns(model: Structure, place: Layout) -> Floats:
+    """For each storey and direction, the column of the table of partials that the direction moves."""
+    first = 2 + len(model.law.states)
+    columns = np.full((model.n_storeys, model.space.n_dim), place.n_columns - 1, dtype=np.float64)
+    for storey, row in enumerate(model.table.index):
+        for column, parameter in enumerate(row):
+            if parameter >= 0:
+                columns[storey, parameter] = first + column
+    return columns
+
+
+@cache
+def programs_of(law: StoreyLaw) -> LawPrograms:
+    """The law as straight-line code, generated once."""
+    return law_programs(law)
+
+
+@cache
+def scalar_kernel(law: StoreyLaw, driven: bool) -> ModuleType:
+    """The compiled scalar kernel of a law."""
+    return load_kernel("scalar", scalar_source(law, programs_of(law), driven=driven))
+
+
+class SolveOne(Protocol):
+    """Solves one draw of a problem into ``out (n_times, 1 + n_directions, n_channels)`` and says what became of it."""
+
+    def __call__(self, problem: ScalarProblem, draw: int, out: Floats) -> Status:
+        """Solve draw number ``draw``."""
+        ...
+
+
+def solve_each(problem: ScalarProblem, solve: SolveOne, n_threads: int = 1) -> tuple[Response, Floats]:
+    """Solve the draws one by one.
+
+    Returns
+    -------
+    tuple of Response and (n_draws, n_directions, n_channels, n_times) array
+        NaN where a draw failed or a number is not finite.
+    """
+    n_draws, names = len(problem.local), problem.channels.names
+    values = np.full((n_draws, len(names), problem.n_times), np.nan)
+    slopes = np.full((n_draws, problem.n_directions, len(names), problem.n_times), np.nan)
+    status = np.full(n_draws, Status.NON_FINITE, dtype=np.int64)
+
+    def one(draw: int) -> None:
+        out = problem.empty_output()
+        if np.all(np.isfinite(problem.local[draw])):
+            status[draw] = solve(problem, draw, out)
+        if status[draw] == Status.OK and not np.all(np.isfinite(out)):
+            status[draw] = Status.NON_FINITE
+        if status[draw] == Status.OK:
+            values[draw] = out[:, 0].T
+            slopes[draw] = np.moveaxis(out[:, 1:], 0, 2)
+
+    if n_threads == 1 or n_draws == 1:
+        for draw in range(n_draws):
+            one(draw)
+    else:
+        with ThreadPoolExecutor(n_threads) as pool:
+            list(pool.map(one, range(n_draws)))
+    return Response(channels=names, values=values, status=status), slopes
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScalarRk4(Reduction):
+    """Runge-Kutta of order 4, one draw at a time.
+
+    Parameters
+    ----------
+    substeps : int
+        Steps between two samples; an event splits the step it falls in.
+    n_threads : int
+        Threads over draws.
+    """
+
+    substeps: int = 1
+    n_threads: int = 1
+
+    name = "scalar"
+
+    @property
+    def scheme(self) -> str:
+        """Scheme and accuracy in words."""
+        return f"RK4, {self.substeps} step{'s' if self.substeps > 1 else ''} per sample, one draw at a time"
+
+    def simulate(
+        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+    ) -> Response:
+        """Response at the record's times; its measured channels unless others are named."""
+        names = tuple(record.channels) if channels is None else tuple(channels)
+        problem = scalar_problem(model, draws, record, names, with_tangents=False)
+        return solve_each(problem, self._solve, self.n_threads)[0]
+
+    def sensitivities(
+        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+    ) -> tuple[Response, Floats]:
+        """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``."""
+        names = tuple(record.channels) if channels is None else tuple(channels)
+        problem = scalar_problem(model, draws, record, names, with_tangents=True)
+        return solve_each(problem, self._solve, self.n_threads)
+
+    def _solve(self, problem: ScalarProblem, draw: int, out: Floats) -> Status:
+        problem.kernel.run_rk4(self.substeps, *problem.channel_arrays, problem.data(draw), out)
+        return Status.OK

@@ -1,0 +1,120 @@
+"""Choosing the engine's scheme in the posterior's own units.
+
+A discretisation error ``e`` of the response moves the estimate by ``H^-1 J^T W e``. The cheapest scheme is taken whose
+shift has a joint length below half a posterior standard deviation and that moves the log likelihood of the refitted
+model by less than half a nat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bwbn_bayes.engines.base import Engine
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+
+LIMIT = 0.5
+LADDER = ((1, 0.5), (1, 0.25), (1, 0.125), (2, 0.125), (2, 0.06), (4, 0.06), (4, 0.03), (8, 0.03), (16, 0.015))
+"""Substeps per sample and resolution (widths of a sharp feature per step), from coarse to fine."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Discretisation:
+    """What a scheme's error does to the posterior at one point.
+
+    Attributes
+    ----------
+    scheme : str
+        In words.
+    joint_shift_sd : float
+        Length of the shift of the estimate in posterior standard deviations.
+    log_likelihood_shift : float
+        Change of the refitted log likelihood.
+    nrmse : float
+        Error of the response over the rms of the record.
+    """
+
+    scheme: str
+    joint_shift_sd: float
+    log_likelihood_shift: float
+    nrmse: float
+
+    @property
+    def acceptable(self) -> bool:
+        """Whether both shifts are below one half."""
+        return self.joint_shift_sd < LIMIT and abs(self.log_likelihood_shift) < LIMIT
+
+    def as_mapping(self) -> Mapping[str, str | float]:
+        """For the facts of a result."""
+        return {
+            "scheme": self.scheme,
+            "joint_shift_sd": self.joint_shift_sd,
+            "log_likelihood_shift": self.log_likelihood_shift,
+            "nrmse": self.nrmse,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judge:
+    """Measures schemes against the finest one at a point of the unit cube; build it with :meth:`at`."""
+
+    posterior: Posterior
+    values: Floats
+    exact: Floats
+    jacobian: Floats
+    weight: Floats
+
+    @classmethod
+    def at(cls, posterior: Posterior, point: Floats, finest: Engine) -> Judge:
+        """Solve once with the finest engine and take the slopes of the posterior's own at ``point (n_dim,)``."""
+        model, record = posterior.model, posterior.record
+        values, noise_values = posterior.split(point[None])
+        _, slopes = posterior.engine.sensitivities(model, values, record)
+        exact = finest.simulate(model, values, record).values[0]
+        posterior.solves.total += 2
+        misfit = np.sum(np.square(_measured(record) - exact), axis=1)[None]
+        weight = np.sqrt(posterior.noise.precision(misfit, record.n_times, noise_values)[0])[:, None]
+        scale = model.space.unit_scale(values)[0]
+        jacobian = (slopes[0] * scale[:, None, None] * weight).reshape(model.space.n_dim, -1)
+        return cls(posterior=posterior, values=values, exact=exact, jacobian=jacobian, weight=weight)
+
+    def __call__(self, engine: Engine) -> Discretisation:
+        """What the engine's error does to the posterior."""
+        record = self.posterior.record
+        response = engine.simulate(self.posterior.model, self.values, record).values[0]
+        self.posterior.solves.total += 1
+        whitened = ((self.exact - response) * self.weight).ravel()
+        residual = ((_measured(record) - self.exact) * self.weight).ravel()
+        information = self.jacobian @ self.jacobian.T
+        shift = np.linalg.solve(information + 12.0 * np.eye(len(information)), self.jacobian @ whitened)
+        left = whitened - shift @ self.jacobian
+        scale = np.mean(np.square(_measured(record)))
+        return Discretisation(
+            scheme=engine.scheme,
+            joint_shift_sd=float(np.sqrt(shift @ information @ shift)),
+            log_likelihood_shift=float(-residual @ left - 0.5 * left @ left),
+            nrmse=float(np.sqrt(np.mean(np.square(self.exact - response)) / scale)),
+        )
+
+
+def choose_scheme(posterior: Posterior, point: Floats, engine: Lanes) -> tuple[Lanes, Discretisation]:
+    """The cheapest scheme of the ladder that is fine enough at a point ``(n_dim,)`` of the unit cube.
+
+    The finest scheme is returned, with its figures, where none is.
+    """
+    *ladder, finest = (replace(engine, substeps=substeps, resolution=resolution) for substeps, resolution in LADDER)
+    judge = Judge.at(posterior, point, finest)
+    for scheme in ladder:
+        facts = judge(scheme)
+        if facts.acceptable:
+            return scheme, facts
+    return finest, replace(facts, scheme=finest.scheme)
+
+
+def _measured(record: Record) -> Floats:
+    return np.stack(list(record.channels.values()))

@@ -1,0 +1,260 @@
+"""The Gaussian likelihood of a record and the posterior every sampler sees.
+
+Samplers work on the unit cube, where the prior is uniform over the admissible region. The noise scale of each channel
+is known, sampled (a further coordinate), or integrated out under a proper inverse-gamma prior (the default).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+from scipy.special import gammaln
+
+from bwbn_bayes.engines.base import Engine
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import Floats, FreeParameter, ParameterSpace, Prior
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
+
+_LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+class Noise(Protocol):
+    """How the noise scale of each channel enters the likelihood."""
+
+    @property
+    def parameters(self) -> tuple[FreeParameter, ...]:
+        """Noise parameters that are sampled beside the model's own."""
+        ...
+
+    def log_likelihood(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        """Log likelihood ``(n_draws,)`` from squared residuals ``(n_draws, n_channels)`` and sampled noise values."""
+        ...
+
+    def precision(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        """Minus twice the slope of the log likelihood in the squared residuals, ``(n_draws, n_channels)``."""
+        ...
+
+    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        """Noise standard deviations ``(n_draws, n_channels)`` from their posterior given each draw."""
+        ...
+
+    def describe(self) -> str:
+        """One sentence for the report."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownNoise:
+    """Noise standard deviations ``(n_channels,)`` known beforehand."""
+
+    sd: tuple[float, ...]
+
+    @property
+    def parameters(self) -> tuple[FreeParameter, ...]:
+        return ()
+
+    def log_likelihood(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        variance = np.square(self.sd)
+        return -0.5 * np.sum(misfit / variance + n_times * (np.log(variance) + _LOG_2PI), axis=1)
+
+    def precision(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        return np.broadcast_to(1.0 / np.square(self.sd), misfit.shape)
+
+    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        return np.broadcast_to(np.asarray(self.sd), misfit.shape)
+
+    def describe(self) -> str:
+        return f"Noise standard deviations are known: {', '.join(f'{sd:.3g}' for sd in self.sd)}."
+
+
+@dataclass(frozen=True, kw_only=True)
+class IntegratedNoise:
+    """Noise variances integrated out under independent inverse-gamma priors.
+
+    Parameters
+    ----------
+    shape : float
+        Shape of the inverse-gamma prior of each channel's variance.
+    scale : tuple of float
+        Its scale, one per channel, in squared units of the channel.
+    """
+
+    shape: float
+    scale: tuple[float, ...]
+
+    @property
+    def parameters(self) -> tuple[FreeParameter, ...]:
+        return ()
+
+    def log_likelihood(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        scale, end = np.asarray(self.scale), self.shape + 0.5 * n_times
+        constant = self.shape * np.log(scale) - gammaln(self.shape) + gammaln(end) - 0.5 * n_times * _LOG_2PI
+        return np.sum(constant - end * np.log(scale + 0.5 * misfit), axis=1)
+
+    def precision(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        return (2.0 * self.shape + n_times) / (2.0 * np.asarray(self.scale) + misfit)
+
+    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        rate = np.asarray(self.scale) + 0.5 * misfit
+        return np.sqrt(rate / rng.gamma(self.shape + 0.5 * n_times, size=misfit.shape))
+
+    def describe(self) -> str:
+        scales = ", ".join(f"{scale:.3g}" for scale in self.scale)
+        return f"Noise variances are integrated out under inverse-gamma priors of shape {self.shape:g} and scales {scales}."
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampledNoise:
+    """Noise standard deviations sampled beside the model's parameters, one prior per channel."""
+
+    channels: tuple[str, ...]
+    priors: tuple[Prior, ...]
+
+    @property
+    def parameters(self) -> tuple[FreeParameter, ...]:
+        return tuple(
+            FreeParameter(name=f"noise_sd[{c}]", symbol=f"noise_sd[{c}]", unit="SI", prior=p.truncated(0.0, np.inf))
+            for c, p in zip(self.channels, self.priors, strict=True)
+        )
+
+    def log_likelihood(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        variance = np.square(values)
+        return -0.5 * np.sum(misfit / variance + n_times * (np.log(variance) + _LOG_2PI), axis=1)
+
+    def precision(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        return 1.0 / np.square(values)
+
+    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: int, values: Floats) -> Floats:
+        return values
+
+    def describe(self) -> str:
+        return f"Noise standard deviations are sampled, priors {', '.join(map(str, self.priors))}."
+
+
+def default_noise(record: Record) -> IntegratedNoise:
+    """Inverse-gamma priors of shape 1 whose scale is the square of 3 % of each channel's rms.
+
+    They depend on the training record alone, so that they are the same in every compared model.
+    """
+    scales = []
+    for name, signal in record.channels.items():
+        mean_square = float(np.mean(np.square(signal)))
+        if mean_square == 0.0:
+            raise UserError(f"channel {name} of record {record.name!r} is zero throughout: drop it or mend the record")
+        scales.append(0.03**2 * mean_square)
+    return IntegratedNoise(shape=1.0, scale=tuple(scales))
+
+
+def known_noise(record: Record, sd: Mapping[str, float]) -> KnownNoise:
+    """Known noise for every channel of a record; :class:`UserError` where one is missing."""
+    missing = [name for name in record.channels if name not in sd]
+    if missing:
+        raise UserError(f"no noise standard deviation given for {', '.join(missing)}")
+    return KnownNoise(sd=tuple(float(sd[name]) for name in record.channels))
+
+
+@dataclass
+class SolveCount:
+    """Counts solves of one run; shared by every view of a posterior."""
+
+    total: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linearisation:
+    """Log likelihood, its gradient and Gauss-Newton information in unit coordinates.
+
+    Shapes ``(n_draws,)``, ``(n_draws, n_dim)`` and ``(n_draws, n_dim, n_dim)``.
+    """
+
+    log_likelihood: Floats
+    gradient: Floats
+    information: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class Posterior:
+    """The posterior of a model given a record, on the unit cube (a target of TMCMC)."""
+
+    model: Structure
+    record: Record
+    engine: Engine
+    noise: Noise
+    solves: SolveCount = field(default_factory=SolveCount)
+
+    @property
+    def space(self) -> ParameterSpace:
+        """The model's identified parameters, then the noise's."""
+        own = self.model.space
+        return replace(own, parameters=own.parameters + self.noise.parameters)
+
+    @property
+    def n_dim(self) -> int:
+        """Number of coordinates."""
+        return self.model.space.n_dim + len(self.noise.parameters)
+
+    def until(self, time: float) -> Posterior:
+        """The posterior given the record's first seconds only."""
+        return replace(self, record=self.record.until(time))
+
+    def with_engine(self, engine: Engine) -> Posterior:
+        """The same posterior solved by another engine or scheme."""
+        return replace(self, engine=engine)
+
+    def log_prior(self, points: Floats) -> Floats:
+        """Log prior density ``(n_draws,)`` on the unit cube."""
+        return self.space.log_prior_unit(points)
+
+    def sample_prior(self, rng: np.random.Generator, n: int) -> Floats:
+        """Draws ``(n, n_dim)`` from the prior."""
+        return self.space.sample_unit(rng, n)
+
+    def split(self, points: Floats) -> tuple[Floats, Floats]:
+        """Model parameters and noise parameters in their own units."""
+        values = self.space.from_unit(points)
+        return values[:, : self.model.space.n_dim], values[:, self.model.space.n_dim :]
+
+    def misfit(self, points: Floats) -> Floats:
+        """Squared residuals ``(n_draws, n_channels)``; infinite where the solve failed."""
+        self.solves.total += len(points)
+        return self.engine.misfit(self.model, self.split(points)[0], self.record)
+
+    def log_likelihood(self, points: Floats) -> Floats:
+        """Log likelihood ``(n_draws,)``; minus infinity where the solve failed."""
+        return self.log_likelihood_of(self.misfit(points), points)
+
+    def log_likelihood_of(self, misfit: Floats, points: Floats) -> Floats:
+        """Log likelihood ``(n_draws,)`` from squared residuals already computed."""
+        ok = np.all(np.isfinite(misfit), axis=1)
+        result = np.full(len(points), -np.inf)
+        noise_values = self.split(points[ok])[1]
+        result[ok] = self.noise.log_likelihood(misfit[ok], self.record.n_times, noise_values)
+        return result
+
+    def linearise(self, points: Floats) -> Linearisation:
+        """Gauss-Newton expansion at each point; a failed solve has zero gradient and information."""
+        self.solves.total += len(points)
+        values, noise_values = self.split(points)
+        equations = self.engine.normal_equations(self.model, values, self.record)
+        ok = np.all(np.isfinite(equations.misfit), axis=1)
+        misfit = np.where(ok[:, None], equations.misfit, 1.0)
+        weight = self.noise.precision(misfit, self.record.n_times, noise_values) * ok[:, None]
+        scale = self.space.unit_scale(np.hstack([values, noise_values]))
+        d = self.model.space.n_dim
+        gradient, information = np.zeros((len(points), self.n_dim)), np.zeros((len(points), self.n_dim, self.n_dim))
+        gradient[:, :d] = np.einsum("nc,ncp->np", weight, np.nan_to_num(equations.gradient))
+        information[:, :d, :d] = np.einsum("nc,ncpq->npq", weight, np.nan_to_num(equations.information))
+        n_times = self.record.n_times
+        for c in range(self.n_dim - d):
+            sd = noise_values[:, c]
+            gradient[:, d + c] = ok * (misfit[:, c] / sd**3 - n_times / sd)
+            information[:, d + c, d + c] = ok * 2.0 * n_times / sd**2
+        return Linearisation(
+            log_likelihood=np.where(ok, self.log_likelihood_of(misfit, points), -np.inf),
+            gradient=gradient * scale,
+            information=information * scale[:, :, None] * scale[:, None, :],
+        )

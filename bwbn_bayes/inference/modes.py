@@ -1,0 +1,207 @@
+"""Finding the global mode: multi-start least squares on windows of the record that grow.
+
+A hysteretic record in full has many local optima; its first seconds have few. Many prior draws compete on a short
+window, the best are polished by Levenberg-Marquardt, and before each longer window a cloud drawn from their Laplace
+approximations replaces what the shorter window left open. Every candidate costs a sixteenth of a lane block, so sixteen
+are kept throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bwbn_bayes.inference.likelihood import Linearisation, Posterior
+from bwbn_bayes.inference.truncated import TruncatedStudent
+from bwbn_bayes.parameters import Booleans, Floats
+
+N_CANDIDATES = 16
+N_CLOUD = 128
+_DAMPINGS = np.array([1e-4, 1e-2, 1.0, 1e2])
+_EDGE = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mode:
+    """A local optimum: point of the unit cube, log likelihood, gradient and Gauss-Newton information there."""
+
+    point: Floats
+    log_likelihood: float
+    gradient: Floats
+    information: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowFacts:
+    """One window of the search: its end [s], the best and the tenth log likelihood, solves so far."""
+
+    end: float
+    log_likelihood: float
+    n_close: int
+    n_solves: int
+
+
+Progress = Callable[[WindowFacts], None]
+
+
+def windows(duration: float, first: float) -> tuple[float, ...]:
+    """Ends of the growing windows: from ``first`` seconds by a factor of 1.5 up to the whole record."""
+    ends = [first]
+    while ends[-1] * 1.5 < duration * 0.9:
+        ends.append(ends[-1] * 1.5)
+    return (*ends, duration)
+
+
+def first_window(posterior: Posterior) -> float:
+    """End of the first window: where 2 % of the record's energy has arrived, but at least 150 samples. [s]"""
+    record = posterior.record
+    energy = np.sum([np.cumsum(np.square(signal)) / np.sum(np.square(signal)) for signal in record.channels.values()], axis=0)
+    sample = int(np.searchsorted(energy, 0.02 * energy[-1]))
+    return float(min(max(sample, 150) * record.time_step, record.duration))
+
+
+def find_modes(
+    posterior: Posterior, rng: np.random.Generator, *, n_starts: int = 1024, progress: Progress | None = None
+) -> tuple[Mode, ...]:
+    """Local optima of the posterior, best first.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Target; a coarse scheme is enough here.
+    rng : numpy.random.Generator
+        Random stream.
+    n_starts : int
+        Prior draws on the first window.
+    progress : callable, optional
+        Called after every window.
+    """
+    ends = windows(posterior.record.duration, first_window(posterior))
+    points = posterior.sample_prior(rng, n_starts)
+    for number, end in enumerate(ends):
+        view = posterior.until(end)
+        points = _best(view, points, N_CANDIDATES)
+        points, local = polish(view, points, n_iterations=30 if number == len(ends) - 1 else 12)
+        if progress is not None:
+            best = np.max(local.log_likelihood)
+            close = int(np.sum(local.log_likelihood > best - 10.0))
+            progress(WindowFacts(end=end, log_likelihood=float(best), n_close=close, n_solves=posterior.solves.total))
+        modes = distinct(points, local)
+        points = np.array([mode.point for mode in modes])
+        if number < len(ends) - 1:
+            points = np.concatenate([points, _cloud(view, modes, rng)])
+    return modes
+
+
+def _best(view: Posterior, points: Floats, n: int) -> Floats:
+    """The best points by log likelihood, no two of them equal to within a thousandth of the cube."""
+    order = np.argsort(-view.log_likelihood(points), kind="stable")
+    chosen: list[int] = []
+    for index in order:
+        if all(np.max(np.abs(points[index] - points[other])) > 1e-3 for other in chosen):
+            chosen.append(int(index))
+        if len(chosen) == n:
+            break
+    return points[chosen]
+
+
+def _cloud(view: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator) -> Floats:
+    """Draws from the inflated Laplace approximations of the best half of the candidates."""
+    kept = modes[: N_CANDIDATES // 2]
+    components = [TruncatedStudent.at(m.point, m.gradient, m.information, inflation=4.0) for m in kept]
+    cloud = np.concatenate([component.sample(rng, N_CLOUD // len(kept)) for component in components])
+    return cloud[np.isfinite(view.log_prior(cloud))]
+
+
+def polish(
+    view: Posterior, points: Floats, *, n_iterations: int, held: Booleans | None = None
+) -> tuple[Floats, Linearisation]:
+    """Levenberg-Marquardt from every point at once; four dampings are tried per step, active bounds respected.
+
+    Parameters
+    ----------
+    view : Posterior
+        Target.
+    points : (n, n_dim) array
+        Starts in the unit cube.
+    n_iterations : int
+        Largest number of steps; stops when no candidate gains more than 0.01 nat.
+    held : (n_dim,) boolean array, optional
+        Coordinates that keep their values.
+
+    Returns
+    -------
+    points : (n, n_dim) array
+    local : Linearisation
+        At the returned points.
+    """
+    local = view.linearise(points)
+    scale = np.ones(len(points))
+    for _ in range(n_iterations):
+        trials = np.stack([_steps(points, local, damping * scale, held) for damping in _DAMPINGS], axis=1)
+        flat = trials.reshape(-1, trials.shape[-1])
+        value = np.where(np.isfinite(view.log_prior(flat)), view.log_likelihood(flat), -np.inf).reshape(trials.shape[:2])
+        pick = np.argmax(value, axis=1)
+        best = value[np.arange(len(points)), pick]
+        gain = best - local.log_likelihood
+        better = gain > 0.0
+        points = np.where(better[:, None], trials[np.arange(len(points)), pick], points)
+        scale = np.clip(np.where(better, scale * np.where(pick == 0, 0.1, np.where(pick >= 2, 10.0, 1.0)), scale * 100.0), 1e-6, 1e8)
+        if not np.any(gain > 0.01) and np.all(better | (scale > 1e3)):
+            break
+        local = view.linearise(points)
+    return points, local
+
+
+def _steps(points: Floats, local: Linearisation, damping: Floats, held: Booleans | None) -> Floats:
+    """One damped Gauss-Newton step of every candidate inside the cube, coordinates held at bounds they press on."""
+    trials = points.copy()
+    for i, (point, gradient, information) in enumerate(zip(points, local.gradient, local.information, strict=True)):
+        free = ~_pressing(point, gradient)
+        if held is not None:
+            free &= ~held
+        for _ in range(3):
+            if not np.any(free):
+                break
+            step = np.zeros(len(point))
+            matrix = information[np.ix_(free, free)]
+            ridge = damping[i] * np.maximum(np.diag(matrix), 1.0) + 1e-9
+            step[free] = np.linalg.solve(matrix + np.diag(ridge), gradient[free])
+            trials[i] = np.clip(point + step, _EDGE, 1.0 - _EDGE)
+            blocked = free & (np.abs(trials[i] - point - step) > 0.0)
+            if not np.any(blocked) or np.all(blocked == free):
+                break
+            hit = blocked & ((point < 2.0 * _EDGE) | (point > 1.0 - 2.0 * _EDGE))
+            if not np.any(hit):
+                break
+            free = free & ~hit
+    return trials
+
+
+def _pressing(point: Floats, gradient: Floats) -> Booleans:
+    """Coordinates at a bound whose gradient points outwards."""
+    return ((point <= 2.0 * _EDGE) & (gradient < 0.0)) | ((point >= 1.0 - 2.0 * _EDGE) & (gradient > 0.0))
+
+
+def distinct(points: Floats, local: Linearisation) -> tuple[Mode, ...]:
+    """Optima further than one posterior standard deviation apart, best first."""
+    modes: list[Mode] = []
+    for index in np.argsort(-local.log_likelihood):
+        if not np.isfinite(local.log_likelihood[index]):
+            continue
+        candidate = Mode(
+            point=points[index],
+            log_likelihood=float(local.log_likelihood[index]),
+            gradient=local.gradient[index],
+            information=local.information[index],
+        )
+        if all(_distance(candidate, mode) > 1.0 for mode in modes):
+            modes.append(candidate)
+    return tuple(modes)
+
+
+def _distance(candidate: Mode, mode: Mode) -> float:
+    step = candidate.point - mode.point
+    return float(np.sqrt(max(step @ mode.information @ step, 0.0)))

@@ -1,0 +1,94 @@
+"""The whole model as equations to read: the equation of motion, then the storey law."""
+
+from __future__ import annotations
+
+from bwbn_bayes.elements.equations import WrittenEquation, law_equations
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
+
+_GROUND = "<msub><mi>a</mi><mi>g</mi></msub>"
+
+
+def structure_equations(model: Structure) -> tuple[WrittenEquation, ...]:
+    """Equation of motion, drift and measured acceleration of a structure, then its storey law.
+
+    Parameters
+    ----------
+    model : Structure
+        A building or a specimen.
+
+    Returns
+    -------
+    tuple of WrittenEquation
+        With one storey the subscripts are left out.
+    """
+    motion = _building(model.n_storeys) if isinstance(model, ShearBuilding) else (_SPECIMEN,)
+    return motion + law_equations(model.law)
+
+
+_SPECIMEN = WrittenEquation(
+    caption="the displacement is given, straight between samples",
+    text="du/dt = v",
+    mathml="<mrow><mfrac><mrow><mi>d</mi><mi>u</mi></mrow><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>"
+    "<mo>=</mo><mi>v</mi></mrow>",
+)
+
+
+def _building(n_storeys: int) -> tuple[WrittenEquation, ...]:
+    many = n_storeys > 1
+    m, x, u, force, measured = (_indexed(letter, "i" if many else "") for letter in ("m", "x", "u", "F", "a"))
+    acceleration = _sum(f"<mover>{x[1]}<mo>¨</mo></mover>", _GROUND)
+    second = "ẍ_i" if many else "ẍ"
+    above, below = _indexed("F", "i+1"), _indexed("x", "i−1")
+    last, ground = _indexed("F", f"{n_storeys + 1}"), _indexed("x", "0")
+    upper_text, upper = (f" + {above[0]}, {last[0]} = 0", _then("+", above[1]) + _zero(last[1])) if many else ("", "")
+    lower_text, lower = (
+        (f" − {below[0]}, {ground[0]} = 0", _then("−", below[1]) + _zero(ground[1])) if many else ("", "")
+    )
+    return (
+        WrittenEquation(
+            caption="motion of a floor, x relative to the ground",
+            text=f"{m[0]} ({second} + a_g) = −{force[0]}{upper_text}",
+            mathml=_row(
+                m[1], f"<mrow><mo>(</mo>{acceleration}<mo>)</mo></mrow>", "<mo>=</mo><mo>−</mo>", force[1], upper
+            ),
+        ),
+        WrittenEquation(
+            caption="drift",
+            text=f"{u[0]} = {x[0]}{lower_text}",
+            mathml=_row(u[1], "<mo>=</mo>", x[1], lower),
+        ),
+        WrittenEquation(
+            caption="measured total acceleration",
+            text=f"{measured[0]} = {second} + a_g",
+            mathml=_row(measured[1], "<mo>=</mo>", acceleration),
+        ),
+    )
+
+
+def _indexed(letter: str, index: str) -> tuple[str, str]:
+    """A symbol as text and as MathML."""
+    if not index:
+        return letter, f"<mi>{letter}</mi>"
+    text = f"{letter}_({index})" if len(index) > 1 and not index.isdigit() else f"{letter}_{index}"
+    tag = "mn" if index.isdigit() else "mi"
+    inner = f"<{tag}>{index}</{tag}>"
+    if len(index) > 1 and not index.isdigit():
+        inner = f"<mrow><mi>{index[0]}</mi><mo>{index[1]}</mo><mn>{index[2:]}</mn></mrow>"
+    return text, f"<msub><mi>{letter}</mi>{inner}</msub>"
+
+
+def _row(*parts: str) -> str:
+    return f"<mrow>{''.join(parts)}</mrow>"
+
+
+def _sum(left: str, right: str) -> str:
+    return _row(left, "<mo>+</mo>", right)
+
+
+def _then(sign: str, operand: str) -> str:
+    return f"<mo>{sign}</mo>{operand}"
+
+
+def _zero(symbol: str) -> str:
+    return f"<mo>,</mo><mspace width='1em'/>{symbol}<mo>=</mo><mn>0</mn>"

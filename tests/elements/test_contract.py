@@ -1,0 +1,98 @@
+"""Contract 1: at its neutral values an effect changes nothing, alone or beside every other."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+from laboratory import building, nrmse, shaking, solve, storey
+
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.effects import SuddenDamage
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Effect, StoreyLaw, combine
+from bwbn_bayes.structures.shear_building import ShearBuilding
+
+FORMS = [form for effect_class in registered() for form in effect_class.neutral_forms()]
+N_STATES = 500
+
+
+def label(form: Effect) -> str:
+    return "-".join((form.name, *(p.symbol for p in form.parameters)))
+
+
+@cache
+def law_of(effects: tuple[Effect, ...]) -> StoreyLaw:
+    return combine(BoucWen.parameters, BoucWen.constraints, effects)
+
+
+def evaluate(law: StoreyLaw, neutral: tuple[Effect, ...]) -> np.ndarray:
+    """Force and rates at random states and parameters, the same for every law; parameters of ``neutral`` stay so.
+
+    Each symbol has its own random stream, so that a symbol takes the same values in every law it stands in.
+    """
+    held = {p.symbol: p.neutral for effect in neutral for p in effect.parameters}
+
+    def values(s: sp.Symbol) -> np.ndarray:
+        if s.name in held:
+            return np.full(N_STATES, held[s.name])
+        rng = np.random.default_rng([ord(letter) for letter in s.name])
+        return rng.uniform(0.2, 0.9, N_STATES) * (rng.choice([-1.0, 1.0], N_STATES) if s.name in "uvz" else 1.0)
+
+    symbols = (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *(event.indicator for event in law.events))
+    function = sp.lambdify(symbols, (law.force, *law.rates[:2]), "numpy")
+    return np.array(function(*(values(s) for s in symbols)))
+
+
+def companions(form: Effect) -> tuple[Effect, ...]:
+    """Every form of every effect but this one and jumps of its parameters, which belong to it."""
+    own = {p.symbol for p in form.parameters}
+    return tuple(
+        other
+        for other in FORMS
+        if not own & {p.symbol for p in other.parameters}
+        and not (isinstance(other, SuddenDamage) and other.parameter in own)
+    )
+
+
+@pytest.mark.parametrize("form", FORMS, ids=label)
+def test_neutral_changes_nothing_alone(form):
+    plain, extended = evaluate(law_of(()), ()), evaluate(law_of((form,)), (form,))
+    np.testing.assert_allclose(extended, plain, rtol=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS, ids=label)
+def test_neutral_changes_nothing_beside_the_others(form):
+    others = companions(form)
+    without, extended = evaluate(law_of(others), ()), evaluate(law_of((*others, form)), (form,))
+    np.testing.assert_allclose(extended, without, rtol=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS, ids=label)
+def test_away_from_neutral_it_changes_something(form):
+    others = () if not isinstance(form, SuddenDamage) else companions(form)
+    law = law_of((*others, form))
+    assert not np.allclose(evaluate(law, ()), evaluate(law, (form,)), rtol=1e-3)
+
+
+def test_neutral_effects_leave_the_response_as_it_is():
+    plain = ShearBuilding(masses=[1.0, 1.0], storey=storey())
+    extended = building(2, {})
+    channels = ["acceleration_1", "acceleration_2", "hysteretic_energy_1"]
+    before, after = solve(plain, shaking(), channels, 2), solve(extended, shaking(), channels, 2)
+    for channel in channels:
+        assert nrmse(after[channel], before[channel]) < 1e-12
+
+
+def test_the_order_of_composition_does_not_matter():
+    values = {"delta_nu": 0.3, "delta_s": 0.05, "sigma": 0.05}
+    forward = building(1, values)
+    backward = ShearBuilding(masses=[1.0], storey=storey())
+    # The jump of delta_nu comes last in both: it needs the effect it belongs to.
+    for placed in [*reversed(forward.effects[:4]), *forward.effects[4:]]:
+        backward = backward.with_effect(placed.effect, placed.storeys)
+    assert forward.law == backward.law
+    response = [solve(m, shaking(), ["acceleration_1"], 1)["acceleration_1"] for m in (forward, backward)]
+    np.testing.assert_array_equal(*response)

@@ -1,0 +1,91 @@
+"""The printed equations: they say what the engines compute, and every effect has one."""
+
+from __future__ import annotations
+
+from xml.dom.minidom import parseString
+
+import numpy as np
+import pytest
+import sympy as sp
+from laboratory import storey
+
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.catalogue import catalogue, registered
+from bwbn_bayes.elements.equations import law_equations
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, FORCE, combine, expanded, rate_of
+from bwbn_bayes.structures.equations import structure_equations
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
+
+EVERYTHING = tuple(form for effect_class in registered() for form in effect_class.neutral_forms())
+
+
+def test_the_printed_steps_are_the_law_that_is_solved():
+    """Named steps, written out, against force and rates at random points (no jump has happened)."""
+    law = combine(BoucWen.parameters, BoucWen.constraints, EVERYTHING)
+    steps = expanded(law.definitions)
+    rng = np.random.default_rng(1)
+    symbols = (DRIFT, DRIFT_RATE, *law.states, *law.symbols)
+    points = rng.uniform(0.2, 0.9, (len(symbols), 50))
+    for subject, solved in zip((FORCE, *map(rate_of, law.states)), (law.force, *law.rates), strict=True):
+        before = solved.subs({event.indicator: 0 for event in law.events})
+        printed, computed = (sp.lambdify(symbols, e, "numpy")(*points) for e in (steps[subject], before))
+        np.testing.assert_allclose(printed, computed, rtol=1e-12)
+
+
+def test_the_plain_law_in_text():
+    texts = [equation.text for equation in law_equations(combine(BoucWen.parameters, (), ()))]
+    assert texts == [
+        "f = A − |z|^n (β sgn(z v) + γ)",
+        "dz/dt = f v",
+        "dε/dt = (1 − α) k z v",
+        "F = α k u + (1 − α) k z + c v",
+    ]
+
+
+def test_the_full_law_in_text():
+    texts = [equation.text for equation in law_equations(combine(BoucWen.parameters, (), EVERYTHING))]
+    for expected in (
+        "k(t) = k + Δk H(t − t_k)",
+        "δ_ν(t) = δ_ν + Δδ_ν H(t − t_(δ_ν))",
+        "ν = 1 + δ_ν(t) ε",
+        "s = δ_s(t) ε",
+        "a = √2 exp(−z² / (2 σ²)) / (√π σ)",
+        "z_u = (1 / (β + γ))^(1/n)",
+        "h = 1 − z_1 exp(−(z sgn v − q z_u)² / z_2²)",
+        "f = h (A − ν |z|^n (β sgn(z v) + γ)) / η",
+        "dz/dt = f v / (1 + s a f)",
+    ):
+        assert expected in texts
+
+
+def test_mathml_is_well_formed_and_sets_symbols():
+    equations = law_equations(combine(BoucWen.parameters, (), EVERYTHING))
+    for equation in equations:
+        parseString(equation.mathml)
+        assert "_" not in equation.mathml and "lambda" not in equation.mathml
+    joined = "".join(equation.mathml for equation in equations)
+    assert "<msub><mi>δ</mi><mi>ν</mi></msub>" in joined
+    assert "<mi>λ</mi>" in joined
+
+
+@pytest.mark.parametrize("facts", catalogue(), ids=lambda facts: facts.name)
+def test_every_effect_has_its_equation(facts):
+    assert facts.equations
+    for equation in facts.equations:
+        assert equation.caption and "=" in equation.text
+        parseString(equation.mathml)
+
+
+@pytest.mark.parametrize("n_storeys", [1, 3])
+def test_the_equation_of_motion(n_storeys):
+    equations = structure_equations(ShearBuilding(masses=[1.0] * n_storeys, storey=storey()))
+    motion = {1: "m (ẍ + a_g) = −F", 3: "m_i (ẍ_i + a_g) = −F_i + F_(i+1), F_4 = 0"}
+    assert equations[0].text == motion[n_storeys]
+    assert equations[3:] == law_equations(ShearBuilding(masses=[1.0], storey=storey()).law)
+    for equation in equations:
+        parseString(equation.mathml)
+
+
+def test_a_specimen_is_driven_by_its_displacement():
+    assert structure_equations(Specimen(storey=storey()))[0].text == "du/dt = v"

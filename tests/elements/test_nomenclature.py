@@ -1,0 +1,50 @@
+"""docs/nomenclature.md names every parameter the code has, with the same unit, effect and source, and no other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.catalogue import catalogue
+from bwbn_bayes.parameters import Parameter
+
+PAGE = (Path(__file__).parents[2] / "docs" / "nomenclature.md").read_text(encoding="utf-8")
+
+
+def table_under(heading: str) -> dict[str, list[str]]:
+    """Cells of each row of the table under a heading, by symbol."""
+    section = PAGE.split(f"## {heading}\n", 1)[1].split("\n## ", 1)[0]
+    rows = [
+        [cell.strip() for cell in line.strip("|").split("|")] for line in section.splitlines() if line.startswith("| `")
+    ]
+    return {row[0].strip("`"): row[1:] for row in rows}
+
+
+ELEMENT = table_under("Parameters of the Bouc-Wen storey")
+EFFECTS = table_under("Parameters of the effects")
+
+
+def written(unit: str) -> str:
+    return unit or "1"
+
+
+@pytest.mark.parametrize("parameter", BoucWen.parameters, ids=lambda p: p.symbol)
+def test_parameters_of_the_element(parameter: Parameter):
+    _, unit, _, source = ELEMENT[parameter.symbol]
+    assert unit == written(parameter.unit)
+    assert source.split(";")[0] == parameter.source.split(";")[0]
+
+
+@pytest.mark.parametrize("facts", catalogue(), ids=lambda facts: facts.name)
+def test_parameters_of_the_effects(facts):
+    for parameter in facts.parameters:
+        effect, _, unit, _, source = EFFECTS[parameter.symbol]
+        assert (effect, unit) == (facts.name, written(parameter.unit))
+        assert facts.source.startswith(source)
+
+
+def test_the_page_names_no_parameter_that_does_not_exist():
+    assert set(ELEMENT) == {parameter.symbol for parameter in BoucWen.parameters}
+    assert set(EFFECTS) == {parameter.symbol for facts in catalogue() for parameter in facts.parameters}

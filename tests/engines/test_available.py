@@ -1,0 +1,35 @@
+"""Engines by name."""
+
+from __future__ import annotations
+
+import pytest
+
+from bwbn_bayes.engines import available, cvodes
+from bwbn_bayes.engines.available import NAMES, engine, engines
+from bwbn_bayes.errors import UserError
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_gives_its_engine(name: str) -> None:
+    made = engine(name, n_threads=1)
+    assert made.name == name
+    assert made.scheme
+
+
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    with pytest.raises(UserError, match="'euler' is not known: choose one of lanes, cvodes, reference, scalar"):
+        engine("euler")
+
+
+def test_a_missing_library_is_a_reason_not_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> object:
+        raise ImportError("no library here")
+
+    cvodes.load_library.cache_clear()
+    monkeypatch.setattr(cvodes, "import_module", missing)
+    facts = {fact.name: fact for fact in engines()}
+    assert facts["lanes"].available
+    assert not facts["cvodes"].available
+    assert "needs the package sundials4py" in facts["cvodes"].reason
+    monkeypatch.undo()
+    assert all(fact.available and fact.reason for fact in available.engines())

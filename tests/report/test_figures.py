@@ -1,0 +1,76 @@
+"""Figures show something, stay small and leave Matplotlib as it was."""
+
+from dataclasses import replace
+from io import BytesIO
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from PIL import Image
+
+from bwbn_bayes.report.content import gather
+from bwbn_bayes.report.figures import draw_all
+
+NAMES = {"acceleration.png", "acceleration_zoom.png", "residual.png", "hysteresis.png", "drift.png", "quantities.png",
+         "posterior.png", "learned.png", "pairs.png", "stages.png"}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def drawings(result):
+    return draw_all(gather(result))
+
+
+def only(content, **kept):
+    """The content with nothing to draw but what is kept."""
+    nothing = dict.fromkeys(("traces", "loops", "histories", "marginals", "pairs"), ())
+    facts = replace(content.facts, stages=())
+    return replace(content, **(nothing | {"period": None, "facts": facts} | kept))
+
+
+def has_blue(drawing):
+    """Share of pixels that are clearly blue: the identified colour."""
+    pixels = np.asarray(Image.open(BytesIO(drawing.png)).convert("RGB")).astype(int)
+    return np.mean((pixels[..., 2] - pixels[..., 0]) > 60)
+
+
+def test_every_figure_is_drawn_small_and_shows_the_identified_colour(drawings):
+    assert {drawing.name for drawing in drawings} == NAMES
+    for drawing in drawings:
+        assert 5_000 < len(drawing.png) < 150_000, drawing.name
+        assert Image.open(BytesIO(drawing.png)).size == (drawing.width, drawing.height)
+        assert drawing.alt and drawing.caption
+        if drawing.name != "residual.png":
+            assert has_blue(drawing) > 0.001, drawing.name
+
+
+def test_the_measured_force_adds_grey_to_the_loops(make_result):
+    """Grey pixels in the loops come from the measured force alone."""
+    greys = []
+    for forces in (True, False):
+        small = make_result(n_storeys=1, n_draws=20, forces=forces)
+        small.tree["constant_data"] = small.tree["constant_data"].to_dataset() * (3.0 if forces else 1.0)
+        (loops,) = draw_all(only(gather(small), loops=gather(small).loops))
+        assert loops.name == "hysteresis.png"
+        pixels = np.asarray(Image.open(BytesIO(loops.png)).convert("RGB")).astype(int)
+        greys.append(np.sum((np.ptp(pixels, axis=-1) < 8) & (np.abs(pixels[..., 0] - 0xBD) < 8)))
+    assert greys[0] > 2 * greys[1]
+
+
+def test_chains_are_ranked_only_where_there_are_several(make_result, drawings):
+    content = gather(make_result(n_storeys=1, n_draws=40, n_time=50, n_chains=2))
+    names = {d.name for d in draw_all(only(content, marginals=content.marginals[:2]))}
+    assert "chains.png" in names
+    assert "chains.png" not in {d.name for d in drawings}
+
+
+def test_settings_of_matplotlib_are_restored(result):
+    before = dict(mpl.rcParams)
+    content = gather(result)
+    draw_all(only(content, pairs=content.pairs))
+    assert dict(mpl.rcParams) == before
+
+
+def test_no_figure_stays_open(drawings):
+    from matplotlib import pyplot
+
+    assert pyplot.get_fignums() == []

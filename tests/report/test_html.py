@@ -1,0 +1,168 @@
+"""The page: complete, well formed, self-contained, escaped."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+
+from bwbn_bayes.report import write_report
+from bwbn_bayes.results import ParameterFacts, Result
+
+VOID = {"meta", "img", "br", "hr", "link", "input"}
+
+
+class Balance(HTMLParser):
+    """Counts open elements, and remembers what the tests look at."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.seen, self.images, self.headings, self.text = [], [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.seen.append(tag)
+        if tag == "img":
+            self.images.append(dict(attrs))
+        if re.fullmatch(r"h\d", tag):
+            self.headings.append(int(tag[1]))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes {self.open[-3:]}"
+        self.open.pop()
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def parsed(page):
+    balance = Balance()
+    balance.feed(page)
+    balance.close()
+    assert balance.open == []
+    return balance
+
+
+@pytest.fixture(scope="module")
+def written(result, tmp_path_factory):
+    return write_report(result, tmp_path_factory.mktemp("report"))
+
+
+@pytest.fixture(scope="module")
+def page(written):
+    return written.html.read_text(encoding="utf-8")
+
+
+def test_files_lie_beside_the_page(written):
+    assert written.html.name == "report.html"
+    assert {path.name for path in written.figures} >= {"acceleration.png", "hysteresis.png", "posterior.png", "pairs.png",
+                                                       "quantities.png", "stages.png"}  # fmt: skip
+    for path in written.figures:
+        assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_page_is_balanced_and_its_headings_are_in_order(page):
+    found = parsed(page)
+    assert found.headings[0] == 1
+    assert found.headings.count(1) == 1
+    assert all(b - a <= 1 for a, b in zip(found.headings, found.headings[1:], strict=False))
+    assert page.startswith("<!DOCTYPE html>")
+    assert '<html lang="en">' in page
+
+
+def test_every_parameter_stands_in_the_table_with_its_numbers(page, result):
+    text = "".join(parsed(page).text)
+    for parameter in result.facts.parameters:
+        assert f">{parameter.name}</span>" in page
+        assert parameter.prior in text
+    k1 = result.facts.parameters[0]
+    assert f"{k1.mean:.2f}" in text and f"{k1.sd:.2f}" in text
+    assert "prior-bound" in text and "unidentified" in text
+
+
+def test_page_needs_nothing_from_outside(page):
+    """Only data addresses, and no scripts."""
+    found = parsed(page)
+    assert "script" not in found.seen and "link" not in found.seen
+    assert not re.search(r"(src|href)\s*=\s*[\"'](?!data:)", page)
+    assert not re.search(r"url\(|@import", page)
+    addresses = set(re.findall(r"https?://[^\s\"'<]+", page))
+    assert addresses <= {"http://www.w3.org/1998/Math/MathML", "http://www.w3.org/2000/svg"}
+
+
+def test_figures_are_embedded_with_alternative_texts(page, written):
+    images = parsed(page).images
+    assert len(images) == len(written.figures)
+    for image in images:
+        assert image["src"].startswith("data:image/png;base64,")
+        assert len(image["alt"]) > 20
+
+
+def test_texts_are_escaped_and_equations_are_not(page):
+    assert "RSN6 180 &lt;S00E &amp; W&gt;" in page
+    assert "<S00E" not in page
+    assert '<math display="block"><mrow><mfrac>' in page
+
+
+def test_everything_the_facts_say_is_printed(page, result):
+    text = re.sub(r"\s+", " ", "".join(parsed(page).text))
+    facts = result.facts
+    sentences = (
+        *facts.verdict,
+        *facts.identifiability,
+        *facts.assumptions,
+        *(check.sentence for check in facts.checks),
+    )
+    for sentence in (*sentences, *facts.provenance.values(), *facts.evidences):
+        assert sentence in text
+
+
+def test_wide_tables_scroll_inside_their_own_container(page):
+    for match in re.finditer(r"<table>", page):
+        assert 'class="wide"' in page[: match.start()].rsplit("<div", 1)[1]
+
+
+def test_a_page_with_little_in_it_renders(bare_result, tmp_path):
+    files = write_report(bare_result, tmp_path / "new" / "directory")
+    text = "".join(parsed(files.html.read_text(encoding="utf-8")).text)
+    assert "stages.png" not in {path.name for path in files.figures}
+    assert "delta_eta" in text
+    assert "What an engineer asks next" in text
+    assert "How far to trust it" not in text
+    assert "true value" not in text
+
+
+def test_a_posterior_alone_renders(bare_result, tmp_path):
+    tree = bare_result.tree.copy()
+    for group in list(tree.children):
+        if group != "posterior":
+            del tree[group]
+    files = write_report(Result(tree=tree, facts=replace(bare_result.facts, nrmse={}, noise_sd={})), tmp_path)
+    parsed(files.html.read_text(encoding="utf-8"))
+    assert {path.name for path in files.figures} == {"posterior.png", "pairs.png"}
+
+
+def test_a_parameter_with_a_hostile_name_is_escaped(bare_result, tmp_path):
+    odd = ParameterFacts(name="<b>$x^[2]", symbol="<b>$x^", unit="<i>", prior="<u>", mean=1.0, sd=0.0, hdi90=(1.0, 1.0))
+    tree = bare_result.tree.copy()
+    tree["posterior"] = tree["posterior"].to_dataset().assign({odd.name: tree["posterior"]["n"]})
+    facts = replace(bare_result.facts, parameters=(*bare_result.facts.parameters, odd))
+    page = write_report(Result(tree=tree, facts=facts), tmp_path).html.read_text(encoding="utf-8")
+    parsed(page)
+    assert "&lt;b&gt;$x^[2]" in page
+    assert "<u>" not in page
+
+
+def test_window_labels_replace_a_tempering_history_that_is_not_there(make_result, tmp_path):
+    """Importance runs find modes on growing windows: their stages have labels and no tempering parameter."""
+    result = make_result(n_storeys=1, n_draws=20)
+    stages = tuple(
+        replace(stage, label=f"{5 * stage.stage} s window", tempering_parameter=float("nan"), acceptance=float("nan"))
+        for stage in result.facts.stages
+    )
+    files = write_report(result.with_facts(replace(result.facts, method="importance", stages=stages)), tmp_path)
+    text = "".join(parsed(files.html.read_text(encoding="utf-8")).text)
+    assert "15 s window" in text
+    assert "tempering parameter" not in text
+    assert "importance sampling" in text

@@ -1,0 +1,116 @@
+"""Priors against SciPy and quadrature, and the map of the joint prior to the unit cube."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from bwbn_bayes.parameters import (
+    Constraint,
+    FreeParameter,
+    HalfNormal,
+    LogNormal,
+    Normal,
+    ParameterSpace,
+    PerStorey,
+    Prior,
+    Truncated,
+    Uniform,
+)
+
+PAIRS = [
+    (Uniform(-1.0, 3.0), stats.uniform(-1.0, 4.0)),
+    (Normal(2.0, 0.5), stats.norm(2.0, 0.5)),
+    (HalfNormal(0.7), stats.halfnorm(scale=0.7)),
+    (LogNormal(3.0, 0.4), stats.lognorm(0.4, scale=3.0)),
+    (Truncated(Normal(1.0, 2.0), 0.5, np.inf), stats.truncnorm(-0.25, np.inf, 1.0, 2.0)),
+    (Truncated(Normal(1.0, 2.0), -1.0, 1.5), stats.truncnorm(-1.0, 0.25, 1.0, 2.0)),
+]
+IDENTIFIERS = [str(prior) for prior, _ in PAIRS]
+
+
+@pytest.mark.parametrize(("prior", "known"), PAIRS, ids=IDENTIFIERS)
+def test_density_probability_and_quantile_are_scipys(prior, known):
+    shares = np.array([0.001, 0.1, 0.5, 0.9, 0.999])
+    values = known.ppf(shares)
+    np.testing.assert_allclose(prior.quantile(shares), values, rtol=1e-9)
+    np.testing.assert_allclose(prior.probability(values), shares, rtol=1e-9)
+    np.testing.assert_allclose(prior.log_density(values), known.logpdf(values), rtol=1e-9, atol=1e-12)
+    assert prior.support == pytest.approx(known.support())
+
+
+@pytest.mark.parametrize(("prior", "known"), PAIRS, ids=IDENTIFIERS)
+def test_mean_and_sd(prior, known):
+    # A truncated prior averages 4096 mid-quantiles: good to 1e-3 of the sd where a tail is infinite.
+    assert prior.mean == pytest.approx(known.mean(), abs=1e-3 * known.std())
+    assert prior.sd == pytest.approx(known.std(), rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    "parent", [Normal(0.3, 1.0), LogNormal(1.0, 0.8), HalfNormal(2.0), Uniform(-3.0, 2.0)], ids=str
+)
+def test_a_truncated_prior_is_normalised(parent):
+    prior = parent.truncated(0.2, 1.7)
+    mass, error = integrate.quad(lambda x: float(np.exp(prior.log_density(x))), 0.2, 1.7, epsabs=1e-12)
+    assert mass == pytest.approx(1.0, abs=1e-9 + error)
+    assert np.all(np.isneginf(prior.log_density(np.array([0.1999, 1.7001]))))
+    assert prior.probability(0.2) == 0.0 and prior.probability(1.7) == 1.0
+
+
+@pytest.mark.parametrize(("prior", "known"), PAIRS, ids=IDENTIFIERS)
+def test_density_is_the_slope_of_probability(prior, known):
+    values = known.ppf(np.array([0.15, 0.5, 0.85]))
+    step = 1e-6 * known.std()
+    slope = (prior.probability(values + step) - prior.probability(values - step)) / (2 * step)
+    np.testing.assert_allclose(np.exp(prior.log_density(values)), slope, rtol=1e-6)
+
+
+def test_outside_the_support_there_is_no_density():
+    assert np.isneginf(Uniform(0.0, 1.0).log_density(1.5))
+    assert np.isneginf(HalfNormal(1.0).log_density(-0.1))
+
+
+def space_of(*priors: Prior, constraints: tuple[Constraint, ...] = ()) -> ParameterSpace:
+    parameters = tuple(FreeParameter(name=f"p{i}", symbol="p", unit="", prior=p) for i, p in enumerate(priors))
+    return ParameterSpace(parameters=parameters, constraints=constraints)
+
+
+def test_the_unit_cube_and_back():
+    space = space_of(Uniform(-1.0, 3.0), LogNormal(3.0, 0.4), Truncated(Normal(1.0, 2.0), 0.5, np.inf))
+    points = np.random.default_rng(0).uniform(0.01, 0.99, (50, 3))
+    values = space.from_unit(points)
+    np.testing.assert_allclose(space.to_unit(values), points, rtol=1e-9)
+    step = 1e-6
+    for i in range(3):
+        shift = np.eye(3)[i] * step
+        slope = (space.from_unit(points + shift) - space.from_unit(points - shift))[:, i] / (2 * step)
+        np.testing.assert_allclose(space.unit_scale(values)[:, i], slope, rtol=1e-6)
+
+
+def test_the_joint_prior_is_normalised_over_what_is_admissible():
+    """A half plane through a normal: x > y for two equal normals holds half the mass, whatever their scale."""
+    half = Constraint(text="x > y", holds=lambda draws: draws[:, 0] > draws[:, 1])
+    space = space_of(Normal(1.0, 2.0), Normal(1.0, 2.0), constraints=(half,))
+    assert np.exp(space.log_admissible_mass) == pytest.approx(0.5, abs=1e-3)
+    inside = np.array([[0.9, 0.2], [0.2, 0.9], [1.1, 0.2]])
+    np.testing.assert_allclose(space.log_prior_unit(inside), [np.log(2.0), -np.inf, -np.inf], atol=2e-3)
+
+
+def test_without_constraints_the_mass_is_one():
+    assert space_of(Uniform(0, 1)).log_admissible_mass == 0.0
+
+
+def test_samples_follow_the_prior():
+    """Kolmogorov-Smirnov of 4,000 draws at a fixed seed: p above 1e-3."""
+    space = space_of(LogNormal(3.0, 0.4))
+    values = space.from_unit(space.sample_unit(np.random.default_rng(5), 4000))[:, 0]
+    assert stats.kstest(values, stats.lognorm(0.4, scale=3.0).cdf).pvalue > 1e-3
+
+
+def test_per_storey_keeps_a_tuple():
+    values = [1.0, 2.0]
+    each = PerStorey(values)
+    values[0] = 9.0
+    assert each.value == (1.0, 2.0)
+    assert each == PerStorey((1.0, 2.0)) and hash(each) == hash(PerStorey((1.0, 2.0)))

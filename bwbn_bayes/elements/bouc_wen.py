@@ -28,7 +28,7 @@ class BoucWen:
         Ratio of post-yield to initial stiffness.
     A : float, Prior or PerStorey
         Initial rate of the hysteretic displacement; redundant with the scale of z, so 1 unless a comparison asks
-        otherwise (Ma et al. 2004, doi:10.1016/j.ijnonlinmec.2003.10.001).
+        otherwise (Ma et al., J. Appl. Mech. 71(3), 2004).
     beta, gamma : float, Prior or PerStorey
         Shape of the loop; ``beta + gamma > 0`` bounds the hysteretic displacement. [1/m^n]
     n : float, Prior or PerStorey

@@ -20,7 +20,12 @@ from bwbn_bayes.engines.base import Response, Status
 from bwbn_bayes.engines.cvodes_source import cvodes_source
 from bwbn_bayes.engines.kernel_cache import load_kernel
 from bwbn_bayes.engines.reduction import Reduction
-from bwbn_bayes.engines.scalar import ScalarProblem, programs_of, scalar_problem, solve_each
+from bwbn_bayes.engines.scalar import (
+    ScalarProblem,
+    programs_of,
+    scalar_problem,
+    solve_each,
+)
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record

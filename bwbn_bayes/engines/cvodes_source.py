@@ -114,7 +114,8 @@ def _tangents_callback(n_directions, t, y, dy, tangents, rates_of_tangents, data
 
 
 _P = types.intp
-_OPTIONS = {{"nopython": True, "cache": True, "error_model": "numpy", "fastmath": {{"contract", "reassoc", "arcp", "nsz"}}}}
+_FAST = {{"contract", "reassoc", "arcp", "nsz"}}
+_OPTIONS = {{"nopython": True, "cache": True, "error_model": "numpy", "fastmath": _FAST}}
 rates_callback = cfunc(types.int32(types.float64, _P, _P, _P), **_OPTIONS)(_rates_callback)
 jacobian_callback = cfunc(types.int32(types.float64, _P, _P, _P, _P, _P, _P, _P), **_OPTIONS)(_jacobian_callback)
 tangents_callback = cfunc(types.int32(types.int32, types.float64, _P, _P, _P, _P, _P, _P, _P), **_OPTIONS)(

@@ -166,7 +166,8 @@ class _RestartedDop853:
             crossed = self.watched[before * solver.y[self.watched] < 0.0]
             switch = self._first_switch(solver, crossed) if crossed.size else None
             if switch is not None:
-                solver = self._from(switch, until, self._carry(solver.t_old, switch, solver.dense_output()(solver.t_old)))
+                at_switch = self._carry(float(solver.t_old), switch, solver.dense_output()(solver.t_old))
+                solver = self._from(switch, until, at_switch)
             elif solver.status == "finished":
                 return np.asarray(solver.y, dtype=np.float64)
             self.step = max(float(solver.h_abs), self.shortest)

@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import StoreyLaw
-from bwbn_bayes.engines.base import ChannelMap, Response, Status, channel_map, check_record, masses
+from bwbn_bayes.engines.base import (
+    ChannelMap,
+    Response,
+    Status,
+    channel_map,
+    check_record,
+    masses,
+)
 from bwbn_bayes.engines.codegen import LawPrograms, law_programs
 from bwbn_bayes.engines.kernel_cache import load_kernel
 from bwbn_bayes.engines.reduction import Reduction

@@ -324,7 +324,9 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         "acceleration_slope": place.acceleration_slope,
         "driven": str(driven),
         "drift_rate_rate": "0.0" if driven else "acceleration - below",
-        "prepare": _indent([*_prepare(law, programs.rates, place.derived), *_prepare(law, programs.tangent, tangent_derived)]),
+        "prepare": _indent(
+            _prepare(law, programs.rates, place.derived) + _prepare(law, programs.tangent, tangent_derived)
+        ),
         "rates": _indent(_rates(law, programs.rates, place)),
         "slopes": _indent(_slopes(law, programs, place, tangent_derived)),
         "chain": _indent(_chain(law, programs, place)),
@@ -392,9 +394,9 @@ def _jacobian(law: StoreyLaw, programs: LawPrograms, place: Layout, driven: bool
     """Each partial of the force pushes its own floor back and the floor below forward."""
     own = [(output, variable) for output, variable in programs.partials if variable < place.n_rows]
     lines = [
-        f"matrix[base + {variable}, base + {1 + output}] = data[here + {place.slope + output * place.n_columns + variable}]"
-        for output, variable in own
-        if output > 0
+        f"matrix[base + {variable}, base + {1 + row}] = data[here + {place.slope + row * place.n_columns + variable}]"
+        for row, variable in own
+        if row > 0
     ]
     if driven:
         return lines
@@ -416,10 +418,13 @@ def _jacobian(law: StoreyLaw, programs: LawPrograms, place: Layout, driven: bool
 
 
 def _next_event(law: StoreyLaw, place: Layout) -> list[str]:
-    return [
-        f"if data[here + {place.happened + number}] == 0.0 and data[here + {column}] < found: found = data[here + {column}]"
-        for number, column in enumerate(law.event_parameters)
-    ]
+    lines = []
+    for number, column in enumerate(law.event_parameters):
+        lines += [
+            f"if data[here + {place.happened + number}] == 0.0:",
+            f"    found = min(found, data[here + {column}])",
+        ]
+    return lines
 
 
 def _strike(law: StoreyLaw, place: Layout) -> list[str]:

@@ -35,11 +35,11 @@ class Mode:
 
 @dataclass(frozen=True, kw_only=True)
 class WindowFacts:
-    """One window of the search: its end [s], the best and the tenth log likelihood, solves so far."""
+    """One window of the search: its end [s], the best log likelihood, candidates left, solves so far."""
 
     end: float
     log_likelihood: float
-    n_close: int
+    n_candidates: int
     n_solves: int
 
 
@@ -84,11 +84,12 @@ def find_modes(
         view = posterior.until(end)
         points = _best(view, points, N_CANDIDATES)
         points, local = polish(view, points, n_iterations=30 if number == len(ends) - 1 else 12)
-        if progress is not None:
-            best = np.max(local.log_likelihood)
-            close = int(np.sum(local.log_likelihood > best - 10.0))
-            progress(WindowFacts(end=end, log_likelihood=float(best), n_close=close, n_solves=posterior.solves.total))
         modes = distinct(points, local)
+        if progress is not None:
+            best = modes[0].log_likelihood
+            progress(
+                WindowFacts(end=end, log_likelihood=best, n_candidates=len(modes), n_solves=posterior.solves.total)
+            )
         points = np.array([mode.point for mode in modes])
         if number < len(ends) - 1:
             points = np.concatenate([points, _cloud(view, modes, rng)])

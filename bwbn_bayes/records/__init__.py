@@ -1,6 +1,12 @@
 """Records: what was measured, its files, excitations and noise."""
 
-from bwbn_bayes.records.excitation import Envelope, el_centro, filtered_noise, ground_motion_density, sine
+from bwbn_bayes.records.excitation import (
+    Envelope,
+    el_centro,
+    filtered_noise,
+    ground_motion_density,
+    sine,
+)
 from bwbn_bayes.records.noise import add_noise, model_free_noise_sd
 from bwbn_bayes.records.readers import (
     as_dataset,

@@ -24,7 +24,14 @@ import xarray as xr
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.columns import Column, Labels, Source, excitation_kind_of, printed_quantum, record_from_columns
+from bwbn_bayes.records.columns import (
+    Column,
+    Labels,
+    Source,
+    excitation_kind_of,
+    printed_quantum,
+    record_from_columns,
+)
 from bwbn_bayes.records.record import MIN_TIMES, RESERVED_KEYS, Record, si_unit
 from bwbn_bayes.records.units import si_factor
 

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from conftest import CONVERGED, ENGINES, FREE, TIME_STEP, building, record_of, relative_error
+from engine_cases import CONVERGED, ENGINES, FREE, TIME_STEP, building, record_of, relative_error
 
 from bwbn_bayes.engines.base import Engine, Response, Status
 from bwbn_bayes.engines.cvodes import Cvodes
@@ -134,7 +134,8 @@ def test_normal_equations_are_the_explicit_sums(engine: Engine) -> None:
     for draw in range(2):
         for channel in range(2):
             jacobian = slopes[draw, :, channel].T
-            np.testing.assert_allclose(equations.gradient[draw, channel], jacobian.T @ residual[draw, channel], rtol=1e-8)
+            gradient = jacobian.T @ residual[draw, channel]
+            np.testing.assert_allclose(equations.gradient[draw, channel], gradient, rtol=1e-8)
             np.testing.assert_allclose(equations.information[draw, channel], jacobian.T @ jacobian, rtol=1e-8)
 
 
@@ -155,11 +156,10 @@ def test_the_derivative_at_a_shared_event_on_a_sample_is_one_sided(name: str, re
     # share the time: kernels once counted the jump of the rates once for each storey.
     model = building(2, {"jump": 3.0, "time": Uniform(1.0, 2.0)})
     record = record_of(model, 2.0)
-    sample, step = 66, 1e-4
-    ends = [
-        reference.simulate(model, np.array([[sample * TIME_STEP + shift]]), record).values for shift in (-step, 0.0, step)
-    ]
-    slopes = FINE[name].sensitivities(model, np.array([[sample * TIME_STEP]]), record)[1][:, 0]
+    sample, step = 66, 1e-5
+    draws = sample * TIME_STEP + np.array([[-step], [0.0], [step]])
+    ends = reference.simulate(model, draws, record).values
+    slopes = FINE[name].sensitivities(model, draws[1:2], record)[1][0, 0]
     central, backward = (ends[2] - ends[0]) / (2 * step), (ends[1] - ends[0]) / step
     scale = np.max(np.abs(central))
     after = slice(sample + 1, None)
@@ -172,15 +172,16 @@ def test_lanes_do_not_depend_on_batch_order_or_threads() -> None:
     model = building(2, {"k": PerStorey(Uniform(20, 60)), "beta": Uniform(1, 3), "sigma": Uniform(0.01, 0.1)})
     draws = model.space.from_unit(np.random.default_rng(5).uniform(size=(37, model.space.n_dim)))
     record = record_of(model, 1.0)
-    for settings in ({}, {"resolution": 0.5}):
-        whole = Lanes(n_threads=1, **settings).simulate(model, draws, record).values
-        np.testing.assert_array_equal(Lanes(n_threads=2, **settings).simulate(model, draws, record).values, whole)
-        np.testing.assert_array_equal(Lanes(**settings).simulate(model, draws[::-1], record).values, whole[::-1])
+    for resolution in (0.0, 0.5):
+        one, two = (Lanes(n_threads=n, resolution=resolution) for n in (1, 2))
+        whole = one.simulate(model, draws, record).values
+        np.testing.assert_array_equal(two.simulate(model, draws, record).values, whole)
+        np.testing.assert_array_equal(two.simulate(model, draws[::-1], record).values, whole[::-1])
         for i in (0, 17, 36):
-            np.testing.assert_array_equal(Lanes(**settings).simulate(model, draws[i : i + 1], record).values[0], whole[i])
-    one = Lanes(n_threads=1).normal_equations(model, draws, record)
-    two = Lanes(n_threads=2).normal_equations(model, draws[::-1], record)
-    np.testing.assert_array_equal(two.information[::-1], one.information)
+            np.testing.assert_array_equal(two.simulate(model, draws[i : i + 1], record).values[0], whole[i])
+    forward = Lanes(n_threads=1).normal_equations(model, draws, record)
+    reverse = Lanes(n_threads=2).normal_equations(model, draws[::-1], record)
+    np.testing.assert_array_equal(reverse.information[::-1], forward.information)
 
 
 def test_threads_of_cvodes_share_nothing() -> None:

@@ -7,7 +7,16 @@ from typing import ClassVar
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import DRIFT_RATE, ENERGY, HYSTERETIC_DISPLACEMENT, Definition, Effect, Slots, step, symbol
+from bwbn_bayes.elements.law import (
+    DRIFT_RATE,
+    ENERGY,
+    HYSTERETIC_DISPLACEMENT,
+    Definition,
+    Effect,
+    Slots,
+    step,
+    symbol,
+)
 from bwbn_bayes.parameters import Parameter, Value
 
 _SOURCE = "Foliente 1995, doi:10.1061/(ASCE)0733-9445(1995)121:6(1013)"

@@ -25,8 +25,20 @@ from bwbn_bayes.inference.tmcmc import checkpoint as checkpoints
 from bwbn_bayes.inference.tmcmc import tempering
 from bwbn_bayes.inference.tmcmc.checkpoint import Identity, RunState
 from bwbn_bayes.inference.tmcmc.moves import FIRST_TUNING
-from bwbn_bayes.inference.tmcmc.stages import Evaluator, Population, Streams, plain_stage, waste_free_stage
-from bwbn_bayes.inference.tmcmc.target import Floats, PriorReference, Reference, Target, evaluate
+from bwbn_bayes.inference.tmcmc.stages import (
+    Evaluator,
+    Population,
+    Streams,
+    plain_stage,
+    waste_free_stage,
+)
+from bwbn_bayes.inference.tmcmc.target import (
+    Floats,
+    PriorReference,
+    Reference,
+    Target,
+    evaluate,
+)
 from bwbn_bayes.results import StageFacts
 
 Variant = Literal["default", "plain"]

@@ -19,7 +19,11 @@ import numpy as np
 
 from bwbn_bayes.inference.tmcmc import moves, resampling, tempering
 from bwbn_bayes.inference.tmcmc.coordinates import Coordinates, to_probit
-from bwbn_bayes.inference.tmcmc.mixture import fit_gaussian, fit_mixture, information_penalty
+from bwbn_bayes.inference.tmcmc.mixture import (
+    fit_gaussian,
+    fit_mixture,
+    information_penalty,
+)
 from bwbn_bayes.inference.tmcmc.moves import Shape, Tuning
 from bwbn_bayes.inference.tmcmc.target import Cloud, Floats, Integers, join
 

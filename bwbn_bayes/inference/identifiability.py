@@ -1,0 +1,71 @@
+"""Which parameter combinations a record cannot see, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bwbn_bayes.parameters import Floats
+
+PRIOR_SD = float(np.sqrt(1.0 / 12.0))
+"""Standard deviation of every coordinate of the unit cube under the prior."""
+
+UNSEEN = 0.5
+"""A direction is unseen where the data leave more than this share of the prior's standard deviation."""
+
+
+def unseen_directions(information: Floats) -> list[tuple[float, Floats]]:
+    """Directions of the unit cube that the data leave open.
+
+    Parameters
+    ----------
+    information : (n_dim, n_dim) array
+        Fisher information at the fit, in prior units (unit-cube coordinates).
+
+    Returns
+    -------
+    list of (share, direction)
+        Posterior over prior standard deviation along each direction, and the unit vector; widest first.
+    """
+    values, vectors = np.linalg.eigh(information)
+    sd = 1.0 / np.sqrt(np.maximum(values, 1e-12))
+    found = [(float(min(s / PRIOR_SD, np.inf)), vectors[:, i]) for i, s in enumerate(sd) if s > UNSEEN * PRIOR_SD]
+    return sorted(found, key=lambda pair: -pair[0])
+
+
+def describe(information: Floats, names: Sequence[str]) -> tuple[str, ...]:
+    """Sentences on what the record can and cannot see.
+
+    Parameters
+    ----------
+    information : (n_dim, n_dim) array
+        Fisher information at the fit, in prior units.
+    names : sequence of str
+        Labels of the parameters.
+    """
+    sentences = []
+    for _, direction in unseen_directions(information):
+        weight = np.abs(direction) / np.max(np.abs(direction))
+        involved = [names[i] for i in np.argsort(-weight) if weight[i] > 0.1]
+        if len(involved) == 1:
+            sentences.append(f"The record says little about {involved[0]}: its posterior is close to its prior.")
+        else:
+            together = f"{', '.join(involved[:-1])} and {involved[-1]}"
+            sentences.append(
+                f"The record cannot tell {together} apart along one combination: they can change together and leave "
+                "the response the same, so read their posteriors jointly, or fix one of them."
+            )
+    return tuple(sentences) or ("The record sees every identified parameter.",)
+
+
+def flag(points: Floats) -> str:
+    """``"unidentified"``, ``"prior-bound"`` or empty, from equal-weight draws ``(n_draws,)`` of one unit coordinate.
+
+    Prior-bound: a bound lies within 1.65 posterior standard deviations of the mean, so that it cuts the posterior.
+    Unidentified: the posterior keeps more than 80 % of the prior's standard deviation.
+    """
+    mean, sd = float(np.mean(points)), float(np.std(points))
+    if sd > 0.8 * PRIOR_SD:
+        return "unidentified"
+    return "prior-bound" if min(mean, 1.0 - mean) < 1.65 * sd else ""

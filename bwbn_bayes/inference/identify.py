@@ -1,0 +1,320 @@
+"""From a model and a record to a posterior: find the modes, choose the scheme, sample, check.
+
+Two roads must agree: importance sampling from the modes, which checks itself, and transitional MCMC, which needs no
+mode when it starts from the prior. Where the first fails its check the second takes over, and the result says so.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from bwbn_bayes.engines.available import engine as engine_by_name
+from bwbn_bayes.engines.base import Engine
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme
+from bwbn_bayes.inference.importance import (
+    PARETO_LIMIT,
+    Mixture,
+    Proposal,
+    WeightedDraws,
+    laplace_mixture,
+    sample_importance,
+)
+from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
+from bwbn_bayes.inference.modes import Mode, WindowFacts, distinct, find_modes, polish
+from bwbn_bayes.inference.residuals import residual_checks
+from bwbn_bayes.inference.ridge import RidgeProposal, widest_coordinate
+from bwbn_bayes.inference.summary import Draws, build_result
+from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
+from bwbn_bayes.inference.tmcmc.target import DefensiveMixture
+from bwbn_bayes.inference.truncated import TruncatedStudent
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.results import Check, Result, StageFacts
+from bwbn_bayes.structures.structure import Structure
+
+Method = Literal["importance", "tmcmc"]
+METHODS: tuple[Method, ...] = ("importance", "tmcmc")
+Listener = Callable[[str, StageFacts | None], None]
+"""Called with what is being done and, after each step of it, that step's facts."""
+
+N_ATTEMPTS = 3
+_PILOT = 800
+_LEAST_EFFICIENCY = 0.4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Options of one run.
+
+    Parameters
+    ----------
+    method : {"importance", "tmcmc"}
+        The road to the posterior.
+    engine : str
+        Name of the engine.
+    seed : int
+        The run is a function of it.
+    particles : int
+        Effective draws wanted (importance) or particles (TMCMC).
+    variant : {"default", "plain"}
+        TMCMC as calibrated, or as published.
+    """
+
+    method: Method = "importance"
+    engine: str = "lanes"
+    seed: int = 1
+    particles: int = 5000
+    variant: Literal["default", "plain"] = "default"
+
+
+@dataclass
+class _History:
+    """Collects the steps of a run and tells the listener."""
+
+    listener: Listener | None
+    began: float
+    stages: list[StageFacts]
+
+    def say(self, text: str, facts: StageFacts | None = None) -> None:
+        """Announce, and keep the facts if there are any."""
+        if facts is not None:
+            facts = replace(facts, stage=len(self.stages), elapsed_s=time.perf_counter() - self.began)
+            self.stages.append(facts)
+        if self.listener is not None:
+            self.listener(text, facts)
+
+
+def identify(
+    model: Structure,
+    record: Record,
+    *,
+    settings: Settings | None = None,
+    noise: Noise | None = None,
+    name: str = "model",
+    assumptions: Sequence[str] = (),
+    listener: Listener | None = None,
+) -> Result:
+    """Identify the parameters of a model from a record.
+
+    Parameters
+    ----------
+    model : Structure
+        With priors on the parameters to identify.
+    record : Record
+        Measured channels under one excitation.
+    settings : Settings, optional
+        Method, engine, seed, number of draws.
+    noise : Noise, optional
+        How the noise scale enters; by default integrated out under the priors of
+        :func:`~bwbn_bayes.inference.likelihood.default_noise`.
+    name : str
+        The model's name in reports.
+    assumptions : sequence of str
+        What the model takes for granted; printed in the report.
+    listener : callable, optional
+        Told what is being done.
+
+    Returns
+    -------
+    Result
+        Posterior, checks and facts.
+
+    Raises
+    ------
+    UserError
+        If nothing is to be identified, the record measures nothing, or record and model do not belong together.
+    """
+    settings = settings or Settings()
+    if model.space.n_dim == 0:
+        raise UserError(f"model {name!r} identifies no parameter: give at least one of them a prior instead of a number")
+    if not record.channels:
+        raise UserError(f"record {record.name!r} measures nothing: it needs at least one channel such as acceleration_1")
+    began = time.perf_counter()
+    history = _History(listener, began, [])
+    posterior = Posterior(
+        model=model,
+        record=record,
+        engine=_coarse(engine_by_name(settings.engine)),
+        noise=noise or default_noise(record),
+    )
+    streams = np.random.SeedSequence(settings.seed).spawn(N_ATTEMPTS + 2)
+    posterior, modes, discretisation, checks = _fit(posterior, streams[:N_ATTEMPTS], history)
+    rng = np.random.default_rng(streams[-1])
+    roads: dict[str, tuple[float, float]] = {}
+    method: str = settings.method
+    draws: Draws | None = None
+    if method == "importance":
+        weighted = _importance(posterior, modes, rng, settings.particles, history)
+        roads["importance"] = (weighted.log_evidence, weighted.log_evidence_se)
+        checks += (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
+        if weighted.pareto_k <= PARETO_LIMIT:
+            draws = Draws.of_weighted(weighted, rng, settings.particles)
+        else:
+            history.say("the proposal does not cover the posterior: falling back to TMCMC")
+            method = "tmcmc"
+    if draws is None:
+        cloud = _bridge(posterior, modes, settings, history)
+        roads["tmcmc (bridge)"] = (cloud.log_evidence, cloud.log_evidence_se)
+        if settings.method == "tmcmc":
+            road = _from_prior(posterior, settings, history)
+            roads["tmcmc (prior)"] = (road.log_evidence, road.log_evidence_se)
+        draws = Draws.of_cloud(cloud.particles, cloud.log_likelihood)
+    return build_result(
+        posterior,
+        modes,
+        draws,
+        method=method,
+        asked=settings.method,
+        seed=settings.seed,
+        name=name,
+        assumptions=assumptions,
+        checks=checks,
+        discretisation=discretisation,
+        stages=tuple(history.stages),
+        evidences=roads,
+        elapsed=lambda: time.perf_counter() - began,
+        rng=rng,
+    )
+
+
+def _coarse(engine: Engine) -> Engine:
+    if isinstance(engine, Lanes):
+        return replace(engine, substeps=LADDER[0][0], resolution=LADDER[0][1])
+    return engine
+
+
+def _fit(
+    posterior: Posterior, streams: Sequence[np.random.SeedSequence], history: _History
+) -> tuple[Posterior, tuple[Mode, ...], Discretisation | None, tuple[Check, ...]]:
+    """Modes at the final scheme; searched again from new and more starts while the residual is not noise."""
+    modes: tuple[Mode, ...] = ()
+    discretisation = None
+    view = posterior
+    for attempt, stream in enumerate(streams):
+        rng = np.random.default_rng(stream)
+        history.say("finding the mode" if attempt == 0 else "the residual is not noise: searching again from more starts")
+        found = find_modes(posterior, rng, n_starts=1024 * 4**attempt, progress=lambda facts: _tell_window(history, posterior, facts))
+        if isinstance(posterior.engine, Lanes):
+            scheme, discretisation = choose_scheme(posterior, found[0].point, posterior.engine)
+            view = posterior.with_engine(scheme)
+        points, local = polish(view, np.array([mode.point for mode in (*found, *modes)]), n_iterations=20)
+        modes = distinct(points, local)
+        checks = residual_checks(view, modes[0].point)
+        if all(check.passed for check in checks):
+            break
+    return view, modes, discretisation, checks
+
+
+def _tell_window(history: _History, posterior: Posterior, facts: WindowFacts) -> None:
+    duration = posterior.record.duration
+    history.say(
+        f"fitted the first {facts.end:.0f} s of {duration:.0f} s",
+        StageFacts(
+            stage=0,
+            tempering_parameter=facts.end / duration,
+            acceptance=float("nan"),
+            effective_sample_size=float("nan"),
+            n_solves=facts.n_solves,
+            log_evidence=float("nan"),
+            elapsed_s=0.0,
+            label=f"least squares on 0 to {facts.end:.1f} s, {facts.n_candidates} candidates",
+        ),
+    )
+
+
+def _importance(
+    posterior: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator, effective: int, history: _History
+) -> WeightedDraws:
+    """Importance sampling; where the Gaussian at the mode covers badly, along the ridge."""
+    proposal: Proposal = laplace_mixture(modes)
+    pilot = sample_importance(posterior, proposal, rng, effective=_PILOT, most=_PILOT)
+    if pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points):
+        coordinate = widest_coordinate(modes[0])
+        history.say(f"following the ridge along {posterior.space.names[coordinate]}")
+        proposal = _with_ridge(proposal, RidgeProposal.along(posterior, modes[0], coordinate), modes[0])
+    history.say("sampling the posterior by importance")
+
+    def tell(reached: float, n_draws: int) -> None:
+        history.say(
+            f"{reached:.0f} of {effective} effective draws",
+            StageFacts(
+                stage=0,
+                tempering_parameter=1.0,
+                acceptance=float("nan"),
+                effective_sample_size=reached,
+                n_solves=posterior.solves.total,
+                log_evidence=float("nan"),
+                elapsed_s=0.0,
+                label=f"importance sampling, {n_draws} draws",
+            ),
+        )
+
+    return sample_importance(posterior, proposal, rng, effective=effective, progress=tell)
+
+
+def _with_ridge(laplace: Proposal, ridge: RidgeProposal, mode: Mode) -> Mixture:
+    tails = TruncatedStudent.at(mode.point, mode.gradient, mode.information, inflation=1.6, degrees=8.0)
+    return Mixture(weights=(0.75, 0.1, 0.15), components=(ridge, laplace, tails))
+
+
+def _bridge(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, history: _History) -> TmcmcResult:
+    """TMCMC from an inflated Laplace mixture at the modes, mixed with the prior."""
+    history.say("sampling by transitional MCMC from the inflated Laplace approximation")
+    kept = modes[:8]
+    wide = Mixture(
+        weights=tuple([1.0 / len(kept)] * len(kept)),
+        components=tuple(TruncatedStudent.at(m.point, m.gradient, m.information, inflation=25.0) for m in kept),
+    )
+    reference = DefensiveMixture(prior_share=0.05, target=posterior, component=wide)
+    return _tmcmc(posterior, settings, history, "bridge", settings.particles, reference)
+
+
+def _from_prior(posterior: Posterior, settings: Settings, history: _History) -> TmcmcResult:
+    """TMCMC from the prior with a fifth of the particles: its evidence stands beside the bridge's."""
+    history.say("sampling by transitional MCMC from the prior")
+    fewest = max(settings.particles // 5, 8 * (posterior.n_dim + 1))
+    return _tmcmc(posterior, settings, history, "from the prior", fewest, None)
+
+
+def _tmcmc(
+    posterior: Posterior,
+    settings: Settings,
+    history: _History,
+    label: str,
+    particles: int,
+    reference: DefensiveMixture | None,
+) -> TmcmcResult:
+    return sample(
+        posterior,
+        n_particles=particles,
+        rng_seed=settings.seed,
+        variant=settings.variant,
+        reference=reference,
+        progress=lambda facts: history.say(f"TMCMC, {label}", replace(facts, label=f"TMCMC, {label}")),
+    )
+
+
+def _pareto_check(weighted: WeightedDraws) -> Check:
+    return Check(
+        name="Pareto k",
+        value=weighted.pareto_k,
+        limit=PARETO_LIMIT,
+        passed=weighted.pareto_k <= PARETO_LIMIT,
+        sentence=f"The tail of the importance weights has Pareto shape {weighted.pareto_k:.2f}.",
+    )
+
+
+def _size_check(reached: float, wanted: float) -> Check:
+    return Check(
+        name="effective draws",
+        value=reached,
+        limit=wanted,
+        passed=reached >= 0.98 * wanted,
+        sentence=f"The weighted draws are worth {reached:.0f} independent ones.",
+    )

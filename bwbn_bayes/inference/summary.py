@@ -1,0 +1,374 @@
+"""From posterior draws to a :class:`~bwbn_bayes.results.Result`: arrays, facts, the verdict."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import arviz_stats.base as arviz_base
+import numpy as np
+import xarray as xr
+
+from bwbn_bayes.engines.base import OBSERVED_KINDS, Engine, masses
+from bwbn_bayes.inference.accuracy import Discretisation
+from bwbn_bayes.inference.identifiability import describe, flag
+from bwbn_bayes.inference.importance import WeightedDraws
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.parameters import Floats, FreeParameter
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.results import (
+    Check,
+    Equation,
+    Facts,
+    ParameterFacts,
+    Result,
+    StageFacts,
+)
+from bwbn_bayes.structures.equations import structure_equations
+from bwbn_bayes.structures.quantities import engineering_quantities
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
+
+N_RESPONSES = 100
+"""Draws whose responses are kept for figures and quantities."""
+
+_LIBRARIES = ("bwbn-bayes", "numpy", "scipy", "numba", "sympy", "arviz", "xarray")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Draws:
+    """Equal-weight posterior draws with the moments of the draws behind them.
+
+    Attributes
+    ----------
+    points : (n_draws, n_dim) array
+        Points of the unit cube.
+    log_likelihood : (n_draws,) array
+    weighted_points : (n, n_dim) array
+        The draws that the moments are taken from.
+    weights : (n,) array
+        Their weights, summing to one.
+    """
+
+    points: Floats
+    log_likelihood: Floats
+    weighted_points: Floats
+    weights: Floats
+
+    @classmethod
+    def of_weighted(cls, weighted: WeightedDraws, rng: np.random.Generator, n: int) -> Self:
+        """Resample weighted draws to ``n`` of equal weight; moments keep the weights."""
+        points, log_likelihood = weighted.resampled(rng, n)
+        return cls(
+            points=points,
+            log_likelihood=log_likelihood,
+            weighted_points=weighted.points,
+            weights=np.exp(weighted.log_weights),
+        )
+
+    @classmethod
+    def of_cloud(cls, points: Floats, log_likelihood: Floats) -> Self:
+        """Draws that have equal weight already."""
+        weights = np.full(len(points), 1.0 / len(points))
+        return cls(points=points, log_likelihood=log_likelihood, weighted_points=points, weights=weights)
+
+    @property
+    def effective_sample_size(self) -> float:
+        """Kish's effective number of the weighted draws."""
+        return float(1.0 / np.sum(np.square(self.weights)))
+
+
+def build_result(
+    posterior: Posterior,
+    modes: Sequence[Mode],
+    draws: Draws,
+    *,
+    method: str,
+    asked: str,
+    seed: int,
+    name: str,
+    assumptions: Sequence[str],
+    checks: tuple[Check, ...],
+    discretisation: Discretisation | None,
+    stages: tuple[StageFacts, ...],
+    evidences: Mapping[str, tuple[float, float]],
+    elapsed: Callable[[], float],
+    rng: np.random.Generator,
+) -> Result:
+    """Assemble arrays and facts of a finished run."""
+    record, model = posterior.record, posterior.model
+    parameters = _parameter_facts(posterior, draws)
+    chosen = np.linspace(0, len(draws.points) - 1, min(N_RESPONSES, len(draws.points))).astype(np.int64)
+    values, noise_values = posterior.split(draws.points[chosen])
+    rows = observe(posterior.engine, model, values, record)
+    signals = _channels(posterior, values)
+    misfit = np.sum(np.square(np.stack(list(record.channels.values())) - signals), axis=2)
+    noise_sd = posterior.noise.draw_sd(rng, misfit, record.n_times, noise_values)
+    truth = _truth(model, record)
+    tree = _tree(posterior, draws, rows, signals, noise_sd, truth, rng)
+    log_evidence, log_evidence_se = next(iter(reversed(evidences.values()))) if method != "tmcmc" else (
+        evidences["tmcmc (bridge)"]
+    )
+    facts = Facts(
+        method=method,
+        model=name,
+        record=record.name,
+        engine=posterior.engine.name,
+        seed=seed,
+        parameters=parameters,
+        log_evidence=log_evidence,
+        log_evidence_se=log_evidence_se,
+        nrmse=_fit_error(record, signals),
+        noise_sd=dict(zip(record.channels, np.mean(noise_sd, axis=0).tolist(), strict=True)),
+        n_solves=posterior.solves.total,
+        n_stages=len(stages),
+        elapsed_s=elapsed(),
+        effective_sample_size=draws.effective_sample_size,
+        storeys=model.n_storeys,
+        verdict=_verdict(parameters, checks, method, asked, record),
+        identifiability=describe(modes[0].information, posterior.space.names),
+        checks=checks,
+        stages=stages,
+        equations=tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model)),
+        assumptions=(*assumptions, *model.warnings, posterior.noise.describe(), *_conventions(model)),
+        discretisation=discretisation.as_mapping() if discretisation else {"scheme": posterior.engine.scheme},
+        restoring_force=_force_agreement(rows, truth, model.n_storeys),
+        evidences=evidences,
+        provenance=_provenance(record, seed, posterior.engine),
+    )
+    return Result(tree=tree, facts=facts)
+
+
+def observe(engine: Engine, model: Structure, values: Floats, record: Record) -> dict[str, Floats]:
+    """Every observable history ``(n_draws, n_storeys, n_times)`` by kind."""
+    names = [f"{kind}_{storey}" for kind in OBSERVED_KINDS for storey in range(1, model.n_storeys + 1)]
+    response = engine.simulate(model, values, record, names).values
+    shaped = response.reshape(len(values), len(OBSERVED_KINDS), model.n_storeys, record.n_times)
+    return {kind: shaped[:, i] for i, kind in enumerate(OBSERVED_KINDS)}
+
+
+def _channels(posterior: Posterior, values: Floats) -> Floats:
+    return posterior.engine.simulate(posterior.model, values, posterior.record).values
+
+
+def _truth(model: Structure, record: Record) -> dict[str, Floats] | None:
+    """The noise-free response at the true parameters, solved by the reference engine, where they are all known."""
+    if not all(name in record.truth for name in model.space.names):
+        return None
+    from bwbn_bayes.engines.reference import Reference
+
+    draws = model.draws({name: record.truth[name] for name in model.space.names})
+    return observe(Reference(), model, draws, record)
+
+
+def _parameter_facts(posterior: Posterior, draws: Draws) -> tuple[ParameterFacts, ...]:
+    values = posterior.space.from_unit(draws.weighted_points)
+    equal = posterior.space.from_unit(draws.points)
+    facts = []
+    for i, parameter in enumerate(posterior.space.parameters):
+        mean = float(draws.weights @ values[:, i])
+        variance = float(draws.weights @ np.square(values[:, i] - mean))
+        low, high = arviz_base.array_stats.hdi(equal[:, i], prob=0.9)
+        facts.append(
+            ParameterFacts(
+                name=parameter.name,
+                symbol=parameter.symbol,
+                unit=parameter.unit,
+                prior=str(parameter.prior),
+                mean=mean,
+                sd=float(np.sqrt(variance)),
+                hdi90=(float(low), float(high)),
+                true=posterior.record.truth.get(parameter.name),
+                flag=flag(draws.points[:, i]),
+            )
+        )
+    return tuple(facts)
+
+
+def _tree(
+    posterior: Posterior,
+    draws: Draws,
+    rows: Mapping[str, Floats],
+    signals: Floats,
+    noise_sd: Floats,
+    truth: Mapping[str, Floats] | None,
+    rng: np.random.Generator,
+) -> xr.DataTree:
+    record, model = posterior.record, posterior.model
+    space, times = posterior.space, record.times
+    prior = space.from_unit(posterior.sample_prior(rng, 2000))
+    noisy = signals + noise_sd[:, :, None] * rng.standard_normal(signals.shape)
+    storeys = list(range(1, model.n_storeys + 1))
+    local = model.table.local(posterior.split(draws.points[_kept(draws, len(signals))])[0])
+    by_storey = xr.Dataset(
+        {p.symbol: (("draw", "storey"), local[:, :, i]) for i, p in enumerate(model.law.parameters)},
+        coords={"storey": storeys},
+    )
+    response = _response_dataset(rows, times, storeys)
+    groups = {
+        "posterior": _parameter_dataset(space.parameters, space.from_unit(draws.points), model.n_storeys),
+        "prior": _parameter_dataset(space.parameters, prior, model.n_storeys),
+        "sample_stats": xr.Dataset({"log_likelihood": (("chain", "draw"), draws.log_likelihood[None])}),
+        "observed_data": xr.Dataset(
+            {name: ("time", np.array(signal)) for name, signal in record.channels.items()}, coords={"time": times}
+        ),
+        "constant_data": _constant_dataset(model, record, storeys),
+        "posterior_predictive": xr.Dataset(
+            {
+                name: (("chain", "draw", "time"), noisy[None, :, i].astype(np.float32))
+                for i, name in enumerate(record.channels)
+            },
+            coords={"time": times},
+        ),
+        "response": response,
+        "parameters_by_storey": by_storey,
+    }
+    if isinstance(model, ShearBuilding):
+        groups["quantities"] = engineering_quantities(response, by_storey, masses(model))
+    if truth is not None:
+        groups["true_response"] = _response_dataset(truth, times, storeys).isel(draw=0)
+    return xr.DataTree.from_dict(groups)
+
+
+def _kept(draws: Draws, n: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    return np.linspace(0, len(draws.points) - 1, n).astype(np.int64)
+
+
+def _response_dataset(rows: Mapping[str, Floats], times: Floats, storeys: list[int]) -> xr.Dataset:
+    place = {kind: "floor" if kind == "acceleration" else "storey" for kind in rows}
+    return xr.Dataset(
+        {kind: (("draw", place[kind], "time"), values.astype(np.float32)) for kind, values in rows.items()},
+        coords={"storey": storeys, "floor": storeys, "time": times},
+    )
+
+
+def _parameter_dataset(parameters: Sequence[FreeParameter], values: Floats, n_storeys: int) -> xr.Dataset:
+    """One variable per symbol; per-storey parameters get a storey dimension of their own where not all have one."""
+    variables: dict[str, tuple[tuple[str, ...], Floats]] = {}
+    coords: dict[str, list[int]] = {}
+    for symbol in dict.fromkeys(p.symbol for p in parameters):
+        members = [i for i, p in enumerate(parameters) if p.symbol == symbol]
+        numbered = [parameters[i].storeys for i in members]
+        if len(members) == 1 and parameters[members[0]].name == symbol:
+            variables[symbol] = (("chain", "draw"), values[None, :, members[0]])
+        elif all(len(storeys) == 1 for storeys in numbered):
+            storeys = [storeys[0] for storeys in numbered]
+            dimension = "storey" if storeys == list(range(1, n_storeys + 1)) else f"storey_{symbol}"
+            coords[dimension] = storeys
+            variables[symbol] = (("chain", "draw", dimension), values[None][:, :, members])
+        else:
+            for i in members:
+                variables[parameters[i].name] = (("chain", "draw"), values[None, :, i])
+    return xr.Dataset(variables, coords=coords)
+
+
+def _constant_dataset(model: Structure, record: Record, storeys: list[int]) -> xr.Dataset:
+    dataset = xr.Dataset({record.excitation_kind: ("time", np.array(record.excitation))}, coords={"time": record.times})
+    if isinstance(model, ShearBuilding) and set(storeys) <= set(record.floors):
+        forces = record.storey_forces(masses(model))
+        dataset = dataset.assign(measured_storey_force=(("storey", "time"), forces)).assign_coords(storey=storeys)
+    return dataset
+
+
+def _fit_error(record: Record, signals: Floats) -> dict[str, float]:
+    mean = np.mean(signals, axis=0)
+    return {
+        name: float(np.sqrt(np.mean(np.square(signal - mean[i])) / np.mean(np.square(signal))))
+        for i, (name, signal) in enumerate(record.channels.items())
+    }
+
+
+def _force_agreement(
+    rows: Mapping[str, Floats], truth: Mapping[str, Floats] | None, n_storeys: int
+) -> dict[str, dict[str, float]]:
+    """Posterior mean restoring force against the noise-free truth, in time and along the drift path."""
+    if truth is None:
+        return {}
+    found = np.mean(rows["restoring_force"], axis=0)
+    result = {}
+    for i in range(n_storeys):
+        true, drift = truth["restoring_force"][0, i], truth["drift"][0, i]
+        result[str(i + 1)] = {
+            "nrmse": float(np.sqrt(np.mean(np.square(found[i] - true)) / np.mean(np.square(true)))),
+            "correlation_time": float(np.corrcoef(found[i], true)[0, 1]),
+            "correlation_drift": path_correlation(found[i], true, drift),
+        }
+    return result
+
+
+def path_correlation(found: Floats, true: Floats, drift: Floats) -> float:
+    """R-x: correlation of two force histories ``(n_times,)`` at equal steps of the travelled drift path.
+
+    Both are resampled on a common grid of as many points along the accumulated absolute drift of the truth, so that
+    every stretch of the loop counts by its length, not by the time spent on it.
+    """
+    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(drift)))])
+    grid = np.linspace(0.0, path[-1], len(path))
+    return float(np.corrcoef(np.interp(grid, path, found), np.interp(grid, path, true))[0, 1])
+
+
+def _verdict(
+    parameters: Sequence[ParameterFacts], checks: Sequence[Check], method: str, asked: str, record: Record
+) -> tuple[str, str]:
+    seen = [p for p in parameters if p.flag != "unidentified"]
+    failed = [check for check in checks if not check.passed]
+    model_fits = all(check.passed for check in checks if check.name.startswith("residual"))
+    scope = f"{len(record.channels)} channel{'s' if len(record.channels) != 1 else ''} of {record.name}"
+    first = f"{len(seen)} of {len(parameters)} parameters are identified from {scope}"
+    first += (
+        ", and the model explains the record down to its noise."
+        if model_fits
+        else ", but the model does not explain the record: what is left is not noise, and the posterior holds only if the model does."
+    )
+    road = {"importance": "importance sampling", "tmcmc": "transitional MCMC"}.get(method, method)
+    if method != asked:
+        second = f"Importance sampling failed its own check, so {road} took over; its posterior stands alone."
+    elif failed:
+        second = f"Read it with care: {' '.join(check.sentence for check in failed)}"
+    else:
+        second = f"The posterior comes from {road} and passed all {len(checks)} of its checks."
+    return first, second
+
+
+def _conventions(model: Structure) -> tuple[str, ...]:
+    lines = ["Energy is the work on the hysteretic spring in joules; delta_nu, delta_eta and delta_s are per joule."]
+    if isinstance(model, ShearBuilding):
+        lines.append("The structure starts at rest; the ground acceleration is linear between samples.")
+        lines.append(
+            "R-t is the correlation of the storey force histories; R-x is taken at equal steps of the travelled drift path."
+        )
+    if model.space.constraints:
+        lines.append(
+            f"The prior is normalised over the admissible region ({'; '.join(sorted({c.text for c in model.space.constraints}))}) "
+            f"by a Sobol quadrature: log mass {model.space.log_admissible_mass:.4f}."
+        )
+    return tuple(lines)
+
+
+def _provenance(record: Record, seed: int, engine: Engine) -> dict[str, str]:
+    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _LIBRARIES)
+    return {
+        "seed": str(seed),
+        "data hash (SHA-256)": record.content_hash,
+        "engine": f"{engine.name}: {engine.scheme}",
+        "python": platform.python_version(),
+        "versions": versions,
+        "processor": processor_name(),
+        **{f"record: {key}": value for key, value in record.provenance.items()},
+    }
+
+
+def processor_name() -> str:
+    """The processor as the operating system names it."""
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8") as lines:
+            for line in lines:
+                if line.startswith("model name"):
+                    return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()

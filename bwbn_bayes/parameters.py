@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, override
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,13 +94,13 @@ class Prior:
         return np.asarray(self._frozen.logpdf(value), dtype=np.float64)
 
     def truncated(self, lower: float, upper: float) -> Prior:
-        """This prior restricted to ``[lower, upper]`` and normalised; itself where nothing is cut."""
+        """Restrict the prior to ``[lower, upper]`` and normalise it; itself where nothing is cut."""
         own_lower, own_upper = self.support
         if lower <= own_lower and own_upper <= upper:
             return self
         if not self.probability(upper) - self.probability(lower) > 0.0:
             raise UserError(
-                f"prior {self} has no mass in the admissible range [{lower:g}, {upper:g}]: choose a prior that reaches it"
+                f"prior {self} has no mass in the admissible range [{lower:g}, {upper:g}]: choose one that reaches it"
             )
         return Truncated(self, lower, upper)
 
@@ -114,9 +114,12 @@ class Uniform(Prior):
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.lower) and np.isfinite(self.upper) and self.lower < self.upper):
-            raise UserError(f"Uniform({self.lower}, {self.upper}): the lower bound must lie below the upper, both finite")
+            raise UserError(
+                f"Uniform({self.lower}, {self.upper}): the lower bound must lie below the upper, both finite"
+            )
 
     @property
+    @override
     def distribution(self) -> Any:
         return stats.uniform(self.lower, self.upper - self.lower)
 
@@ -135,6 +138,7 @@ class Normal(Prior):
         _require_positive(self, "scale", self.scale)
 
     @property
+    @override
     def distribution(self) -> Any:
         return stats.norm(self.location, self.scale)
 
@@ -152,6 +156,7 @@ class HalfNormal(Prior):
         _require_positive(self, "scale", self.scale)
 
     @property
+    @override
     def distribution(self) -> Any:
         return stats.halfnorm(0.0, self.scale)
 
@@ -171,6 +176,7 @@ class LogNormal(Prior):
         _require_positive(self, "log_sd", self.log_sd)
 
     @property
+    @override
     def distribution(self) -> Any:
         return stats.lognorm(self.log_sd, scale=self.median)
 
@@ -191,15 +197,18 @@ class Truncated(Prior):
         return float(self.parent.probability(self.lower)), float(self.parent.probability(self.upper))
 
     @property
+    @override
     def support(self) -> tuple[float, float]:
         lower, upper = self.parent.support
         return max(lower, self.lower), min(upper, self.upper)
 
     @property
+    @override
     def mean(self) -> float:
         return float(np.mean(self._midpoint_values))
 
     @property
+    @override
     def sd(self) -> float:
         return float(np.std(self._midpoint_values))
 
@@ -207,14 +216,17 @@ class Truncated(Prior):
     def _midpoint_values(self) -> Floats:
         return self.quantile((np.arange(4096) + 0.5) / 4096)
 
+    @override
     def quantile(self, probability: Floats | float) -> Floats:
         low, high = self._masses
         return self.parent.quantile(low + np.asarray(probability) * (high - low))
 
+    @override
     def probability(self, value: Floats | float) -> Floats:
         low, high = self._masses
         return np.clip((self.parent.probability(value) - low) / (high - low), 0.0, 1.0)
 
+    @override
     def log_density(self, value: Floats | float) -> Floats:
         low, high = self._masses
         lower, upper = self.support

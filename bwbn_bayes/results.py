@@ -73,7 +73,7 @@ class StageFacts:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One thing the method checked about itself: ``name``, ``value`` against ``limit``, passed or not, in a sentence."""
+    """One thing the method checked about itself: ``value`` against ``limit``, passed or not, in a sentence."""
 
     name: str
     value: float
@@ -122,7 +122,7 @@ class Facts:
     discretisation: Mapping[str, Any] = field(default_factory=dict)
     """``scheme``, ``joint_shift_sd`` (posterior sds), ``log_likelihood_shift``, ``nrmse``."""
     restoring_force: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Per storey (``"1"``): ``nrmse``, ``correlation_time`` and ``correlation_drift`` (R-x) against the noise-free truth."""
+    """Per storey (``"1"``), against the true one: ``nrmse``, ``correlation_time`` and ``correlation_drift`` (R-x)."""
     evidences: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Log evidence and its standard error by road, e.g. ``importance``, ``tmcmc (bridge)``, ``tmcmc (prior)``."""
     provenance: Mapping[str, str] = field(default_factory=dict)

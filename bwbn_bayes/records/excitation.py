@@ -103,7 +103,8 @@ def sine(amplitude: float, frequency_hz: float, duration: float, time_step: floa
     _require_positive("amplitude", amplitude, "m/s^2")
     if not 0.0 < frequency_hz < 0.5 / time_step:
         raise UserError(
-            f"frequency_hz is {frequency_hz:g}: it must lie between 0 and half the sampling rate, {0.5 / time_step:g} Hz"
+            f"frequency_hz is {frequency_hz:g}: it must lie between 0 and half the sampling rate, {0.5 / time_step:g} "
+            "Hz"
         )
     return Record(
         name=f"sine {frequency_hz:g} Hz",
@@ -283,7 +284,8 @@ def _interpolated(record: Record, time_step: float) -> Record:
     parts = round(record.time_step / time_step) if time_step > 0.0 else 0
     if parts < 1 or abs(parts * time_step - record.time_step) > 1e-9 * record.time_step:
         raise UserError(
-            f"time_step is {time_step:g} s: it must be {record.time_step:g} s, the record's own, or an integer fraction of it"
+            f"time_step is {time_step:g} s: it must be {record.time_step:g} s, the record's own, or an integer "
+            "fraction of it"
         )
     if parts == 1:
         return record

@@ -66,8 +66,8 @@ def add_noise(record: Record, snr_db: float | None, rng: np.random.Generator) ->
 def model_free_noise_sd(signal: Floats) -> float:
     """Estimate the standard deviation of the white noise on a smooth signal, without a model.
 
-    A difference of order k multiplies the variance of white noise by ``binomial(2k, k)``, about ``4^k``, and a signal of
-    frequency f by ``(2 sin(pi f time_step))^(2k)``: the scaled differences fall with k until only noise is left. The
+    A difference of order k multiplies the variance of white noise by ``binomial(2k, k)``, about ``4^k``, and a signal
+    of frequency f by ``(2 sin(pi f time_step))^(2k)``: the scaled differences fall with k until only noise is left. The
     estimate is taken at the lowest order that agrees with all higher ones within their sampling error (Lepski's rule).
     Each order's scale is that of a normal distribution clipped at 2.5 of its own standard deviations, started from the
     median absolute value, so that the few differences that span a kink or a jump drop out.
@@ -102,7 +102,8 @@ def model_free_noise_sd(signal: Floats) -> float:
     values = np.asarray(signal, dtype=np.float64)
     if values.ndim != 1 or len(values) < MIN_SAMPLES or not np.all(np.isfinite(values)):
         raise UserError(
-            f"a noise level needs at least {MIN_SAMPLES} finite values of one channel: the signal has shape {values.shape}"
+            f"a noise level needs at least {MIN_SAMPLES} finite values of one channel: the signal has shape "
+            f"{values.shape}"
         )
     highest = min(MAX_DIFFERENCE_ORDER, len(values) // 8)
     differences = values

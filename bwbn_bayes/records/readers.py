@@ -401,6 +401,7 @@ def _variable_column(variable: xr.Variable, name: str, path: Path) -> Column:
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         raise UserError(
-            f"{path}, point {bad[0] + 1}, column {name}: the value is {values[bad[0]]}, every value must be a finite number"
+            f"{path}, point {bad[0] + 1}, column {name}: the value is {values[bad[0]]}, every value must be a finite "
+            "number"
         )
     return Column(name, _factor(name, unit, str(path)), values)

@@ -310,8 +310,8 @@ class Record:
         missing = [floor for floor in range(lowest_storey, len(mass) + 1) if floor not in self.floors]
         if missing:
             raise UserError(
-                f"the force of storey {lowest_storey} needs acceleration_{missing[-1]}, which record {self.name} does not "
-                "have: every floor above a storey needs a sensor"
+                f"the force of storey {lowest_storey} needs acceleration_{missing[-1]}, which record {self.name} does "
+                "not have: every floor above a storey needs a sensor"
             )
         floors = range(lowest_storey, len(mass) + 1)
         inertia = np.stack([mass[floor - 1] * self.channels[f"acceleration_{floor}"] for floor in floors])

@@ -79,7 +79,7 @@ class ChannelTrace:
 
 @dataclass(frozen=True, kw_only=True)
 class StoreyLoop:
-    """Storey force against drift: measured, identified (mean and draws), true where known. [N] and [m]"""
+    """Storey force against drift: measured, identified (mean and draws), true where known; in N and m."""
 
     storey: int
     drift: Floats
@@ -131,7 +131,7 @@ class Quantity:
 
 @dataclass(frozen=True, kw_only=True)
 class Period:
-    """First period of the damaged building against time. [s]"""
+    """First period of the damaged building against time, in s."""
 
     time: Floats
     band: Band

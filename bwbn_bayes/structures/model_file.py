@@ -59,7 +59,9 @@ def load_model_file(path: Path) -> ModelFile:
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
     except Exception as error:
-        line = next((f.lineno for f in reversed(traceback.extract_tb(error.__traceback__)) if f.filename == str(path)), None)
+        line = next(
+            (f.lineno for f in reversed(traceback.extract_tb(error.__traceback__)) if f.filename == str(path)), None
+        )
         line = error.lineno if isinstance(error, SyntaxError) else line
         where = f"{path}, line {line}" if line is not None else f"{path}"
         raise UserError(f"{where}: {type(error).__name__}: {error}") from error

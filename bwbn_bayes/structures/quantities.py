@@ -44,7 +44,7 @@ def at_time(parameters: xr.Dataset, symbol: str, time: xr.DataArray | float) -> 
 
 
 def ultimate_hysteretic_displacement(parameters: xr.Dataset) -> xr.DataArray:
-    """Bound ``z_u = (A / (beta + gamma))^(1/n)`` of the hysteretic displacement before degradation. [m]
+    """Bound ``z_u = (A / (beta + gamma))^(1/n)`` of the hysteretic displacement before degradation, in m.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def ultimate_hysteretic_displacement(parameters: xr.Dataset) -> xr.DataArray:
 
 
 def yield_drift(parameters: xr.Dataset) -> xr.DataArray:
-    """Drift ``u_y = z_u / A`` at which the initial slope meets the bound of z; ``u_y = z_u`` for A = 1. [m]
+    """Drift ``u_y = z_u / A`` at which the initial slope meets the bound of z, in m; ``u_y = z_u`` for A = 1.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def stiffness_degradation_factor(parameters: xr.Dataset, energy: xr.DataArray, t
 
 
 def tangent_stiffness(parameters: xr.Dataset, energy: xr.DataArray, time: xr.DataArray) -> xr.DataArray:
-    """Initial tangent ``alpha k + (1 - alpha) k A / eta`` of each storey, degraded as it is at a time. [N/m]
+    """Initial tangent ``alpha k + (1 - alpha) k A / eta`` of each storey, degraded as it is at a time, in N/m.
 
     It is the slope at z = 0 without slip or pinching: what a small vibration around rest sees.
 
@@ -216,7 +216,7 @@ def engineering_quantities(
 
 
 def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset) -> xr.DataArray:
-    """Hysteretic energy dissipated up to an instant. [J]
+    """Hysteretic energy dissipated up to an instant, in J.
 
     The work on the hysteretic spring less what unloading to z = 0 would return, ``(1 - alpha) k eta z^2 / (2 A)``:
     exact where beta = gamma and nothing slips, and close elsewhere, since the second term is small at rest.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, override
 
 import numpy as np
 
@@ -45,5 +45,6 @@ class ShearBuilding(Structure):
         super().__post_init__()
 
     @property
+    @override
     def n_storeys(self) -> int:
         return len(self.masses)

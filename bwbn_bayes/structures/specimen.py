@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, override
 
 from bwbn_bayes.structures.structure import Structure
 
@@ -21,5 +21,6 @@ class Specimen(Structure):
     excitation_kind: ClassVar[str] = "displacement"
 
     @property
+    @override
     def n_storeys(self) -> int:
         return 1

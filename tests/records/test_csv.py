@@ -162,8 +162,8 @@ def changed(row: int, text: str) -> str:
 
 
 CHANNELS = (
-    "acceleration_i, relative_acceleration_i, displacement_i, drift_i, force_i (i from 1), or displacement and force for a "
-    "cyclic test"
+    "acceleration_i, relative_acceleration_i, displacement_i, drift_i, force_i (i from 1), or displacement and force "
+    "for a cyclic test"
 )
 COLUMN_NAME = "write a name and its unit, such as acceleration_1 [m/s^2], separated by commas"
 BAD_FILES = [
@@ -227,7 +227,10 @@ BAD_FILES = [
     ),
     (
         lines(header=HEADER.replace("acceleration_1 [m/s^2]", "acceleration_1 [kN]")),
-        "{path}, line 1, column acceleration_1: the unit [kN] has the wrong dimension: write a unit of acceleration such as m/s^2",
+        (
+            "{path}, line 1, column acceleration_1: the unit [kN] has the wrong dimension: write a unit of acceleration "
+            "such as m/s^2"
+        ),
     ),
     (
         lines(header=HEADER.replace("time [s]", "time [foo]")),
@@ -323,5 +326,5 @@ def test_no_text_raises_anything_but_a_user_error(text: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.csv"
         path.write_text(text, encoding="utf-8")
-        with pytest.raises(UserError, match="run.csv"):
+        with pytest.raises(UserError, match=r"run\.csv"):
             read_csv(path)

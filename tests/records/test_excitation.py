@@ -58,14 +58,14 @@ def test_a_finer_time_step_is_the_same_polygon(version: str, parts: int) -> None
 
 @pytest.mark.parametrize("time_step", [0.02, 0.015, 0.003, 0.0, -0.01, np.nan])
 def test_other_time_steps_are_refused(time_step: float) -> None:
-    with pytest.raises(UserError, match="it must be 0.01 s, the record's own, or an integer fraction of it"):
+    with pytest.raises(UserError, match=r"it must be 0\.01 s, the record's own, or an integer fraction of it"):
         el_centro(time_step=time_step)
 
 
 def test_el_centro_refuses_what_it_does_not_have() -> None:
     with pytest.raises(UserError, match="El Centro version '270' is not known: use rsn6_180 or chopra"):
         el_centro("270")  # type: ignore[arg-type]
-    with pytest.raises(UserError, match="scale is 0.0: it must be a finite number other than zero"):
+    with pytest.raises(UserError, match=r"scale is 0\.0: it must be a finite number other than zero"):
         el_centro(scale=0.0)
 
 
@@ -109,8 +109,8 @@ def test_density_is_that_of_the_two_filters(ground_frequency_hz: float, ground_d
 
 
 def test_filtered_noise_has_the_closed_form_spectrum() -> None:
-    # Welch's estimate averaged in bands over 40 motions. A band holds 16 ordinates of 40 windows each, correlated by the
-    # Hann window (equivalent bandwidth 1.5, no overlap): relative standard error sqrt(1.5 / 640) = 0.048.
+    # Welch's estimate averaged in bands over 40 motions. A band holds 16 ordinates of 40 windows each, correlated by
+    # the Hann window (equivalent bandwidth 1.5, no overlap): relative standard error sqrt(1.5 / 640) = 0.048.
     n_motions, rms, time_step, n_window = 40, 1.5, 0.02, 4096
     rng = np.random.default_rng(11)
     duration = (n_window - 1) * time_step
@@ -127,7 +127,8 @@ def test_filtered_noise_has_the_closed_form_spectrum() -> None:
 
 
 def test_filtered_noise_is_gaussian_with_the_stated_rms() -> None:
-    # At one time over 4,000 independent motions: sample variance within 4 standard errors sqrt(2 / n), kurtosis sqrt(24 / n).
+    # At one time over 4,000 independent motions: sample variance within 4 standard errors sqrt(2 / n), kurtosis
+    # sqrt(24 / n).
     rng = np.random.default_rng(12)
     values = np.array([filtered_noise(rng, 2.0, 0.05, rms=2.0).excitation[17] for _ in range(4000)])
     assert abs(np.mean(values**2) / 4.0 - 1.0) < 4.0 * np.sqrt(2.0 / 4000)

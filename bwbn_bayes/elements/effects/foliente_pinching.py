@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, override
 
 import sympy as sp
 
@@ -74,6 +74,7 @@ class FolientePinching(Effect):
         _parameter("lambda_", "", 1.0, 1e-9, "floor of the width"),
     )
 
+    @override
     def fill(self, slots: Slots) -> Slots:
         zeta_s, p, q, psi_0, delta_psi, floor = (symbol(parameter.symbol) for parameter in self.parameters)
         depth, width, z_u = step("z_1"), step("z_2"), step("z_u")

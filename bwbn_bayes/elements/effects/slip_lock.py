@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, override
 
 import sympy as sp
 
@@ -58,6 +58,7 @@ class SlipLock(Effect):
         Parameter(symbol="sigma", unit="m", neutral=1.0, lower=1e-9, description="width of the slip", source=source),
     )
 
+    @override
     def fill(self, slots: Slots) -> Slots:
         sigma = symbol("sigma")
         s, a = step("s"), step("a")

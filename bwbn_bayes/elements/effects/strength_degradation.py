@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, override
 
 from bwbn_bayes.elements.law import ENERGY, Effect, Slots, symbol
 from bwbn_bayes.parameters import Parameter, Value
@@ -42,5 +42,6 @@ class StrengthDegradation(Effect):
         ),
     )
 
+    @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, nu=slots.nu + symbol("delta_nu") * ENERGY)

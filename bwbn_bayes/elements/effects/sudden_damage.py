@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar, Self, override
 
 import sympy as sp
 
@@ -19,8 +19,8 @@ _UNITS = {"k": "N/m", "c": "N s/m", "alpha": "", "delta_nu": "1/J", "delta_eta":
 class SuddenDamage(Effect):
     """A storey parameter changes by ``jump`` at ``time``; the past work is kept: ``nu = 1 + delta_nu(t) epsilon``.
 
-    The parameter stays admissible after the jump. A jump of k drops the force at once and takes stored energy with it. Engines split the step at the time; an unknown
-    time contributes its jump term to the derivatives.
+    The parameter stays admissible after the jump. A jump of k drops the force at once and takes stored energy with it.
+    Engines split the step at the time; an unknown time contributes its jump term to the derivatives.
 
     Parameters
     ----------
@@ -78,6 +78,7 @@ class SuddenDamage(Effect):
         return jump, time
 
     @property
+    @override
     def values(self) -> Mapping[str, Value]:
         return {f"{self.parameter}_jump": self.jump, f"{self.parameter}_time": self.time}
 
@@ -86,6 +87,7 @@ class SuddenDamage(Effect):
         """No jump of each parameter that can jump."""
         return tuple(cls(parameter=parameter, jump=0.0, time=0.0) for parameter in _UNITS)
 
+    @override
     def fill(self, slots: Slots) -> Slots:
         base, jump, time = (symbol(self.parameter + suffix) for suffix in ("", "_jump", "_time"))
         happened = sp.Symbol(f"{self.parameter}_happened", nonnegative=True)

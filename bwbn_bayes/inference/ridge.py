@@ -8,7 +8,8 @@ and exactly normalised.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -41,8 +42,12 @@ class RidgeProposal:
         Cells along the coordinate, inside the unit interval.
     mass : (n_cells,) array
         Their probabilities.
-    mean, factor : CubicSpline
-        Conditional location and lower Cholesky factor (packed) of the rest.
+    nodes : (n_nodes,) array
+        Where the coordinate was held.
+    means : (n_nodes, n_dim - 1) array
+        Conditional locations of the rest.
+    factors : (n_nodes, (n_dim - 1) n_dim / 2) array
+        Lower Cholesky factors of their scale matrices, packed.
     bend : Bend
         Curvature of the others' conditional optimum over the widest coordinates.
     """
@@ -51,8 +56,9 @@ class RidgeProposal:
     order: NDArray[np.int64]
     edges: Floats
     mass: Floats
-    mean: CubicSpline
-    factor: CubicSpline
+    nodes: Floats
+    means: Floats
+    factors: Floats
     bend: Bend
 
     @classmethod
@@ -80,20 +86,33 @@ class RidgeProposal:
             order=rest[order],
             edges=edges,
             mass=mass,
-            mean=CubicSpline(nodes, mean[:, order]),
-            factor=CubicSpline(nodes, packed),
+            nodes=nodes,
+            means=mean[:, order],
+            factors=packed,
         )
+
+    def inflated(self, factor: float) -> Self:
+        """The same ridge with every conditional variance times ``factor`` and a correspondingly flatter profile."""
+        mass = np.maximum(self.mass, 1e-300) ** (1.0 / factor)
+        return replace(self, mass=mass / np.sum(mass), factors=np.sqrt(factor) * self.factors)
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draws ``(n, n_dim)``."""
-        cell = np.minimum(np.searchsorted(np.cumsum(self.mass), rng.random(n)), _CELLS - 1)
-        along = self.edges[cell] + rng.random(n) * np.diff(self.edges)[cell]
+        return self.transport(rng.random((n, len(self.order) + 1)))[0]
+
+    def transport(self, uniforms: Floats) -> tuple[Floats, Floats]:
+        """Map uniform points ``(n, n_dim)`` of the cube to draws, and give the draws' log density ``(n,)``."""
+        above = np.cumsum(self.mass)
+        cell = np.minimum(np.searchsorted(above, uniforms[:, 0]), len(self.mass) - 1)
+        share = np.clip((uniforms[:, 0] - above[cell]) / self.mass[cell] + 1.0, 0.0, 1.0)
+        width = np.diff(self.edges)[cell]
+        along = self.edges[cell] + share * width
         mean, factor = self._conditional(along)
-        ordered, _ = walk(mean, factor, np.inf, uniforms=rng.random(mean.shape), bend=self.bend)
-        points = np.empty((n, len(self.order) + 1))
+        ordered, log_density = walk(mean, factor, np.inf, uniforms=uniforms[:, 1:], bend=self.bend)
+        points = np.empty_like(uniforms)
         points[:, self.coordinate] = along
         points[:, self.order] = ordered
-        return points
+        return points, log_density + np.log(self.mass[cell] / width)
 
     def log_density(self, points: Floats) -> Floats:
         """Normalised log density ``(n,)``; minus infinity outside the walked range."""
@@ -108,10 +127,15 @@ class RidgeProposal:
     def _conditional(self, along: Floats) -> tuple[Floats, Floats]:
         d = len(self.order)
         factor = np.zeros((len(along), d, d))
-        factor[:, *np.tril_indices(d)] = self.factor(along)
+        mean, packed = self._splines
+        factor[:, *np.tril_indices(d)] = packed(along)
         diagonal = np.einsum("nii->ni", factor)
         np.einsum("nii->ni", factor)[...] = np.maximum(diagonal, 1e-8)
-        return self.mean(along), factor
+        return mean(along), factor
+
+    @cached_property
+    def _splines(self) -> tuple[CubicSpline, CubicSpline]:
+        return CubicSpline(self.nodes, self.means), CubicSpline(self.nodes, self.factors)
 
 
 def widest_coordinate(mode: Mode) -> int:

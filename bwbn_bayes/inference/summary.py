@@ -18,6 +18,7 @@ from bwbn_bayes.inference.identifiability import describe, flag
 from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult
 from bwbn_bayes.parameters import Floats, FreeParameter
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import (
@@ -52,12 +53,15 @@ class Draws:
         The draws that the moments are taken from.
     weights : (n,) array
         Their weights, summing to one.
+    effective_sample_size : float
+        Independent draws they are worth.
     """
 
     points: Floats
     log_likelihood: Floats
     weighted_points: Floats
     weights: Floats
+    effective_sample_size: float
 
     @classmethod
     def of_weighted(cls, weighted: WeightedDraws, rng: np.random.Generator, n: int) -> Self:
@@ -68,18 +72,20 @@ class Draws:
             log_likelihood=log_likelihood,
             weighted_points=weighted.points,
             weights=np.exp(weighted.log_weights),
+            effective_sample_size=weighted.effective_sample_size,
         )
 
     @classmethod
-    def of_cloud(cls, points: Floats, log_likelihood: Floats) -> Self:
-        """Draws that have equal weight already."""
-        weights = np.full(len(points), 1.0 / len(points))
-        return cls(points=points, log_likelihood=log_likelihood, weighted_points=points, weights=weights)
-
-    @property
-    def effective_sample_size(self) -> float:
-        """Kish's effective number of the weighted draws."""
-        return float(1.0 / np.sum(np.square(self.weights)))
+    def of_cloud(cls, cloud: TmcmcResult) -> Self:
+        """The particles of a TMCMC run, which have equal weight already."""
+        n = len(cloud.particles)
+        return cls(
+            points=cloud.particles,
+            log_likelihood=cloud.log_likelihood,
+            weighted_points=cloud.particles,
+            weights=np.full(n, 1.0 / n),
+            effective_sample_size=min(cloud.stages[-1].effective_sample_size, float(n)),
+        )
 
 
 def build_result(

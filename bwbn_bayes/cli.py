@@ -1,114 +1,123 @@
-"""The command line: options, one library call, an exit code."""
+"""The command line: options, one library call, an exit code.
+
+Results go to stdout, everything else to stderr. Exit codes: 0; 2 for a mistake of the user's, told in one sentence;
+1 for ours, with a traceback.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from tempfile import TemporaryDirectory
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from bwbn_bayes.elements.catalogue import catalogue
 from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.available import engines as available_engines
 from bwbn_bayes.engines.simulation import simulate as simulate_record
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.identify import METHODS, Method, Settings
+from bwbn_bayes.inference.identify import Listener, Method, Settings
 from bwbn_bayes.inference.identify import identify as identify_model
 from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report import write_report
-from bwbn_bayes.results import Result, StageFacts
+from bwbn_bayes.report.numbers import decimal_place
+from bwbn_bayes.results import ParameterFacts, Result, StageFacts
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
 
 app = typer.Typer(
     help="Identify hysteretic structures from measured records, and say what the model is missing.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-notes = Console(stderr=True)
 
-ModelArgument = Annotated[Path, typer.Argument(help="Python file that defines `model`.")]
-RecordOption = Annotated[Path | None, typer.Option("--record", help="Measured record: CSV or netCDF.")]
-OutOption = Annotated[Path | None, typer.Option("--out", help="Directory to write to.")]
+EngineName = Literal["lanes", "cvodes", "reference", "scalar"]
+ModelArgument = Annotated[Path, typer.Argument(help="Python file that defines `model`.", show_default=False)]
+OutOption = Annotated[Path, typer.Option("--out", help="Directory to write to.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="The run is a function of it.")]
-EngineOption = Annotated[str, typer.Option("--engine", help="lanes, cvodes, reference or scalar.")]
+EngineOption = Annotated[EngineName, typer.Option("--engine", help="What solves the model; see `bwbn engines`.")]
 
 
 @app.command()
 def identify(
     model: ModelArgument,
-    record: RecordOption = None,
-    method: Annotated[str, typer.Option("--method", help=" or ".join(METHODS))] = "importance",
-    out: OutOption = None,
+    record: Annotated[Path | None, typer.Option("--record", help="Measured record: CSV or netCDF.")] = None,
+    method: Annotated[Method, typer.Option("--method", help="Road to the posterior.")] = "importance",
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Directory to write to; reports/MODEL_METHOD by default.")
+    ] = None,
     seed: SeedOption = 1,
     engine: EngineOption = "lanes",
     particles: Annotated[int, typer.Option("--particles", min=100, help="Posterior draws wanted.")] = 5000,
-    variant: Annotated[str, typer.Option("--variant", help="TMCMC as calibrated (default) or published (plain).")] = "default",
+    variant: Annotated[
+        Literal["default", "plain"],
+        typer.Option("--variant", help="TMCMC as calibrated (default) or published (plain)."),
+    ] = "default",
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
-    settings = Settings(
-        method=_method(method), engine=engine, seed=seed, particles=particles, variant="plain" if variant == "plain" else "default"
-    )
-    if variant not in ("default", "plain"):
-        raise UserError(f"variant {variant!r} is not known: choose default or plain")
     file = load_model_file(model)
-    measured = _record(file, record, seed)
-    directory = out or Path("reports") / f"{file.name}_{method}"
-    with _progress() as bar:
-        task = bar.add_task("starting", total=1.0)
-
-        def listen(text: str, facts: StageFacts | None) -> None:
-            share = facts.tempering_parameter if facts is not None else None
-            bar.update(task, description=_line(text, facts), completed=share)
-
+    directory = _writable(out or Path("reports") / f"{file.name}_{method}")
+    notes = Console(stderr=True)
+    with _progress(notes, particles) as listener:
+        measured = _record(file, record, seed, listener)
         result = identify_model(
-            file.model, measured, settings=settings, name=file.name, assumptions=file.assumptions, listener=listen
+            file.model,
+            measured,
+            settings=Settings(method=method, engine=engine, seed=seed, particles=particles, variant=variant),
+            name=file.name,
+            assumptions=file.assumptions,
+            listener=listener,
         )
-        bar.update(task, description="writing the report", completed=1.0)
+        listener("writing the report", None)
         _write(result, directory)
+    for warning in file.model.warnings:
+        notes.print(warning, markup=False, highlight=False, soft_wrap=True)
     _summarise(result, directory)
 
 
 @app.command()
 def simulate(
     model: ModelArgument,
-    record: RecordOption = None,
-    out: OutOption = None,
+    record: Annotated[
+        Path | None, typer.Option("--record", help="Excitation: CSV, netCDF or PEER AT2; the model file's by default.")
+    ] = None,
+    out: OutOption = Path("reports"),
     seed: SeedOption = 1,
     engine: EngineOption = "reference",
 ) -> None:
-    """Write the record that MODEL gives at its `truth` under its `excitation` (or the excitation of --record)."""
+    """Write the record that MODEL gives at its `truth` under its `excitation`, as OUT/MODEL.csv."""
     file = load_model_file(model)
     excitation = read_record(record) if record is not None else file.excitation
-    if excitation is None or not file.truth:
-        raise UserError(f"{model} defines no `truth` or no `excitation`: add them, or give --record for the excitation")
+    if excitation is None:
+        raise UserError(f"{model} defines no `excitation`: add one, or give it with --record FILE")
+    if not file.truth:
+        raise UserError(f"{model} defines no `truth`: add the value of every identified parameter")
+    path = _writable(out) / f"{file.name}.csv"
     made = simulate_record(
         file.model, excitation, file.truth, snr_db=file.snr_db, seed=seed, engine=engine_by_name(engine)
     )
-    path = (out or Path("reports")) / f"{file.name}.csv"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_record(made, path)
+    with _replacing(out) as partial:
+        write_record(made, partial / path.name)
     print(path)
 
 
 @app.command()
 def effects() -> None:
     """List the catalogue of physical effects with their equations."""
-    console = Console()
+    console = _results()
     for facts in catalogue():
-        console.print(f"[bold]{facts.name}[/bold]  {facts.summary}  [dim]({facts.source})[/dim]", highlight=False)
+        console.print(Text.assemble((facts.name, "bold"), f"  {facts.summary}  ", (f"({facts.source})", "dim")))
         for equation in facts.equations:
             console.print(f"    {equation.text}", highlight=False, markup=False)
         units = ", ".join(f"{p.symbol} [{p.unit or '1'}]" for p in facts.parameters)
@@ -120,73 +129,174 @@ def effects() -> None:
 @app.command()
 def engines() -> None:
     """List the engines and whether each can be used here."""
-    table = Table("engine", "available", "what it is, or why not")
+    table = _table("engine", "available", "what it is, or why not")
     for facts in available_engines():
-        table.add_row(facts.name, "yes" if facts.available else "no", facts.reason)
-    Console().print(table)
+        table.add_row(facts.name, "yes" if facts.available else "no", Text(facts.reason))
+    _results().print(table)
 
 
-def main() -> None:
-    """Run the command line; the user's mistakes end in one sentence and exit code 2."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave the process with its exit code.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Those of the process by default.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        app()
+        code = app(given or ["--help"], standalone_mode=False)
     except UserError as error:
-        notes.print(f"[bold red]error:[/bold red] {_plain(str(error))}", soft_wrap=True, highlight=False)
-        sys.exit(2)
+        _refuse(str(error))
+    except typer.TyperException as error:
+        _refuse(error.format_message())
+    sys.exit(code or 0)
 
 
-def _plain(text: str) -> str:
-    return text.replace("[", r"\[")
+def _refuse(sentence: str) -> None:
+    message = Text.assemble(("error: ", "bold red"), " ".join(sentence.split()))
+    Console(stderr=True).print(message, soft_wrap=True)
+    sys.exit(2)
 
 
-def _method(name: str) -> Method:
-    for method in METHODS:
-        if name == method:
-            return method
-    raise UserError(f"method {name!r} is not known: choose one of {', '.join(METHODS)}")
+def _results() -> Console:
+    """Stdout; a file or a pipe is not folded at 80 columns."""
+    return Console() if sys.stdout.isatty() else Console(width=160)
 
 
-def _record(file: ModelFile, path: Path | None, seed: int) -> Record:
+def _record(file: ModelFile, path: Path | None, seed: int, listener: Listener) -> Record:
     if path is not None:
         return read_record(path)
     if file.excitation is None or not file.truth:
         raise UserError(f"model {file.name} brings no record of its own: give one with --record FILE")
+    listener("making the record with the reference engine", None)
     return simulate_record(file.model, file.excitation, file.truth, snr_db=file.snr_db, seed=seed)
 
 
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn(), console=notes
+@contextmanager
+def _progress(console: Console, particles: int) -> Iterator[Listener]:
+    """A bar with the time left on a terminal; one line per step elsewhere."""
+    if not console.is_terminal:
+        yield lambda text, facts: console.print(_line(text, facts), markup=False, highlight=False, soft_wrap=True)
+        return
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(24),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
     )
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield _Bar(progress=progress, task=progress.add_task("starting", total=1.0), particles=particles)
+
+
+@dataclass(kw_only=True)
+class _Bar:
+    """Fills once for each phase of a run, so that the time left is that phase's own."""
+
+    progress: Progress
+    task: TaskID
+    particles: int
+    first_tempering: float = 1.0
+
+    def __call__(self, text: str, facts: StageFacts | None) -> None:
+        if facts is None:
+            self.progress.reset(self.task, description=text)
+            self.first_tempering = 1.0
+        else:
+            self.progress.update(self.task, description=_line(text, facts), completed=self._share(facts))
+
+    def _share(self, facts: StageFacts) -> float:
+        reached = facts.tempering_parameter
+        if facts.label.startswith("TMCMC"):
+            # The steps of the tempering parameter are about equal on a logarithmic scale.
+            if reached > 0.0 and self.first_tempering == 1.0:
+                self.first_tempering = reached
+            return 1.0 - math.log(reached) / math.log(self.first_tempering) if 0.0 < reached < 1.0 else float(reached)
+        if facts.label.startswith("importance"):
+            return min(1.0, facts.effective_sample_size / self.particles)
+        return reached
 
 
 def _line(text: str, facts: StageFacts | None) -> str:
-    if facts is None or not text.startswith("TMCMC"):
+    if facts is None:
         return text
-    return (
-        f"{text}: stage {facts.stage}, tempering parameter {facts.tempering_parameter:.3g}, "
-        f"acceptance {facts.acceptance:.2f}, {facts.n_solves} solves"
-    )
+    details = []
+    if facts.label.startswith("TMCMC"):
+        details = [
+            f"stage {facts.stage}",
+            f"tempering parameter {facts.tempering_parameter:.3g}",
+            f"acceptance {facts.acceptance:.2f}",
+        ]
+    return ", ".join((text, *details, f"{facts.n_solves} solves"))
+
+
+def _writable(directory: Path) -> Path:
+    """The directory, made and tried before a long run, not after it."""
+    with _replacing(directory):
+        return directory
+
+
+@contextmanager
+def _replacing(directory: Path) -> Iterator[Path]:
+    """A place for new files beside the old ones; they take their names only when all of them are whole."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=directory, prefix=".partial-") as name:
+            yield Path(name)
+            for path in sorted(Path(name).iterdir()):
+                path.replace(directory / path.name)
+    except OSError as error:
+        raise UserError(
+            f"--out {directory} cannot be written to ({error.strerror or error}): choose another directory"
+        ) from error
 
 
 def _write(result: Result, directory: Path) -> None:
-    directory.mkdir(parents=True, exist_ok=True)
-    (directory / "result.json").write_text(json.dumps(result.facts.as_json(), indent=1, allow_nan=False) + "\n")
-    result.save(directory / "result.nc")
-    write_report(result, directory)
+    with _replacing(directory) as partial:
+        text = json.dumps(result.facts.as_json(), indent=1, allow_nan=False)
+        (partial / "result.json").write_text(text + "\n", encoding="utf-8")
+        result.save(partial / "result.nc")
+        write_report(result, partial)
 
 
 def _summarise(result: Result, directory: Path) -> None:
     facts = result.facts
-    table = Table("parameter", "mean", "sd", "90 % interval", "true", "", title=f"{facts.model}, {facts.record}")
-    for p in facts.parameters:
-        true = "" if p.true is None else f"{p.true:.5g}"
-        table.add_row(_plain(p.name), f"{p.mean:.5g}", f"{p.sd:.2g}", f"{p.hdi90[0]:.5g} to {p.hdi90[1]:.5g}", true, p.flag)
-    console = Console()
-    console.print(table)
-    for sentence in (*facts.verdict, *facts.identifiability):
+    console = _results()
+    console.print(Text(f"{facts.model}, {facts.record}\n", "bold"))
+    console.print(_parameters(facts.parameters))
+    console.print()
+    failed = [check.sentence for check in facts.checks if not check.passed]
+    for sentence in (*facts.verdict, *failed, *facts.identifiability):
         console.print(sentence, highlight=False, markup=False)
     for road, (value, error) in facts.evidences.items():
-        console.print(f"log evidence, {road}: {value:.2f} +- {error:.2f}", highlight=False)
+        console.print(f"log evidence, {road}: {value:.2f} +- {error:.2f}", highlight=False, markup=False)
     console.print(f"{facts.n_solves} solves, {facts.elapsed_s:.1f} s, engine {facts.engine}", highlight=False)
-    console.print(f"report: {directory / 'report.html'}", highlight=False, soft_wrap=True)
+    console.print(Text(f"report: {directory / 'report.html'}"), soft_wrap=True)
+
+
+def _parameters(parameters: Sequence[ParameterFacts]) -> Table:
+    """One line for each parameter, also on 80 columns."""
+    truth_known = any(p.true is not None for p in parameters)
+    table = _table("parameter", "mean", "sd", "90 % from", "to", *(["true"] if truth_known else []), "unit", "")
+    for p in parameters:
+        true = [] if not truth_known else ["" if p.true is None else f"{p.true:.5g}"]
+        table.add_row(Text(p.name), *_numbers(p), *true, Text(p.unit), p.flag)
+    return table
+
+
+def _numbers(facts: ParameterFacts) -> tuple[str, ...]:
+    """Mean, sd and the interval's ends to the second digit of the sd."""
+    values = (facts.mean, facts.sd, *facts.hdi90)
+    if not (math.isfinite(facts.sd) and facts.sd >= 1e-7):
+        return tuple(f"{value:.4g}" for value in values)
+    place = max(decimal_place(facts.sd), 0)
+    return tuple(f"{value:.{place}f}" for value in values)
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    numeric = {"mean", "sd", "90 % from", "to", "true"}
+    for column in columns:
+        last = column == columns[-1]
+        table.add_column(column, justify="right" if column in numeric else "left", no_wrap=not last)
+    return table

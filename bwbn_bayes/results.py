@@ -24,6 +24,7 @@ Groups of the tree (dimensions in brackets; ``floor`` and ``storey`` count from 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -129,8 +130,8 @@ class Facts:
     """Versions, seed, data hash, processor: label to text."""
 
     def as_json(self) -> dict[str, Any]:
-        """``result.json``, schema 1."""
-        return {
+        """``result.json``, schema 1; a number that is not finite becomes None, which JSON can hold."""
+        facts: dict[str, Any] = {
             "schema": SCHEMA,
             "method": self.method,
             "model": self.model,
@@ -161,6 +162,7 @@ class Facts:
             "n_stages": self.n_stages,
             "elapsed_s": self.elapsed_s,
         }
+        return {key: _finite(value) for key, value in facts.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,3 +201,11 @@ class Result:
     def with_facts(self, facts: Facts) -> Result:
         """The same arrays with other facts."""
         return replace(self, facts=facts)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -29,7 +29,7 @@ from bwbn_bayes.inference.importance import (
 from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode, WindowFacts, distinct, find_modes, polish
 from bwbn_bayes.inference.residuals import residual_checks
-from bwbn_bayes.inference.ridge import RidgeProposal, widest_coordinate
+from bwbn_bayes.inference.ridge import RidgeProposal, ridge_coordinate
 from bwbn_bayes.inference.summary import Draws, build_result
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.inference.tmcmc.target import Reference, Target
@@ -238,7 +238,7 @@ def _importance(
     proposal: Proposal = laplace_mixture(modes)
     pilot = sample_importance(posterior, proposal, rng, effective=_PILOT, most=_PILOT)
     if pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points):
-        coordinate = widest_coordinate(modes[0])
+        coordinate = ridge_coordinate(modes[0])
         history.say(f"following the ridge along {posterior.space.names[coordinate]}")
         proposal = _with_ridge(proposal, RidgeProposal.along(posterior, modes[0], coordinate), modes[0])
     history.say("sampling the posterior by importance")
@@ -275,7 +275,7 @@ def _bridge(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, h
     history.say("sampling by transitional MCMC from the inflated approximation at the mode")
     kept = [mode for mode in modes if mode.log_likelihood > modes[0].log_likelihood - 50.0][:8]
     if len(kept) == 1:
-        ridge = RidgeProposal.along(posterior, kept[0], widest_coordinate(kept[0])).inflated(INFLATION)
+        ridge = RidgeProposal.along(posterior, kept[0], ridge_coordinate(kept[0])).inflated(INFLATION)
         target = Transported(target=posterior, transport=ridge.transport)
         return target.back(_tmcmc(target, settings, history, "bridge", settings.particles, None))
     wide = Mixture(

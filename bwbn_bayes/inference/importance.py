@@ -173,7 +173,8 @@ def _summarise(points: Floats, log_likelihood: Floats, log_ratio: Floats) -> Wei
     relative = np.exp(log_ratio - log_evidence)
     finite = np.isfinite(log_ratio)
     # ArviZ expects the log likelihood of a left-out point, that is minus the log weight.
-    smoothed, pareto_k = arviz_base.array_stats.psislw(-log_ratio[finite])
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        smoothed, pareto_k = arviz_base.array_stats.psislw(-log_ratio[finite])
     log_weights = np.full(n, -np.inf)
     log_weights[finite] = smoothed - logsumexp(smoothed)
     return WeightedDraws(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Booleans, Floats
@@ -85,6 +86,10 @@ def find_modes(
         points = _best(view, points, N_CANDIDATES)
         points, local = polish(view, points, n_iterations=30 if number == len(ends) - 1 else 12)
         modes = distinct(points, local)
+        if not modes:
+            raise UserError(
+                f"none of {n_starts} draws of the prior can be solved: narrow the priors, or check record and model"
+            )
         if progress is not None:
             best = modes[0].log_likelihood
             progress(
@@ -117,7 +122,7 @@ def _cloud(view: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator) -
 
 
 def polish(
-    view: Posterior, points: Floats, *, n_iterations: int, held: Booleans | None = None
+    view: Posterior, points: Floats, *, n_iterations: int, held: Booleans | None = None, reach: float = np.inf
 ) -> tuple[Floats, Linearisation]:
     """Levenberg-Marquardt from every point at once; four dampings are tried per step, active bounds respected.
 
@@ -131,6 +136,8 @@ def polish(
         Largest number of steps; stops when no candidate gains more than 0.01 nat.
     held : (n_dim,) boolean array, optional
         Coordinates that keep their values.
+    reach : float
+        Candidates further below the best do not keep the others waiting. [nat]
 
     Returns
     -------
@@ -146,11 +153,13 @@ def polish(
         value = np.where(np.isfinite(view.log_prior(flat)), view.log_likelihood(flat), -np.inf).reshape(trials.shape[:2])
         pick = np.argmax(value, axis=1)
         best = value[np.arange(len(points)), pick]
-        gain = best - local.log_likelihood
+        # A start that cannot be solved gains without end from any point that can.
+        gain = np.where(np.isfinite(best), best, -1e300) - np.maximum(local.log_likelihood, -1e299)
         better = gain > 0.0
         points = np.where(better[:, None], trials[np.arange(len(points)), pick], points)
         scale = np.clip(np.where(better, scale * np.where(pick == 0, 0.1, np.where(pick >= 2, 10.0, 1.0)), scale * 100.0), 1e-6, 1e8)
-        if not np.any(gain > 0.01) and np.all(better | (scale > 1e3)):
+        near = local.log_likelihood > np.max(local.log_likelihood) - reach
+        if not np.any(near & (gain > 0.01)) and np.all(~near | better | (scale > 1e3)):
             break
         local = view.linearise(points)
     return points, local

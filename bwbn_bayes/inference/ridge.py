@@ -8,24 +8,28 @@ and exactly normalised.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from bwbn_bayes.inference.identifiability import unseen_directions
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, polish
 from bwbn_bayes.inference.truncated import Bend, walk
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 
 N_NODES = 16
 N_WIDE = 4
 _CELLS = 4096
 _PRIOR_PRECISION = 12.0
 _DEFENSIVE = 0.05
+_REACH = 25.0
+_WIDE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,8 +142,16 @@ class RidgeProposal:
         return CubicSpline(self.nodes, self.means), CubicSpline(self.nodes, self.factors)
 
 
-def widest_coordinate(mode: Mode) -> int:
-    """The coordinate with the largest posterior standard deviation in units of the prior's range."""
+def ridge_coordinate(mode: Mode) -> int:
+    """The coordinate to walk.
+
+    A direction in which several parameters change together bends; one that leaves a single parameter open does not.
+    So the widest open combination is taken, and of its coordinates the one that meets a bound first; without any, the
+    coordinate with the largest posterior standard deviation in units of the prior's range.
+    """
+    for _, direction in unseen_directions(mode.information):
+        if np.sum(np.abs(direction) > 0.1 * np.max(np.abs(direction))) > 1:
+            return int(np.argmax(np.abs(direction) / np.minimum(mode.point, 1.0 - mode.point)))
     return int(np.argmax(np.diag(_covariance(mode.information))))
 
 
@@ -147,44 +159,121 @@ def _covariance(information: Floats) -> Floats:
     return np.linalg.inv(information + _PRIOR_PRECISION * np.eye(len(information)))
 
 
-def _walk_nodes(posterior: Posterior, mode: Mode, coordinate: int) -> tuple[Floats, Floats, Linearisation]:
-    """Nodes along the coordinate with the rest refitted; the range shrinks once to where the posterior has mass."""
+class _Walk(NamedTuple):
+    """Nodes along the coordinate with the rest refitted at each."""
+
+    nodes: Floats
+    points: Floats
+    local: Linearisation
+
+    def alive(self, centre: float) -> slice:
+        """The run of nodes around the centre whose profile stays within reach of the best."""
+        ok = self.local.log_likelihood > np.max(self.local.log_likelihood) - _REACH
+        start = int(np.argmin(np.where(ok, np.abs(self.nodes - centre), np.inf)))
+        low = high = start
+        while low > 0 and ok[low - 1]:
+            low -= 1
+        while high < len(ok) - 1 and ok[high + 1]:
+            high += 1
+        return slice(low, high + 1)
+
+    def interpolated(self, nodes: Floats, part: slice) -> Floats:
+        """Points at new nodes from a spline through some of the present ones."""
+        points = np.clip(CubicSpline(self.nodes[part], self.points[part])(nodes), 1e-6, 1.0 - 1e-6)
+        return np.asarray(points)
+
+
+def _walk_nodes(posterior: Posterior, mode: Mode, coordinate: int) -> _Walk:
+    """Walk out to six standard deviations (the whole range where they are wide), find where the posterior ends, and place the nodes evenly between."""
+    centre = float(mode.point[coordinate])
     sd = np.sqrt(_covariance(mode.information)[coordinate, coordinate])
-    low, high = (float(np.clip(mode.point[coordinate] + side * 6.0 * sd, 1e-6, 1.0 - 1e-6)) for side in (-1, 1))
-    for _ in range(2):
-        nodes = np.linspace(low, high, N_NODES)
-        points, local = _refit(posterior, mode, coordinate, nodes)
-        alive = np.flatnonzero(local.log_likelihood > np.max(local.log_likelihood) - 25.0)
-        first, last = max(alive[0] - 1, 0), min(alive[-1] + 1, N_NODES - 1)
-        if last - first > N_NODES // 2:
-            break
-        low, high = float(nodes[first]), float(nodes[last])
-    return nodes, points, local
+    reach = 6.0 * sd if sd < _WIDE else 1.0
+    low, high = (float(np.clip(centre + side * reach, 1e-6, 1.0 - 1e-6)) for side in (-1, 1))
+    nodes = np.linspace(low, high, N_NODES)
+    walk = _refit(posterior, coordinate, nodes, _starts(posterior, mode, coordinate, nodes), centre)
+    part = walk.alive(centre)
+    if part.start == 0 and part.stop == N_NODES:
+        return walk
+    if part.stop - part.start < 4:
+        spread = 2.0 * (nodes[1] - nodes[0])
+        nodes = np.clip(np.linspace(centre - spread, centre + spread, N_NODES), low, high)
+        walk = _refit(posterior, coordinate, nodes, _starts(posterior, mode, coordinate, nodes), centre)
+        part = walk.alive(centre)
+    ends = _ends(posterior, coordinate, walk, part)
+    nodes = np.linspace(*ends, N_NODES)
+    return _refit(posterior, coordinate, nodes, walk.interpolated(nodes, part), centre)
 
 
-def _refit(posterior: Posterior, mode: Mode, coordinate: int, nodes: Floats) -> tuple[Floats, Linearisation]:
-    """Refit the rest at every node: all at once from the tangent, then outwards from neighbours that did better."""
-    held = np.zeros(len(mode.point), dtype=np.bool_)
-    held[coordinate] = True
-    covariance = _covariance(mode.information)
-    slope = covariance[:, coordinate] / covariance[coordinate, coordinate]
-    points = np.clip(mode.point + np.outer(nodes - mode.point[coordinate], slope), 1e-6, 1.0 - 1e-6)
-    points[:, coordinate] = nodes
-    points, local = polish(posterior, points, n_iterations=12, held=held)
-    centre = int(np.argmin(np.abs(nodes - mode.point[coordinate])))
-    for step in range(1, N_NODES):
-        moved = [i for i in (centre - step, centre + step) if 0 <= i < N_NODES and _behind(local, i, centre)]
+def _ends(posterior: Posterior, coordinate: int, walk: _Walk, part: slice) -> tuple[float, float]:
+    """Bisect between the last node within reach and the first beyond it, at both ends at once."""
+    inner = walk.nodes[[part.start, part.stop - 1]]
+    outer = walk.nodes[[max(part.start - 1, 0), min(part.stop, len(walk.nodes) - 1)]]
+    best = np.max(walk.local.log_likelihood)
+    for _ in range(4):
+        trial = 0.5 * (inner + outer)
+        starts = walk.interpolated(trial, part)
+        starts[:, coordinate] = trial
+        _, local = polish(posterior, starts, n_iterations=8, held=_held(len(starts[0]), [coordinate]))
+        ok = local.log_likelihood > best - _REACH
+        inner, outer = np.where(ok, trial, inner), np.where(ok, outer, trial)
+    return float(inner[0]), float(inner[1])
+
+
+def _held(n_dim: int, coordinates: Sequence[int]) -> Booleans:
+    held = np.zeros(n_dim, dtype=np.bool_)
+    held[list(coordinates)] = True
+    return held
+
+
+def _refit(posterior: Posterior, coordinate: int, nodes: Floats, starts: Floats, centre: float) -> _Walk:
+    """Refit the rest at every node: all at once, then outwards from neighbours that did better."""
+    starts[:, coordinate] = nodes
+    held = _held(starts.shape[1], [coordinate])
+    points, local = polish(posterior, starts, n_iterations=12, held=held, reach=4.0 * _REACH)
+    middle = int(np.argmin(np.abs(nodes - centre)))
+    for step in range(1, len(nodes)):
+        moved = [i for i in (middle - step, middle + step) if 0 <= i < len(nodes) and _behind(local, i, middle)]
         if not moved:
             continue
-        starts = points[[i + (1 if i < centre else -1) for i in moved]].copy()
+        starts = np.array([_extrapolated(points, nodes, i, 1 if i < middle else -1) for i in moved])
         starts[:, coordinate] = nodes[moved]
-        better, found = polish(posterior, starts, n_iterations=12, held=held)
+        better, found = polish(posterior, starts, n_iterations=12, held=held, reach=4.0 * _REACH)
         for position, i in enumerate(moved):
             if found.log_likelihood[position] > local.log_likelihood[i]:
                 points[i] = better[position]
                 for name in ("log_likelihood", "gradient", "information"):
                     getattr(local, name)[i] = getattr(found, name)[position]
-    return points, local
+    return _Walk(nodes, points, local)
+
+
+def _starts(posterior: Posterior, mode: Mode, coordinate: int, nodes: Floats) -> Floats:
+    """The better of two continuations of the tangent at the mode: straight, and by powers of the walked parameter.
+
+    Parameters that share one scale follow powers of each other exactly.
+    """
+    covariance = _covariance(mode.information)
+    slope = covariance[:, coordinate] / covariance[coordinate, coordinate]
+    straight = np.clip(mode.point + np.outer(nodes - mode.point[coordinate], slope), 1e-6, 1.0 - 1e-6)
+    value = posterior.space.from_unit(mode.point[None])
+    scale = posterior.space.unit_scale(value)[0]
+    value = np.maximum(np.abs(value[0]), 1e-12) * np.where(value[0] < 0.0, -1.0, 1.0)
+    exponent = np.clip(slope * scale / scale[coordinate] * value[coordinate] / value, -4.0, 4.0)
+    moved = straight.copy()
+    moved[:, coordinate] = nodes
+    ratio = np.abs(posterior.space.from_unit(moved)[:, coordinate] / value[coordinate])
+    powers = np.clip(posterior.space.to_unit(value * ratio[:, None] ** exponent), 1e-6, 1.0 - 1e-6)
+    straight[:, coordinate] = powers[:, coordinate] = nodes
+    better = posterior.log_likelihood(powers) > posterior.log_likelihood(straight)
+    return np.where(better[:, None], powers, straight)
+
+
+def _extrapolated(points: Floats, nodes: Floats, i: int, inward: int) -> Floats:
+    """Straight continuation through the two nodes further in, or the one where there is no second."""
+    near, far = i + inward, i + 2 * inward
+    if not 0 <= far < len(nodes):
+        return points[near].copy()
+    share = (nodes[i] - nodes[near]) / (nodes[near] - nodes[far])
+    return np.clip(points[near] + share * (points[near] - points[far]), 1e-6, 1.0 - 1e-6)
 
 
 def _bend(
@@ -204,16 +293,15 @@ def _bend(
     deviations = starts[:, wide] - mode.point[wide]
     straight = mode.point[order[m:]] + deviations @ slope.T
     starts[:, order[m:]] = np.clip(straight, 1e-6, 1.0 - 1e-6)
-    held = np.zeros(len(mode.point), dtype=np.bool_)
-    held[[coordinate, *wide]] = True
-    points, _ = polish(posterior, starts, n_iterations=10, held=held)
+    points, _ = polish(posterior, starts, n_iterations=10, held=_held(len(mode.point), [coordinate, *wide]))
     bend = Bend(n_wide=m, coefficients=np.zeros((m * (m + 3) // 2, len(order))))
     found, *_ = np.linalg.lstsq(bend.features(deviations), points[:, order[m:]] - straight, rcond=1e-8)
     bend.coefficients[:, m:] = found
     return bend
 
 
-def _behind(local: Linearisation, i: int, centre: int) -> bool:
-    """Whether a node lies so far below its inner neighbour that its refit has probably failed."""
-    inner = i + (1 if i < centre else -1)
-    return bool(local.log_likelihood[i] < local.log_likelihood[inner] - 5.0)
+def _behind(local: Linearisation, i: int, middle: int) -> bool:
+    """Whether a node lies so far below an inner neighbour within reach that its refit has probably failed."""
+    inner = i + (1 if i < middle else -1)
+    reach = np.max(local.log_likelihood) - _REACH
+    return bool(local.log_likelihood[inner] > reach and local.log_likelihood[i] < local.log_likelihood[inner] - 5.0)

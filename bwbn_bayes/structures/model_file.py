@@ -1,7 +1,7 @@
 """Model files: Python a user copies and edits, run with the user's rights.
 
-A model file defines ``model``, and may define ``excitation`` (a Record), ``truth`` (parameter values), ``snr_db`` (dB) and
-``assumptions`` (sentences); with the first two it can make its own record.
+A model file defines ``model``, and may define ``excitation`` (a Record), ``truth`` (parameter values), ``snr_db`` (dB)
+and ``assumptions`` (sentences); with ``excitation`` and ``truth`` it can make its own record.
 """
 
 from __future__ import annotations
@@ -47,24 +47,23 @@ class ModelFile:
 def load_model_file(path: Path) -> ModelFile:
     """Run a model file and take what it defines.
 
+    Parameters
+    ----------
+    path : Path
+        Python source; it runs with the rights of whoever loads it.
+
+    Returns
+    -------
+    ModelFile
+
     Raises
     ------
     UserError
-        If the file is missing, fails, or does not define ``model``.
+        If the file is missing, fails, does not define ``model``, or defines one of the other names wrongly.
     """
     if not path.is_file():
         raise UserError(f"model file {path} does not exist: give the path of a Python file that defines `model`")
-    try:
-        names = runpy.run_path(str(path), run_name=path.stem)
-    except UserError as error:
-        raise UserError(f"{path}: {error}") from error
-    except Exception as error:
-        line = next(
-            (f.lineno for f in reversed(traceback.extract_tb(error.__traceback__)) if f.filename == str(path)), None
-        )
-        line = error.lineno if isinstance(error, SyntaxError) else line
-        where = f"{path}, line {line}" if line is not None else f"{path}"
-        raise UserError(f"{where}: {type(error).__name__}: {error}") from error
+    names = _run(path)
     model = names.get("model")
     if not isinstance(model, Structure):
         raise UserError(f"{path} does not define `model` as a ShearBuilding or a Specimen")
@@ -75,7 +74,46 @@ def load_model_file(path: Path) -> ModelFile:
         name=path.stem,
         model=model,
         excitation=excitation,
-        truth=dict(names.get("truth", {})),
-        snr_db=names.get("snr_db"),
-        assumptions=tuple(names.get("assumptions", ())),
+        truth=_truth(names.get("truth"), model, path),
+        snr_db=_snr(names.get("snr_db"), path),
+        assumptions=_sentences(names.get("assumptions", ()), path),
     )
+
+
+def _run(path: Path) -> dict[str, object]:
+    try:
+        return runpy.run_path(str(path), run_name=path.stem)
+    except (Exception, SystemExit) as error:
+        frames = reversed(traceback.extract_tb(error.__traceback__))
+        line = next((frame.lineno for frame in frames if frame.filename == str(path)), None)
+        if isinstance(error, SyntaxError) and error.filename == str(path):
+            line = error.lineno
+        where = f"{path}, line {line}" if line is not None else f"{path}"
+        what = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+        raise UserError(f"{where}: {what}") from error
+
+
+def _truth(values: object, model: Structure, path: Path) -> dict[str, float]:
+    if values is None:
+        return {}
+    if not isinstance(values, Mapping) or not all(isinstance(value, (int, float)) for value in values.values()):
+        raise UserError(f'{path}: `truth` must give a number for each identified parameter, as in {{"k[1]": 20.0}}')
+    try:
+        model.draws(values)
+    except UserError as error:
+        raise UserError(f"{path}, `truth`: {error}") from error
+    return dict(values)
+
+
+def _snr(value: object, path: Path) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise UserError(f"{path}: `snr_db` is {value!r}, it must be a number of dB, or left out for no noise")
+    return float(value)
+
+
+def _sentences(value: object, path: Path) -> tuple[str, ...]:
+    if isinstance(value, (list, tuple)) and all(isinstance(sentence, str) for sentence in value):
+        return tuple(value)
+    raise UserError(f"{path}: `assumptions` must be a list of sentences")

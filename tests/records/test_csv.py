@@ -228,8 +228,8 @@ BAD_FILES = [
     (
         lines(header=HEADER.replace("acceleration_1 [m/s^2]", "acceleration_1 [kN]")),
         (
-            "{path}, line 1, column acceleration_1: the unit [kN] has the wrong dimension: write a unit of acceleration "
-            "such as m/s^2"
+            "{path}, line 1, column acceleration_1: the unit [kN] has the wrong dimension: write a unit of "
+            "acceleration such as m/s^2"
         ),
     ),
     (

@@ -4,6 +4,7 @@ from dataclasses import replace
 from io import BytesIO
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from PIL import Image
@@ -70,7 +71,6 @@ def test_settings_of_matplotlib_are_restored(result):
     assert dict(mpl.rcParams) == before
 
 
-def test_no_figure_stays_open(drawings):
-    from matplotlib import pyplot
-
-    assert pyplot.get_fignums() == []
+@pytest.mark.usefixtures("drawings")
+def test_no_figure_stays_open():
+    assert plt.get_fignums() == []

@@ -1,0 +1,192 @@
+"""Likelihoods against scipy.stats and quadrature, slopes against finite differences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from inference_cases import posterior_of, recorded, sdof_model, true_point
+from scipy import integrate, stats
+
+from bwbn_bayes import BoucWen, HalfNormal, IntegratedNoise, KnownNoise, LogNormal, Record, SampledNoise, UserError
+from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise, known_noise
+from bwbn_bayes.parameters import Floats, Uniform
+
+N_TIMES = 60
+RESIDUALS = np.random.default_rng(1).normal(0.0, [[[0.3], [2.0]]], (5, 2, N_TIMES))
+MISFIT = np.sum(RESIDUALS**2, axis=2)
+VALUES = np.random.default_rng(2).uniform(0.2, 3.0, (5, 2))
+
+KNOWN = KnownNoise(sd=(0.3, 2.5))
+INTEGRATED = IntegratedNoise(shape=2.5, scale=(0.2, 6.0))
+SAMPLED = SampledNoise(channels=("acceleration_1", "acceleration_2"), priors=(HalfNormal(1.0), LogNormal(1.0, 0.5)))
+NOISES = [KNOWN, INTEGRATED, SAMPLED]
+
+
+def test_known_noise() -> None:
+    expected = np.sum(stats.norm.logpdf(RESIDUALS, scale=np.array(KNOWN.sd)[:, None]), axis=(1, 2))
+    np.testing.assert_allclose(KNOWN.log_likelihood(MISFIT, N_TIMES, VALUES), expected, rtol=1e-12)
+
+
+def test_sampled_noise() -> None:
+    expected = np.sum(stats.norm.logpdf(RESIDUALS, scale=VALUES[:, :, None]), axis=(1, 2))
+    np.testing.assert_allclose(SAMPLED.log_likelihood(MISFIT, N_TIMES, VALUES), expected, rtol=1e-12)
+
+
+def test_integrated_noise_is_the_quadrature_over_its_prior() -> None:
+    def channel(residual: Floats, scale: float) -> float:
+        centre = np.log((scale + 0.5 * residual @ residual) / (INTEGRATED.shape + 0.5 * N_TIMES))
+
+        def log_integrand(log_variance: float) -> float:
+            variance = np.exp(log_variance)
+            likelihood = np.sum(stats.norm.logpdf(residual, scale=np.sqrt(variance)))
+            return float(likelihood + stats.invgamma.logpdf(variance, INTEGRATED.shape, scale=scale) + log_variance)
+
+        peak = log_integrand(centre)
+        area, _ = integrate.quad(lambda t: np.exp(log_integrand(t) - peak), centre - 3.0, centre + 3.0, epsrel=1e-10)
+        return peak + float(np.log(area))
+
+    expected = [sum(map(channel, draw, INTEGRATED.scale)) for draw in RESIDUALS]
+    np.testing.assert_allclose(INTEGRATED.log_likelihood(MISFIT, N_TIMES, VALUES), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=lambda noise: type(noise).__name__)
+def test_precision_is_the_slope_in_the_misfit(noise: Noise) -> None:
+    precision = noise.precision(MISFIT, N_TIMES, VALUES)
+    for channel in range(2):
+        step = np.zeros(2)
+        step[channel] = 1e-4 * MISFIT[0, channel]
+        ahead, behind = (noise.log_likelihood(MISFIT + side * step, N_TIMES, VALUES) for side in (1, -1))
+        np.testing.assert_allclose(precision[:, channel], -(ahead - behind) / step[channel], rtol=1e-6)
+
+
+def test_drawn_noise_follows_the_inverse_gamma_posterior() -> None:
+    """Mean and variance of the drawn variances within 4 standard errors, and the whole law by Kolmogorov-Smirnov."""
+    n = 20_000
+    misfit = np.tile(MISFIT[:1], (n, 1))
+    drawn = INTEGRATED.draw_sd(np.random.default_rng(3), misfit, N_TIMES, np.empty((n, 0))) ** 2
+    for channel in range(2):
+        law = stats.invgamma(
+            INTEGRATED.shape + 0.5 * N_TIMES, scale=INTEGRATED.scale[channel] + 0.5 * MISFIT[0, channel]
+        )
+        assert abs(drawn[:, channel].mean() - law.mean()) < 4.0 * law.std() / np.sqrt(n)
+        error = np.sqrt((float(law.stats("k")) + 2.0) / n)
+        assert abs(drawn[:, channel].var() / law.var() - 1.0) < 4.0 * error
+        assert stats.kstest(drawn[:, channel], law.cdf).pvalue > 1e-4
+
+
+def test_known_and_sampled_noise_draw_what_they_hold() -> None:
+    rng = np.random.default_rng(4)
+    np.testing.assert_array_equal(KNOWN.draw_sd(rng, MISFIT, N_TIMES, VALUES), np.tile(KNOWN.sd, (5, 1)))
+    np.testing.assert_array_equal(SAMPLED.draw_sd(rng, MISFIT, N_TIMES, VALUES), VALUES)
+
+
+def test_default_noise_scale_is_three_percent_of_the_rms(record: Record) -> None:
+    noise = default_noise(record)
+    signal = record.channels["acceleration_1"]
+    assert noise.shape == 1.0
+    assert noise.scale == pytest.approx((0.03**2 * np.mean(signal**2),))
+    assert f"{noise.scale[0]:.3g}" in noise.describe()
+
+
+def test_a_dead_channel_is_refused(record: Record) -> None:
+    with pytest.raises(UserError, match="channel acceleration_1 of record .* is zero throughout"):
+        default_noise(record.with_channels({"acceleration_1": np.zeros(record.n_times)}))
+
+
+def test_known_noise_needs_every_channel(record: Record) -> None:
+    assert known_noise(record, {"acceleration_1": 0.1}).sd == (0.1,)
+    with pytest.raises(UserError, match="acceleration_1"):
+        known_noise(record, {"acceleration_2": 0.1})
+
+
+def test_log_likelihood_is_that_of_the_residuals(posterior: Posterior) -> None:
+    """Engine, unit cube and noise together, against the response at the same values."""
+    record = posterior.record
+    known = replace(posterior, noise=KnownNoise(sd=(0.05,)))
+    points = known.sample_prior(np.random.default_rng(5), 3)
+    response = known.engine.simulate(known.model, known.space.from_unit(points), record).values[:, 0]
+    expected = np.sum(stats.norm.logpdf(record.channels["acceleration_1"], response, 0.05), axis=1)
+    np.testing.assert_allclose(known.log_likelihood(points), expected, rtol=1e-10)
+
+
+def test_solves_are_counted_across_views(record: Record) -> None:
+    posterior = posterior_of(sdof_model(), record)
+    points = posterior.sample_prior(np.random.default_rng(6), 5)
+    posterior.until(3.0).log_likelihood(points)
+    posterior.linearise(points[:2])
+    assert posterior.solves.total == 7
+
+
+def test_a_failed_solve_has_no_likelihood_and_harms_no_other(record: Record) -> None:
+    """A stiffness of 1e9 N/m makes the Runge-Kutta step unstable: its solution overflows."""
+    model = sdof_model()
+    stiff = replace(model, storey=replace(model.storey, k=Uniform(20.0, 1e9)))
+    posterior = posterior_of(stiff, record)
+    points = np.tile(true_point(stiff, record), (3, 1))
+    points[1, 0] = 0.999
+    value, local = posterior.log_likelihood(points), posterior.linearise(points)
+    assert value[1] == -np.inf
+    assert local.log_likelihood[1] == -np.inf
+    assert not np.any(local.gradient[1])
+    assert not np.any(local.information[1])
+    alone = posterior.log_likelihood(points[:1])[0]
+    assert value[0] == value[2] == alone
+    assert local.log_likelihood[0] == pytest.approx(alone, rel=1e-12)
+    assert np.all(np.isfinite(local.gradient))
+
+
+def curved_posterior(noise: Noise) -> Posterior:
+    """Priors that are not uniform, so that the unit cube is a curved map of the values."""
+    model = sdof_model()
+    storey = BoucWen(
+        k=LogNormal(40.0, 0.2),
+        c=HalfNormal(0.5),
+        alpha=Uniform(0.001, 0.3),
+        beta=Uniform(1, 80),
+        gamma=Uniform(-20, 60),
+        n=Uniform(1, 3),
+    )
+    return posterior_of(replace(model, storey=storey), recorded(1), noise)
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        KnownNoise(sd=(0.05,)),
+        IntegratedNoise(shape=1.0, scale=(0.002,)),
+        SampledNoise(channels=("acceleration_1",), priors=(LogNormal(0.05, 1.0),)),
+    ],
+    ids=lambda noise: type(noise).__name__,
+)
+def test_slopes_against_finite_differences(noise: Noise) -> None:
+    """Away from the optimum, where every component of the gradient is hundreds of nats per unit or more."""
+    posterior = curved_posterior(noise)
+    d = posterior.model.space.n_dim
+    point = np.concatenate([true_point(sdof_model(), posterior.record), [0.6] * (posterior.n_dim - d)])
+    point[:2] = posterior.space.to_unit(posterior.space.from_unit(point[None]))[0, :2]
+    point = 0.9 * point + 0.05
+    local = posterior.linearise(point[None])
+    assert local.log_likelihood[0] == pytest.approx(posterior.log_likelihood(point[None])[0], rel=1e-10)
+    step = 1e-5
+    both = np.concatenate([point + step * np.eye(posterior.n_dim), point - step * np.eye(posterior.n_dim)])
+    ahead, behind = np.split(posterior.log_likelihood(both), 2)
+    slope = (ahead - behind) / (2.0 * step)
+    np.testing.assert_allclose(local.gradient[0], slope, rtol=2e-3, atol=2e-4 * np.max(np.abs(slope)))
+    values, noise_values = posterior.split(both)
+    response = posterior.engine.simulate(posterior.model, values, posterior.record).values[:, 0]
+    jacobian = ((response[: posterior.n_dim] - response[posterior.n_dim :]) / (2.0 * step))[:d]
+    weight = posterior.noise.precision(posterior.misfit(point[None]), posterior.record.n_times, noise_values[:1])[0, 0]
+    np.testing.assert_allclose(local.information[0, :d, :d], weight * jacobian @ jacobian.T, rtol=5e-3)
+
+
+def test_information_on_a_sampled_noise_scale_is_fishers() -> None:
+    """2 N / sd^2 in its own unit; in unit coordinates times the squared slope of the prior's quantile."""
+    prior = LogNormal(0.05, 1.0)
+    posterior = curved_posterior(SampledNoise(channels=("acceleration_1",), priors=(prior,)))
+    point = np.append(true_point(sdof_model(), posterior.record), 0.6)[None]
+    sd, slope = prior.quantile(0.6), (prior.quantile(0.6001) - prior.quantile(0.5999)) / 2e-4
+    expected = 2.0 * posterior.record.n_times / sd**2 * slope**2
+    information = posterior.linearise(point).information[0]
+    assert information[-1, -1] == pytest.approx(expected, rel=1e-5)
+    assert not np.any(information[-1, :-1])
+    assert posterior.space.names[-1] == "noise_sd[acceleration_1]"

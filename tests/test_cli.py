@@ -1,0 +1,300 @@
+"""The command line from end to end: files, exit codes, one sentence for a mistake."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from rich.console import Console
+
+from bwbn_bayes import Record, Result, read_record, sine
+from bwbn_bayes.cli import _line, _parameters, main
+from bwbn_bayes.elements.catalogue import catalogue
+from bwbn_bayes.engines.available import NAMES
+from bwbn_bayes.records.readers import write_record
+from bwbn_bayes.results import ParameterFacts, StageFacts
+
+MODELS = Path(__file__).parents[1] / "models"
+SDOF, PLAIN = MODELS / "sdof.py", MODELS / "plain_three_storey.py"
+
+
+class Outcome(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Run = Callable[..., Outcome]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run the command line in this process."""
+
+    def call(*arguments: object) -> Outcome:
+        with pytest.raises(SystemExit) as leaving:
+            main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return Outcome(int(leaving.value.code or 0), captured.out, captured.err)
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The record that ``bwbn simulate models/sdof.py`` writes."""
+    directory = tmp_path_factory.mktemp("simulated")
+    with pytest.raises(SystemExit) as leaving:
+        main(["simulate", str(SDOF), "--out", str(directory), "--seed", "3"])
+    assert leaving.value.code == 0
+    return directory / "sdof.csv"
+
+
+@pytest.fixture(scope="module")
+def identified(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, str]:
+    """Directory, stdout and stderr of one ``bwbn identify`` as a user runs it."""
+    directory = tmp_path_factory.mktemp("identified") / "new" / "place"
+    command = [sys.executable, "-c", "from bwbn_bayes.cli import main; main()", "identify", str(SDOF)]
+    options = ["--record", str(simulated), "--out", str(directory), "--particles", "200", "--seed", "5"]
+    done = subprocess.run([*command, *options], capture_output=True, text=True, check=True, timeout=300)
+    return directory, done.stdout, done.stderr
+
+
+def test_identify_writes_every_file_and_nothing_else(identified: tuple[Path, str, str]) -> None:
+    names = {path.name for path in identified[0].iterdir()}
+    assert names >= {"result.json", "result.nc", "report.html", "acceleration.png", "hysteresis.png", "posterior.png"}
+    assert all(Path(name).suffix in {".json", ".nc", ".html", ".png"} for name in names)
+
+
+def test_result_json_is_schema_1_and_strict(identified: tuple[Path, str, str]) -> None:
+    def refuse(constant: str) -> float:
+        raise AssertionError(f"{constant} is not JSON")
+
+    facts = json.loads((identified[0] / "result.json").read_text(encoding="utf-8"), parse_constant=refuse)
+    assert facts["schema"] == 1
+    assert (facts["method"], facts["model"], facts["engine"], facts["seed"]) == ("importance", "sdof", "lanes", 5)
+    assert set(facts["parameters"]) == {"k", "c", "alpha", "beta", "gamma", "n", "delta_nu", "delta_eta"}
+    k = facts["parameters"]["k"]
+    assert (k["true"], k["unit"]) == (40.0, "N/m")
+    assert k["hdi90"][0] < k["mean"] < k["hdi90"][1]
+    assert abs(k["mean"] - 40.0) < 4.0 * k["sd"]
+    assert math.isfinite(facts["log_evidence"])
+    assert facts["log_evidence_se"] > 0.0
+    # 30 dB of mean square leave 10^(-30/20) of the signal's rms to the noise.
+    assert facts["fit"]["nrmse"] == {"acceleration_1": pytest.approx(10.0**-1.5, rel=0.1)}
+    assert facts["n_solves"] > 0
+    assert facts["n_stages"] > 0
+    assert facts["elapsed_s"] > 0.0
+
+
+def test_result_nc_holds_the_same_facts(identified: tuple[Path, str, str]) -> None:
+    result = Result.load(identified[0] / "result.nc")
+    facts = json.loads((identified[0] / "result.json").read_text(encoding="utf-8"))
+    assert result.facts.as_json() == facts
+    assert result.tree["posterior"]["k"].size == 200
+
+
+def test_results_go_to_stdout_and_the_rest_to_stderr(identified: tuple[Path, str, str]) -> None:
+    directory, out, err = identified
+    for text in ("delta_eta", "log evidence, importance", f"report: {directory / 'report.html'}"):
+        assert text in out
+        assert text not in err
+    assert "writing the report" in err.splitlines()
+    assert not any("\x1b" in text for text in (out, err))
+
+
+def test_no_number_of_the_table_is_folded_or_cut_on_80_columns() -> None:
+    numbers = {"mean": 0.0100462, "sd": 2.5e-05, "hdi90": (0.0100071, 0.0100881), "true": 0.01}
+    names = ("alpha", "delta_eta_jump", "delta_s[1,2]")
+    facts = [
+        ParameterFacts(name=name, symbol=name, unit="N s/m", prior="", flag="prior-bound", **numbers) for name in names
+    ]
+    console = Console(width=80, file=io.StringIO())
+    with console.capture() as capture:
+        console.print(_parameters(facts))
+    head, *lines = capture.get().splitlines()
+    assert head.split() == ["parameter", "mean", "sd", "90", "%", "from", "to", "true", "unit"]
+    cells = ["0.010046", "0.000025", "0.010007", "0.010088", "0.01", "N", "s/m", "prior-bound"]
+    assert [line.split() for line in lines] == [[name, *cells] for name in names]
+
+
+def test_simulate_writes_what_identify_reads(simulated: Path) -> None:
+    record = read_record(simulated)
+    assert set(record.channels) == {"acceleration_1"}
+    assert record.truth["delta_eta"] == 0.4
+
+
+def test_effects_lists_the_catalogue(run: Run) -> None:
+    outcome = run("effects")
+    assert outcome.code == 0
+    assert all(facts.name in outcome.out and facts.equations[0].text in outcome.out for facts in catalogue())
+
+
+def test_engines_lists_every_engine(run: Run) -> None:
+    outcome = run("engines")
+    assert outcome.code == 0
+    assert [line.split()[0] for line in outcome.out.splitlines()[1:]] == list(NAMES)
+
+
+def test_help_is_not_an_error(run: Run) -> None:
+    for arguments in ((), ("--help",), ("identify", "--help")):
+        outcome = run(*arguments)
+        assert (outcome.code, outcome.err) == (0, "")
+        assert "identify" in outcome.out
+
+
+def _file(directory: Path, text: str) -> Path:
+    path = directory / "my_model.py"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+BAD_MODELS = [
+    ("x = 1\n", "does not define `model`"),
+    ("model = 3\n", "does not define `model`"),
+    ("a = 1\nb = a / 0\n", "line 2: ZeroDivisionError"),
+    ("a = 1\nmodel = (\n", "line 2: SyntaxError"),
+    ("import sys\nsys.exit(3)\n", "line 2: SystemExit: 3"),
+    ("import no_such_module\n", "line 1: ModuleNotFoundError"),
+    ("from bwbn_bayes import Uniform\n\nUniform(2, 1)\n", "line 3: Uniform(2, 1)"),
+    (SDOF.read_text(encoding="utf-8") + "truth = {'k': 1.0}\n", "`truth`: values for the identified parameters"),
+    (SDOF.read_text(encoding="utf-8") + "truth = [1.0]\n", "`truth` must give a number"),
+    (SDOF.read_text(encoding="utf-8") + "excitation = [1.0]\n", "`excitation` must be a Record"),
+    (SDOF.read_text(encoding="utf-8") + "snr_db = '30 dB'\n", "`snr_db` is '30 dB'"),
+    (SDOF.read_text(encoding="utf-8") + "assumptions = 'one'\n", "`assumptions` must be a list of sentences"),
+]
+
+
+@pytest.mark.parametrize("command", ["identify", "simulate"])
+@pytest.mark.parametrize(("text", "sentence"), BAD_MODELS, ids=[sentence for _, sentence in BAD_MODELS])
+def test_a_bad_model_file_is_named_with_its_line(
+    run: Run, tmp_path: Path, command: str, text: str, sentence: str
+) -> None:
+    path = _file(tmp_path, text)
+    _is_one_sentence(run(command, path, "--out", tmp_path / "out"), str(path), sentence)
+
+
+BAD_OPTIONS = [
+    (("identify", "nowhere.py"), "nowhere.py does not exist"),
+    (("identify",), "Missing argument"),
+    (("identify", SDOF, "--tempo"), "No such option: --tempo"),
+    (("identify", SDOF, "--seed", "-1"), "--seed"),
+    (("identify", SDOF, "--seed", "one"), "--seed"),
+    (("identify", SDOF, "--particles", "1"), "--particles"),
+    (("identify", SDOF, "--method", "guess"), "'guess' is not one of 'importance', 'tmcmc'"),
+    (("identify", SDOF, "--engine", "steam"), "'steam' is not one of 'lanes'"),
+    (("identify", SDOF, "--record", "nowhere.csv"), "nowhere.csv"),
+    (("identify", PLAIN), "give one with --record FILE"),
+    (("simulate", PLAIN), "give it with --record FILE"),
+    (("dance",), "No such command 'dance'"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), BAD_OPTIONS, ids=[sentence for _, sentence in BAD_OPTIONS])
+def test_a_bad_option_is_one_sentence(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[object, ...], sentence: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _is_one_sentence(run(*arguments), sentence)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentences"),
+    [
+        ("acceleration_1", "acceleration_4", ("acceleration_4",)),
+        ("acceleration_1 [m/s^2]", "acceleration_1 [s]", ("acceleration_1", "[s]")),
+        ("ground_acceleration", "ground_velocity", ("ground_velocity",)),
+    ],
+)
+def test_a_record_that_does_not_fit_is_one_sentence(
+    run: Run, simulated: Path, tmp_path: Path, old: str, new: str, sentences: tuple[str, ...]
+) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text(simulated.read_text(encoding="utf-8").replace(old, new, 1), encoding="utf-8")
+    _is_one_sentence(run("identify", PLAIN, "--record", path, "--out", tmp_path / "out"), *sentences)
+
+
+def test_a_nan_is_named_by_line_and_column(run: Run, simulated: Path, tmp_path: Path) -> None:
+    lines = simulated.read_text(encoding="utf-8").splitlines()
+    lines[-1] = lines[-1].rsplit(",", 1)[0] + ",nan"
+    path = tmp_path / "record.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    outcome = run("identify", SDOF, "--record", path, "--out", tmp_path / "out")
+    _is_one_sentence(outcome, f"{path}, line {len(lines)}", "acceleration_1", "nan")
+
+
+def test_a_record_without_channels_is_one_sentence(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "motion.csv"
+    write_record(sine(amplitude=1.0, frequency_hz=1.0, duration=5.0, time_step=0.02), path)
+    _is_one_sentence(run("identify", SDOF, "--record", path, "--out", tmp_path / "out"), "measures nothing")
+
+
+def test_an_out_that_cannot_be_written_is_found_before_the_run(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object, **__: object) -> Record:
+        raise AssertionError("the run began")
+
+    monkeypatch.setattr("bwbn_bayes.cli.simulate_record", never)
+    (tmp_path / "file").write_text("taken", encoding="utf-8")
+    for command in ("identify", "simulate"):
+        out = tmp_path / "file" / "below"
+        _is_one_sentence(run(command, SDOF, "--out", out), f"--out {out} cannot be written")
+
+
+def test_a_run_that_fails_leaves_the_old_files_whole(
+    run: Run, simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_result: Result, directory: Path) -> None:
+        (directory / "report.html").write_text("half", encoding="utf-8")
+        raise OSError(28, "No space left on device")
+
+    old = tmp_path / "report.html"
+    old.write_text("whole", encoding="utf-8")
+    monkeypatch.setattr("bwbn_bayes.cli.write_report", fail)
+    arguments = ("identify", SDOF, "--record", simulated, "--particles", "100", "--out", tmp_path)
+    _is_one_sentence(run(*arguments), "No space left on device", after_steps=True)
+    assert old.read_text(encoding="utf-8") == "whole"
+    assert list(tmp_path.iterdir()) == [old]
+
+
+def test_a_fault_of_ours_keeps_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> Record:
+        raise RuntimeError("ours")
+
+    monkeypatch.setattr("bwbn_bayes.cli.simulate_record", broken)
+    with pytest.raises(RuntimeError, match="ours"):
+        main(["simulate", str(SDOF), "--out", str(tmp_path)])
+
+
+def test_a_step_says_stage_tempering_acceptance_and_solves() -> None:
+    facts = StageFacts(
+        stage=3,
+        tempering_parameter=0.0142,
+        acceptance=0.4375,
+        effective_sample_size=500.0,
+        n_solves=8000,
+        log_evidence=1.0,
+        elapsed_s=2.0,
+        label="TMCMC, bridge",
+    )
+    said = _line("TMCMC, bridge", facts)
+    assert said == "TMCMC, bridge, stage 3, tempering parameter 0.0142, acceptance 0.44, 8000 solves"
+
+
+def _is_one_sentence(outcome: Outcome, *parts: str, after_steps: bool = False) -> None:
+    *before, said = outcome.err.splitlines()
+    assert outcome.code == 2
+    assert said.startswith("error: ")
+    assert "Traceback" not in outcome.err
+    assert outcome.out == ""
+    for part in parts:
+        assert part in said
+    assert after_steps or not before

@@ -22,7 +22,14 @@ from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
-OBSERVED_KINDS = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy", "restoring_force", "acceleration")
+OBSERVED_KINDS = (
+    "drift",
+    "drift_rate",
+    "hysteretic_displacement",
+    "hysteretic_energy",
+    "restoring_force",
+    "acceleration",
+)
 """Rows every engine can observe at each storey or floor; measured channels are linear combinations of them."""
 
 

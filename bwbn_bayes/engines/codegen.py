@@ -1,8 +1,9 @@
 """From the symbolic storey law to lines of code that numba compiles.
 
-The printer knows the handful of functions a law may use. Powers with a symbolic exponent become ``_exp(n * _log(x))``
-with the inlined polynomials of ``lane_source.py``; ``sign`` is differentiated as zero and ``Abs`` as ``sign``, that is
-almost everywhere. What depends on parameters alone is hoisted out of the time loop.
+The printer knows the handful of functions a law may use. Powers with a symbolic exponent become
+``_exp2(n * _log2(x))``, base two because its scaling by ``1 / log(2)`` joins the constants of the argument; ``sign`` is
+differentiated as zero and ``Abs`` as ``sign``, that is almost everywhere. What changes at events alone is hoisted out
+of the time loop.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import sympy as sp
+from sympy.codegen.cfunctions import exp2, log2
 from sympy.printing.pycode import PythonCodePrinter
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Event, SharpFeature, StoreyLaw
@@ -28,14 +30,14 @@ class _NumbaPrinter(PythonCodePrinter):
         # The tiny offset keeps |x|^n / |x| finite at x = 0; anywhere else it is absorbed by rounding.
         return f"(abs({self._print(expr.args[0])}) + 1e-300)"
 
-    def _print_exp(self, expr: sp.Expr) -> str:
-        return f"_exp({self._print(expr.args[0])})"
+    def _print_exp2(self, expr: sp.Expr) -> str:
+        return f"_exp2({self._print(expr.args[0])})"
+
+    def _print_log2(self, expr: sp.Expr) -> str:
+        return f"_log2({self._print(expr.args[0])})"
 
     def _print_log(self, expr: sp.Expr) -> str:
-        return f"_log({self._print(expr.args[0])})"
-
-    def _print_tanh(self, expr: sp.Expr) -> str:
-        return f"(1.0 - 2.0 / (_exp(2.0 * ({self._print(expr.args[0])})) + 1.0))"
+        return repr(float(expr))
 
     def _print_Max(self, expr: sp.Expr) -> str:
         first, *rest = (f"({self._print(argument)})" for argument in expr.args)
@@ -61,17 +63,34 @@ class _NumbaPrinter(PythonCodePrinter):
             power = f"({self._print(base)})"
             product = " * ".join([power] * abs(int(exponent)))
             return f"({product})" if exponent > 0 else f"(1.0 / ({product}))"
-        return f"_exp({self._print(exponent)} * _log({self._print(base)}))"
+        return self.emptyPrinter(expr)
 
     def emptyPrinter(self, expr: object) -> str:
         raise UserError(
-            f"a storey law uses {expr!r}, which the code generator cannot print: use exp, log, tanh, Abs, sign, Max or powers"
+            f"a storey law uses {expr!r}, which the code generator cannot print: "
+            "use exp, log, tanh, Abs, sign, Max or powers"
         )
 
 
 def print_expression(expression: sp.Expr) -> str:
     """Numba source of one expression."""
     return str(_NumbaPrinter().doprint(expression))
+
+
+def _base_two(expression: sp.Expr) -> sp.Expr:
+    """The same expression with exponentials, logarithms and powers of symbolic exponent in base two."""
+    if not expression.args or expression.is_number:
+        return expression
+    arguments = [_base_two(argument) for argument in expression.args]
+    if isinstance(expression, sp.exp):
+        return exp2(arguments[0] / sp.log(2))
+    if isinstance(expression, sp.log):
+        return log2(arguments[0]) * sp.log(2)
+    if isinstance(expression, sp.tanh):
+        return 1 - 2 / (exp2(2 * arguments[0] / sp.log(2)) + 1)
+    if expression.is_Pow and not expression.exp.is_Integer:
+        return exp2(arguments[1] * log2(arguments[0]))
+    return expression.func(*arguments)
 
 
 def derivative(expression: sp.Expr, variable: sp.Symbol) -> sp.Expr:
@@ -96,8 +115,8 @@ def derivative(expression: sp.Expr, variable: sp.Symbol) -> sp.Expr:
 class Program:
     """A law as straight-line code.
 
-    ``hoisted`` are (name, source) lines that depend on parameters alone; ``lines`` the rest; ``outputs`` the source
-    of each output in the order asked for.
+    ``hoisted`` are (name, source) lines that change at events alone; ``lines`` the rest; ``outputs`` the source of each
+    output in the order asked for.
     """
 
     hoisted: tuple[tuple[str, str], ...]
@@ -116,7 +135,7 @@ def compile_expressions(expressions: Sequence[sp.Expr], constants: frozenset[sp.
         Symbols that do not change during a solve.
     """
     hoisted: dict[sp.Expr, sp.Symbol] = {}
-    lifted = [_lift(expression, constants, hoisted) for expression in expressions]
+    lifted = [_lift(_base_two(expression), constants, hoisted) for expression in expressions]
     shared, reduced = sp.cse(lifted, symbols=sp.numbered_symbols("x"), optimizations=[])
     return Program(
         hoisted=tuple((str(s), print_expression(e)) for e, s in hoisted.items()),
@@ -179,7 +198,7 @@ def law_programs(law: StoreyLaw) -> LawPrograms:
     """Generate the programs of a storey law and of its derivatives."""
     outputs = (law.force, *law.rates)
     variables = (DRIFT, DRIFT_RATE, *law.states, *law.symbols)
-    constants = frozenset(law.symbols)
+    constants = frozenset(law.symbols) | {event.indicator for event in law.events}
     partials: list[tuple[int, int]] = []
     expressions: list[sp.Expr] = []
     for row, output in enumerate(outputs):

@@ -127,7 +127,7 @@ def cvodes_kernel(law: StoreyLaw, driven: bool) -> ModuleType:
         If ``sundials4py`` is not installed or its library cannot be used.
     """
     load_library()
-    return load_kernel("cvodes", cvodes_source(law, programs_of(law), driven=driven))
+    return load_kernel("cvodes", cvodes_source(*programs_of(law), driven=driven))
 
 
 @cache

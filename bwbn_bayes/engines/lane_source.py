@@ -1,28 +1,100 @@
 """The source of a lane kernel: sixteen draws advance together, one per lane of flat arrays.
 
-Arrays are flat and indexed ``row * LANES + lane``, so that the innermost loops vectorise. A building's state rows are,
-storey by storey, drift, drift rate, hysteretic displacement, energy, added states. Observation rows are the drifts,
-drift rates, hysteretic displacements, energies, storey forces and total floor accelerations, each for all storeys.
+A row is ``LANES`` numbers, one per draw, so that the innermost loops vectorise. All that a storey needs stands in one
+block of rows of the array ``w``; blocks run from the roof down: an empty one above the roof, the storeys, the ground.
+The distance between rows is a constant, so that the compiler needs no check for overlap. Derivatives stand in ``t``,
+one building of smaller blocks per direction. Each stage of a Runge-Kutta scheme uses the rates of the stage before
+only: state ``y + share * step * rate``, result ``y + sum(weight * step * rate)``.
 """
 
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, StoreyLaw
 from bwbn_bayes.engines.codegen import LawPrograms, Program, print_expression
+from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
 
 LANES = 16
-OBSERVED_KINDS = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy", "force", "acceleration")
 FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, nogil=True, cache=True'
 
+
+@dataclass(frozen=True, kw_only=True)
+class LaneLayout:
+    """Rows of a storey's block in ``w``; the rows up to and including ``acceleration`` open its block in ``t`` too.
+
+    Attributes
+    ----------
+    n_states : int
+        States of a storey; they come first, then their rates, then the sum of the scheme's stages.
+    n_columns : int
+        Columns of the table of partial derivatives: the law's variables, and one of zeros.
+    force, acceleration, inverse_mass, parameters, derived, happened, sharpness, before, slope : int
+        First row of each kind; ``sharpness`` is one over the width of each sharp feature.
+    block : int
+        Rows of a block of ``w``.
+    """
+
+    n_states: int
+    n_columns: int
+    force: int
+    acceleration: int
+    inverse_mass: int
+    parameters: int
+    derived: int
+    happened: int
+    sharpness: int
+    before: int
+    slope: int
+    block: int
+
+    @property
+    def tangent_block(self) -> int:
+        """Rows of a block of ``t``."""
+        return self.acceleration + 1
+
+    def observed(self, kind: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Row of each observed kind, numbered as in :data:`~bwbn_bayes.engines.base.OBSERVED_KINDS`."""
+        return np.array([0, 1, 2, 3, self.force, self.acceleration])[kind]
+
+
+def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
+    """Lay out the rows of one storey law."""
+    n_states = 2 + len(law.states)
+    parameters = 3 * n_states + 3
+    derived = parameters + len(law.parameters)
+    happened = derived + len(programs.rates.hoisted) + len(programs.tangent.hoisted)
+    sharpness = happened + len(law.events)
+    before = sharpness + len(law.sharp_features)
+    n_columns = len(programs.variables) + 1
+    return LaneLayout(
+        n_states=n_states,
+        n_columns=n_columns,
+        force=3 * n_states,
+        acceleration=3 * n_states + 1,
+        inverse_mass=3 * n_states + 2,
+        parameters=parameters,
+        derived=derived,
+        happened=happened,
+        sharpness=sharpness,
+        before=before,
+        slope=before + n_states,
+        block=before + n_states + (1 + len(law.states)) * n_columns,
+    )
+
+
 _MATHEMATICS = '''\
-import math
 import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
 LANES = {lanes}
+BLOCK = {block} * LANES
+TANGENT_BLOCK = {tangent_block} * LANES
 
 
 @intrinsic
@@ -42,283 +114,222 @@ def _from_bits(typing_context, value):
 
 
 @njit({flags})
-def _exp(x):
-    """Exponential to 1e-15 relative; the power of two is assembled from bits, so that the loop vectorises."""
-    x = x if x > -708.0 else -708.0
-    x = x if x < 708.0 else 708.0
-    k = np.floor(x * 1.4426950408889634 + 0.5)
-    r = x - k * 0.693147180369123816490 - k * 1.90821492927058770002e-10
-    p = 1.6059043836821613e-10
-    p = p * r + 2.08767569878681e-09
-    p = p * r + 2.505210838544172e-08
-    p = p * r + 2.755731922398589e-07
-    p = p * r + 2.7557319223985893e-06
-    p = p * r + 2.48015873015873e-05
-    p = p * r + 0.0001984126984126984
-    p = p * r + 0.001388888888888889
-    p = p * r + 0.008333333333333333
-    p = p * r + 0.041666666666666664
-    p = p * r + 0.16666666666666666
-    p = p * r + 0.5
-    p = p * r + 1.0
-    p = p * r + 1.0
+def _exp2(x):
+    """Two to the power x, to 2e-14 relative; the power's whole part is assembled from bits, so that loops vectorise."""
+    x = -1021.0 if x < -1021.0 else x
+    x = 1023.0 if x > 1023.0 else x
+    k = np.rint(x)
+    r = x - k
+    p = 1.0150337260976417e-07
+    p = p * r + 1.3259405611204192e-06
+    p = p * r + 1.5252984835578367e-05
+    p = p * r + 0.00015403434948081424
+    p = p * r + 0.0013333557617609879
+    p = p * r + 0.009618129192067202
+    p = p * r + 0.05550410866868558
+    p = p * r + 0.24022650695649653
+    p = p * r + 0.693147180559871
+    p = p * r + 1.0000000000000127
     return p * _from_bits(_bits(k + 4503599627371519.0) << 52)
 
 
 @njit({flags})
-def _log(x):
-    """Natural logarithm of a positive number to 1e-15; exponent and mantissa are split by bits."""
+def _log2(x):
+    """Logarithm to base two of a positive number, to 3e-14; exponent and mantissa in [0.7, 1.4] are split by bits."""
     b = _bits(x)
-    e = _from_bits((b >> 52) | 0x4330000000000000) - 4503599627371519.0
-    m = _from_bits((b & 0x000FFFFFFFFFFFFF) | 0x3FF0000000000000)
-    large = m > 1.4142135623730951
-    m = 0.5 * m if large else m
-    e = e + 1.0 if large else e
+    above = b - 0x3FE6A09E667F3BCD
+    e = _from_bits((above >> 52) + 0x4338000000000000) - 6755399441055744.0
+    m = _from_bits(b - (above & -0x10000000000000))
     s = (m - 1.0) / (m + 1.0)
     q = s * s
-    p = 0.09523809523809523
-    p = p * q + 0.10526315789473684
-    p = p * q + 0.11764705882352941
-    p = p * q + 0.13333333333333333
-    p = p * q + 0.15384615384615385
-    p = p * q + 0.18181818181818182
-    p = p * q + 0.2222222222222222
-    p = p * q + 0.2857142857142857
-    p = p * q + 0.4
-    p = p * q + 0.6666666666666666
-    p = p * q + 2.0
-    return e * 0.6931471805599453 + s * p
+    p = 0.282899281459652
+    p = p * q + 0.31990575510624353
+    p = p * q + 0.4122092510534761
+    p = p * q + 0.5770779423768015
+    p = p * q + 0.9617966941133066
+    p = p * q + 2.88539008177785
+    return e + s * p
 '''
 
-_RATES = '''
+_PREPARE = """
 
 @njit({flags})
-def prepare(n_storeys, par, derived):
+def prepare(n_storeys, w):
+    # What the law needs that changes at events alone.
     for i in range(n_storeys):
-        p = i * {n_par} * LANES
-        d = i * {n_derived} * LANES
+        a = i * BLOCK
         for l in range(LANES):
 {prepare}
+"""
+
+_STAGE = """
+
+@njit({flags})
+def {name}(n_storeys, n_directions, weight, share, step, ground, seed, w, t):
+    for i in range(n_storeys):
+        a = i * BLOCK
+        for l in range(LANES):
+{law}
+    first = w[n_storeys * BLOCK:]
+    for l in range(LANES):
+        first[{acceleration_of_drift} * LANES + l] = {ground_drift}
 
 
 @njit({flags})
-def rates(n_storeys, y, ground, par, derived, happened, inv_mass, force, acceleration, dy):
+def {name}_with_tangents(n_storeys, n_directions, weight, share, step, ground, seed, w, t):
     for i in range(n_storeys):
-        b = i * {n_rows} * LANES
-        p = i * {n_par} * LANES
-        d = i * {n_derived} * LANES
-        e = i * {n_events} * LANES
-        f = i * LANES
+        a = i * BLOCK
         for l in range(LANES):
-{rates}
-{assembly}
-
-
-@njit({flags})
-def tangents(n_storeys, n_directions, y, par, derived, happened, inv_mass, seed, slope, force, acceleration, dy):
-    for i in range(n_storeys):
-        b = i * {n_rows} * LANES
-        p = i * {n_par} * LANES
-        d = i * {n_derived} * LANES
-        e = i * {n_events} * LANES
-        for l in range(LANES):
-{slopes}
+{tangent_law}
         for k in range(n_directions):
-            o = b + (k + 1) * n_storeys * {n_rows} * LANES
-            f = ((k + 1) * (n_storeys + 1) + i) * LANES
-            c = seed[i * n_directions + k] * LANES
+            o = (k * (n_storeys + 2) + i) * TANGENT_BLOCK
+            moved = w[a + seed[k * n_storeys + i] * LANES:]
             for l in range(LANES):
 {chain}
+    first = w[n_storeys * BLOCK:]
+    for l in range(LANES):
+        first[{acceleration_of_drift} * LANES + l] = {ground_drift}
     for k in range(n_directions):
-        for i in range(n_storeys):
-            f = ((k + 1) * (n_storeys + 1) + i) * LANES
-            a = ((k + 1) * n_storeys + i) * LANES
-            for l in range(LANES):
-                acceleration[a + l] = (force[f + LANES + l] - force[f + l]) * inv_mass[i * LANES + l]
-{tangent_assembly}
+        first = t[(k * (n_storeys + 2) + n_storeys) * TANGENT_BLOCK:]
+        for l in range(LANES):
+            first[{acceleration_of_drift} * LANES + l] = {ground_drift_tangent}
+"""
+
+_ADVANCE = """
+
+@njit({flags})
+def advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, w, t):
+    # One step of every lane's own length, and the rates at its end.
+    for s in range(shares.shape[0]):
+        for l in range(LANES):
+            ground[l] = ground_0 + slope * (position[l] + shares[s] * step[l])
+        if n_directions > 0:
+            inside_with_tangents(n_storeys, n_directions, weights[s], shares[s], step, ground, seed, w, t)
+        else:
+            inside(n_storeys, n_directions, weights[s], shares[s], step, ground, seed, w, t)
+    for l in range(LANES):
+        position[l] += step[l]
+        ground[l] = ground_0 + slope * position[l]
+    close(n_storeys, n_directions, weights[shares.shape[0]], step, ground, seed, w, t)
 
 
 @njit({flags})
-def differentiate(n_storeys, n_directions, y, ground, par, derived, happened, inv_mass, seed, slope, force,
-                  acceleration, dy):
-    rates(n_storeys, y, ground, par, derived, happened, inv_mass, force, acceleration, dy)
+def close(n_storeys, n_directions, weight, step, ground, seed, w, t):
     if n_directions > 0:
-        tangents(n_storeys, n_directions, y, par, derived, happened, inv_mass, seed, slope, force, acceleration, dy)
-'''
+        at_end_with_tangents(n_storeys, n_directions, weight, 0.0, step, ground, seed, w, t)
+    else:
+        at_end(n_storeys, n_directions, weight, 0.0, step, ground, seed, w, t)
 
-_BUILDING = '''\
-    for i in range(n_storeys):
-        f = i * LANES
-        for l in range(LANES):
-            acceleration[f + l] = (force[f + LANES + l] - force[f + l]) * inv_mass[f + l]
-    for l in range(LANES):
-        dy[LANES + l] = acceleration[l] - ground[l]
-    for i in range(1, n_storeys):
-        b = (i * {n_rows} + 1) * LANES
-        f = i * LANES
-        for l in range(LANES):
-            dy[b + l] = acceleration[f + l] - acceleration[f - LANES + l]
-'''
-
-_BUILDING_TANGENT = '''\
-    for k in range(n_directions):
-        for i in range(n_storeys):
-            o = ((k + 1) * n_storeys + i) * {n_rows} * LANES + LANES
-            a = ((k + 1) * n_storeys + i) * LANES
-            for l in range(LANES):
-                below = acceleration[a - LANES + l] if i > 0 else 0.0
-                dy[o + l] = acceleration[a + l] - below
-'''
-
-_DRIVEN = '''\
-    for l in range(LANES):
-        dy[LANES + l] = 0.0
-'''
-
-_DRIVEN_TANGENT = '''\
-    for k in range(n_directions):
-        o = ((k + 1) * {n_rows} + 1) * LANES
-        for l in range(LANES):
-            dy[o + l] = 0.0
-'''
-
-_ADVANCE = '''
 
 @njit({flags})
-def plan(n_storeys, dt, y, dy, par, substeps, resolution, length):
+def plan(n_storeys, dt, substeps, resolution, length, turn, w):
+    # Steps of each lane in the next interval, and where one ends because a drift rate changes sign there.
     for l in range(LANES):
         length[l] = substeps
-{plan}
+        turn[l] = dt
+    for i in range(n_storeys):
+        a = i * BLOCK
+{refine}
+{turn}
+    busy = 0.0
     for l in range(LANES):
+        busy += length[l] - 1.0 + (1.0 if turn[l] < dt else 0.0)
         length[l] = dt / length[l]
+    return busy > 0.0
 
 
 @njit({flags})
-def next_step(n_storeys, dt, start, position, par, happened, length, step):
+def next_step(n_storeys, dt, start, event, position, length, turn, step, w):
     for l in range(LANES):
         remaining = dt - position[l]
         h = length[l]
         h = remaining if remaining - h < 1e-9 * dt else h
+        until = turn[l] - position[l]
+        h = until if until > 1e-9 * dt and until < h else h
         step[l] = h if remaining > 1e-12 * dt else 0.0
+    if event < start + dt:
+        for i in range(n_storeys):
+            a = i * BLOCK
+            for l in range(LANES):
 {limit}
     longest = 0.0
     for l in range(LANES):
-        if step[l] > longest:
-            longest = step[l]
-    return longest
+        longest = max(longest, step[l])
+    return longest > 0.0
 
 
 @njit({flags})
-def arrive(n_storeys, start, tolerance, position, par, happened, flipped):
-    any_flipped = 0.0
-    for r in range(n_storeys * {n_events} * LANES):
-        flipped[r] = 0.0
-{arrive}
-    for r in range(n_storeys * {n_events} * LANES):
-        any_flipped += flipped[r]
-    return any_flipped > 0.0
-
-
-@njit({flags})
-def first_half(n_links, y, dy, step, total, trial):
-    for i in range(n_links):
-        b = i * {n_rows} * LANES
-        for l in range(LANES):
-{first_half}
-
-
-@njit({flags})
-def second_half(n_links, y, dy, step, share, total, trial):
-    for i in range(n_links):
-        b = i * {n_rows} * LANES
-        for l in range(LANES):
-{second_half}
-
-
-@njit({flags})
-def finish(n_links, y, dy, step, total):
-    for i in range(n_links):
-        b = i * {n_rows} * LANES
-        for l in range(LANES):
-{finish}
-
-
-@njit({flags})
-def rk4(n_storeys, n_directions, dt, ground_0, ground_1, position, step, y, dy, trial, total, ground, par, derived,
-        happened, inv_mass, seed, slope, force, acceleration):
-    n_links = n_storeys * (1 + n_directions)
-    first_half(n_links, y, dy, step, total, trial)
-    for l in range(LANES):
-        ground[l] = ground_0 + (ground_1 - ground_0) * ((position[l] + 0.5 * step[l]) / dt)
-    differentiate(n_storeys, n_directions, trial, ground, par, derived, happened, inv_mass, seed, slope, force,
-                  acceleration, dy)
-    second_half(n_links, y, dy, step, 0.5, total, trial)
-    differentiate(n_storeys, n_directions, trial, ground, par, derived, happened, inv_mass, seed, slope, force,
-                  acceleration, dy)
-    second_half(n_links, y, dy, step, 1.0, total, trial)
-    for l in range(LANES):
-        ground[l] = ground_0 + (ground_1 - ground_0) * ((position[l] + step[l]) / dt)
-    differentiate(n_storeys, n_directions, trial, ground, par, derived, happened, inv_mass, seed, slope, force,
-                  acceleration, dy)
-    finish(n_links, y, dy, step, total)
-
-
-@njit({flags})
-def jump(n_storeys, n_directions, y, dy, before, seed, flipped):
-    width = n_storeys * {n_rows}
+def next_event(n_storeys, w):
+    found = np.inf
     for i in range(n_storeys):
-        for k in range(n_directions):
-            number = {event_of_seed}
-            if number < 0:
-                continue
-            m = (i * {n_events} + number) * LANES
-            for r in range(width):
-                o = r * LANES
-                t = ((k + 1) * width + r) * LANES
-                for l in range(LANES):
-                    y[t + l] += flipped[m + l] * (before[o + l] - dy[o + l])
+        a = i * BLOCK
+        for l in range(LANES):
+{next_event}
+    return found
 
 
 @njit({flags})
-def observe(n_storeys, n_directions, y, force, acceleration, seen):
-    n = n_storeys * LANES
-    for k in range(n_directions + 1):
-        for i in range(n_storeys):
-            b = (k * n_storeys + i) * {n_rows} * LANES
-            f = (k * (n_storeys + 1) + i) * LANES
-            a = (k * n_storeys + i) * LANES
-            s = k * 6 * n + i * LANES
-            for l in range(LANES):
-                seen[s + l] = y[b + l]
-                seen[s + n + l] = y[b + LANES + l]
-                seen[s + 2 * n + l] = y[b + 2 * LANES + l]
-                seen[s + 3 * n + l] = y[b + 3 * LANES + l]
-                seen[s + 4 * n + l] = force[f + l]
-                seen[s + 5 * n + l] = acceleration[a + l]
+def strike(n_storeys, n_directions, until, position, step, flipped, ground, seed, w, t):
+    # Events that are due happen one by one; each adds (rate before - rate after) d time / d parameter to the tangents.
+    for i in range(n_storeys):
+        a = i * BLOCK
+{strike}
 
 
 @njit({flags})
-def combine_channels(n_storeys, n_directions, starts, row, coefficient, ground_part, ground_now, seen, value):
+def flip(n_storeys, n_directions, storey, event, column, step, flipped, ground, seed, w, t):
+    for l in range(LANES):
+        step[l] = 0.0
+    for i in range(n_storeys):
+        a = (i + 1) * BLOCK
+        for r in range({n_states} * LANES):
+            w[a + {before} * LANES + r] = w[a + {n_states} * LANES + r]
+    a = (storey + 1) * BLOCK + ({happened} + event) * LANES
+    for l in range(LANES):
+        w[a + l] += flipped[l]
+    prepare(n_storeys, w)
+    close(n_storeys, n_directions, 0.0, step, ground, seed, w, t)
+    for k in range(n_directions):
+        if seed[k * n_storeys + storey] == column:
+            for i in range(n_storeys):
+                a = (i + 1) * BLOCK
+                o = (k * (n_storeys + 2) + i + 1) * TANGENT_BLOCK
+                for r in range({n_states}):
+                    for l in range(LANES):
+                        m = r * LANES + l
+                        jump = flipped[l] * (w[a + {before} * LANES + m] - w[a + {n_states} * LANES + m])
+                        t[o + m] += jump
+                        t[o + {n_states2} * LANES + m] += jump
+    if n_directions > 0:
+        close(n_storeys, n_directions, 0.0, step, ground, seed, w, t)
+
+
+@njit({flags})
+def observe(n_storeys, n_directions, starts, block, row, coefficient, ground_part, ground_now, w, t, value):
     n_channels = ground_part.shape[0]
     for k in range(n_directions + 1):
         for c in range(n_channels):
-            o = (k * n_channels + c) * LANES
+            m = (k * n_channels + c) * LANES
             offset = ground_part[c] * ground_now if k == 0 else 0.0
             for l in range(LANES):
-                value[o + l] = offset
+                value[m + l] = offset
             for term in range(starts[c], starts[c + 1]):
-                s = (k * 6 * n_storeys + row[term]) * LANES
-                weight = coefficient[term]
+                factor = coefficient[term]
+                if k == 0:
+                    observed = w[block[term] * BLOCK + row[term] * LANES:]
+                else:
+                    observed = t[((k - 1) * (n_storeys + 2) + block[term]) * TANGENT_BLOCK + row[term] * LANES:]
                 for l in range(LANES):
-                    value[o + l] += weight * seen[s + l]
+                    value[m + l] += factor * observed[l]
 
 
 @njit({flags})
 def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
     for c in range(n_channels):
         o = c * LANES
+        now = measured[c, j]
         for l in range(LANES):
-            value[o + l] = measured[c, j] - value[o + l]
+            value[o + l] = now - value[o + l]
             misfit[o + l] += value[o + l] * value[o + l]
         g = c * (n_directions * (n_directions + 3) // 2) * LANES
         for a in range(1, n_directions + 1):
@@ -328,47 +339,32 @@ def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
                 for l in range(LANES):
                     gram[g + l] += value[left + l] * value[right + l]
                 g += LANES
-'''
 
-_RUN = '''
 
 @njit({flags})
-def run(n_storeys, n_directions, dt, excitation, par, inv_mass, seed, substeps, resolution, starts, row, coefficient,
-        ground_part, measured, misfit, gram, store, stored):
+def run(n_storeys, n_directions, dt, excitation, w, t, seed, shares, weights, substeps, resolution, starts,
+        block, row, coefficient, ground_part, measured, misfit, gram, store, stored):
     n_times = excitation.shape[0]
-    n_rows = n_storeys * {n_rows} * (1 + n_directions)
     n_channels = ground_part.shape[0]
-    y = np.zeros(n_rows * LANES)
-    dy = np.zeros(n_rows * LANES)
-    trial = np.zeros(n_rows * LANES)
-    total = np.zeros(n_rows * LANES)
-    before = np.zeros(n_storeys * {n_rows} * LANES)
-    derived = np.zeros(n_storeys * {n_derived} * LANES)
-    happened = np.zeros(n_storeys * {n_events} * LANES)
-    slope = np.zeros({n_outputs} * {n_columns} * LANES)
-    force = np.zeros((n_storeys + 1) * (n_directions + 1) * LANES)
-    acceleration = np.zeros(n_storeys * (n_directions + 1) * LANES)
-    seen = np.zeros(6 * n_storeys * (n_directions + 1) * LANES)
     value = np.zeros(n_channels * (n_directions + 1) * LANES)
     ground = np.zeros(LANES)
     position = np.zeros(LANES)
     length = np.zeros(LANES)
+    turn = np.zeros(LANES)
     step = np.zeros(LANES)
-    flipped = np.zeros(n_storeys * {n_events} * LANES)
-    uniform = resolution <= 0.0 and {no_events}
-    prepare(n_storeys, par, derived)
-    arrive(n_storeys, 0.0, 1e-9 * dt, position, par, happened, flipped)
+    flipped = np.zeros(LANES)
+    for l in range(LANES):
+        ground[l] = excitation[0]
+    prepare(n_storeys, w)
+    strike(n_storeys, 0, 1e-9 * dt, position, step, flipped, ground, seed, w, t)
+    event = next_event(n_storeys, w)
+    close(n_storeys, n_directions, 0.0, step, ground, seed, w, t)
     for j in range(n_times):
         ground_0 = excitation[j]
-        ground_1 = excitation[j + 1] if j + 1 < n_times else excitation[j]
-        for l in range(LANES):
-            position[l] = 0.0
-            ground[l] = ground_0
+        ahead = min(j + 1, n_times - 1)
+        slope = (excitation[ahead] - excitation[ahead - 1]) / dt
 {drive}
-        differentiate(n_storeys, n_directions, y, ground, par, derived, happened, inv_mass, seed, slope, force,
-                      acceleration, dy)
-        observe(n_storeys, n_directions, y, force, acceleration, seen)
-        combine_channels(n_storeys, n_directions, starts, row, coefficient, ground_part, ground_0, seen, value)
+        observe(n_storeys, n_directions, starts, block, row, coefficient, ground_part, ground_0, w, t, value)
         if store:
             o = j * n_channels * (n_directions + 1) * LANES
             for r in range(n_channels * (n_directions + 1) * LANES):
@@ -377,43 +373,21 @@ def run(n_storeys, n_directions, dt, excitation, par, inv_mass, seed, substeps, 
             accumulate(n_channels, n_directions, j, measured, value, misfit, gram)
         if j + 1 == n_times:
             break
-        if uniform:
+        for l in range(LANES):
+            position[l] = 0.0
+        start = j * dt
+        busy = plan(n_storeys, dt, substeps, resolution, length, turn, w)
+        if not busy and event >= start + dt * (1.0 + 1e-9):
             for l in range(LANES):
-                step[l] = dt / substeps
-            for s in range(substeps):
-                if s > 0:
-                    for l in range(LANES):
-                        position[l] = s * step[l]
-                        ground[l] = ground_0 + (ground_1 - ground_0) * (position[l] / dt)
-                    differentiate(n_storeys, n_directions, y, ground, par, derived, happened, inv_mass, seed, slope,
-                                  force, acceleration, dy)
-                rk4(n_storeys, n_directions, dt, ground_0, ground_1, position, step, y, dy, trial, total, ground, par,
-                    derived, happened, inv_mass, seed, slope, force, acceleration)
+                step[l] = dt
+            advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, w, t)
             continue
-        plan(n_storeys, dt, y, dy, par, substeps, resolution, length)
-        first = True
-        while next_step(n_storeys, dt, j * dt, position, par, happened, length, step) > 0.0:
-            if not first:
-                for l in range(LANES):
-                    ground[l] = ground_0 + (ground_1 - ground_0) * (position[l] / dt)
-                differentiate(n_storeys, n_directions, y, ground, par, derived, happened, inv_mass, seed, slope, force,
-                              acceleration, dy)
-            first = False
-            rk4(n_storeys, n_directions, dt, ground_0, ground_1, position, step, y, dy, trial, total, ground, par,
-                derived, happened, inv_mass, seed, slope, force, acceleration)
-            for l in range(LANES):
-                position[l] += step[l]
-                ground[l] = ground_0 + (ground_1 - ground_0) * (position[l] / dt)
-            if {no_events}:
-                continue
-            if n_directions > 0:
-                rates(n_storeys, y, ground, par, derived, happened, inv_mass, force, acceleration, dy)
-                for r in range(n_storeys * {n_rows} * LANES):
-                    before[r] = dy[r]
-            if arrive(n_storeys, j * dt, 1e-9 * dt, position, par, happened, flipped) and n_directions > 0:
-                rates(n_storeys, y, ground, par, derived, happened, inv_mass, force, acceleration, dy)
-                jump(n_storeys, n_directions, y, dy, before, seed, flipped)
-'''
+        while next_step(n_storeys, dt, start, event, position, length, turn, step, w):
+            advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, w, t)
+            if event < start + dt * (1.0 + 1e-9):
+                strike(n_storeys, n_directions, start + 1e-9 * dt, position, step, flipped, ground, seed, w, t)
+                event = next_event(n_storeys, w)
+"""
 
 
 def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
@@ -422,52 +396,61 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
     Parameters
     ----------
     law : StoreyLaw
-        The law; its parameters set the rows of ``par``.
+        The law; its parameters set the rows of a block.
     programs : LawPrograms
         The law as straight-line code.
     driven : bool
         True for a specimen whose displacement is given, False for a base-excited building.
     """
-    n_rows = 2 + len(law.states)
-    n_par = len(law.parameters)
-    n_events = max(len(law.events), 1)
-    rates, tangent = programs.rates, programs.tangent
-    n_derived = max(len(rates.hoisted) + len(tangent.hoisted), 1)
-    n_columns = len(programs.variables) + 1
+    place = lane_layout(law, programs)
+    n = place.n_states
     fields = {
         "flags": FLAGS,
         "lanes": LANES,
-        "n_rows": n_rows,
-        "n_par": n_par,
-        "n_events": n_events,
-        "n_derived": n_derived,
-        "n_outputs": 1 + len(law.states),
-        "n_columns": n_columns,
-        "no_events": str(not law.events),
-        "prepare": _prepare(law, rates, 0) + _prepare(law, tangent, len(rates.hoisted)),
-        "rates": _rates(law, rates),
-        "slopes": _slopes(law, programs, len(rates.hoisted), n_columns),
-        "chain": _chain(law, programs, n_columns),
-        "assembly": (_DRIVEN if driven else _BUILDING).format(n_rows=n_rows).rstrip(),
-        "tangent_assembly": (_DRIVEN_TANGENT if driven else _BUILDING_TANGENT).format(n_rows=n_rows).rstrip(),
-        "plan": _plan(law, n_rows),
-        "limit": _limit(law),
-        "arrive": _arrive(law),
-        "event_of_seed": _event_of_seed(law),
-        "first_half": _by_row(
-            n_rows,
-            "total[{o}] = y[{o}] + step[l] / 6.0 * dy[{o}]",
-            "trial[{o}] = y[{o}] + 0.5 * step[l] * dy[{o}]",
-        ),
-        "second_half": _by_row(
-            n_rows,
-            "total[{o}] += step[l] / 3.0 * dy[{o}]",
-            "trial[{o}] = y[{o}] + share * step[l] * dy[{o}]",
-        ),
-        "finish": _by_row(n_rows, "y[{o}] = total[{o}] + step[l] / 6.0 * dy[{o}]"),
-        "drive": _drive() if driven else "",
+        "block": place.block,
+        "tangent_block": place.tangent_block,
+        "n_states": n,
+        "n_states2": 2 * n,
+        "before": place.before,
+        "happened": place.happened,
+        "acceleration_of_drift": n + 1,
+        "prepare": _prepare(law, programs, place),
+        "ground_drift": "0.0" if driven else f"first[{place.acceleration} * LANES + l] - ground[l]",
+        "ground_drift_tangent": "0.0" if driven else f"first[{place.acceleration} * LANES + l]",
+        "refine": _refine(law, place),
+        "turn": _turn(law, place),
+        "limit": _indent(_limit(law, place), 4),
+        "next_event": _indent(_next_event(law, place), 3),
+        "strike": _indent(_strike(law, place), 2),
+        "drive": _indent(_drive(place), 2) if driven else "",
     }
-    return "".join(part.format(**fields) for part in (_MATHEMATICS, _RATES, _ADVANCE, _RUN))
+    stages = "".join(
+        _STAGE.format(
+            name=name,
+            law=_law(law, programs.rates, place, 0, head),
+            tangent_law=_law(law, programs.tangent, place, len(programs.rates.hoisted), head)
+            + _slopes(law, programs, place),
+            chain=_chain(programs, place, head),
+            **fields,
+        )
+        for name, head in (("inside", _INSIDE), ("at_end", _AT_END))
+    )
+    return _MATHEMATICS.format(**fields) + _PREPARE.format(**fields) + stages + _ADVANCE.format(**fields)
+
+
+_INSIDE = (
+    "rate = step[l] * {array}[{rate}]",
+    "{array}[{total}] += weight * rate",
+    "{name} = {array}[{state}] + share * rate",
+)
+"""A state at a stage inside the step; the rates of the stage before join the sum."""
+
+_AT_END = (
+    "{name} = {array}[{total}] + weight * (step[l] * {array}[{rate}])",
+    "{array}[{state}] = {name}",
+    "{array}[{total}] = {name}",
+)
+"""A state at the end of the step."""
 
 
 def _used(names: list[str], lines: list[str]) -> list[str]:
@@ -476,139 +459,186 @@ def _used(names: list[str], lines: list[str]) -> list[str]:
 
 
 def _indent(lines: list[str], depth: int) -> str:
-    return "\n".join(" " * 4 * depth + line for line in lines) + ("\n" if lines else "")
+    return "\n".join(" " * 4 * depth + line for line in lines or ["pass"])
 
 
-def _loads(law: StoreyLaw, program: Program, first_derived: int, lines: list[str]) -> list[str]:
-    """Lines that load what the given lines use: states, parameters, hoisted values, event indicators."""
-    states = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
-    parameters = [str(s) for s in law.symbols]
-    derived = [name for name, _ in program.hoisted]
-    events = [str(event.indicator) for event in law.events]
-    loads = [f"{s} = y[b + {states.index(s)} * LANES + l]" for s in _used(states, lines)]
-    loads += [f"{s} = par[p + {parameters.index(s)} * LANES + l]" for s in _used(parameters, lines)]
-    loads += [f"{s} = derived[d + {first_derived + derived.index(s)} * LANES + l]" for s in _used(derived, lines)]
-    loads += [f"{s} = happened[e + {events.index(s)} * LANES + l]" for s in _used(events, lines)]
-    return loads
+def _states(names: list[str], array: str, first: str, place: LaneLayout, head: tuple[str, ...]) -> list[str]:
+    n = place.n_states
+    return [
+        line.format(
+            name=name,
+            array=array,
+            state=f"{first} + {r} * LANES + l",
+            rate=f"{first} + {n + r} * LANES + l",
+            total=f"{first} + {2 * n + r} * LANES + l",
+        )
+        for r, name in enumerate(names)
+        for line in head
+    ]
 
 
-def _prepare(law: StoreyLaw, program: Program, first: int) -> str:
-    sources = [source for _, source in program.hoisted]
-    parameters = [str(s) for s in law.symbols]
-    lines = [f"{s} = par[p + {parameters.index(s)} * LANES + l]" for s in _used(parameters, sources)]
-    for position, (name, source) in enumerate(program.hoisted):
-        lines += [f"{name} = {source}", f"derived[d + {first + position} * LANES + l] = {name}"]
-    return _indent(lines or ["pass"], 3)
+def _constants(law: StoreyLaw, program: Program, place: LaneLayout, first_derived: int, lines: list[str]) -> list[str]:
+    """Lines that load the parameters, hoisted values and event indicators that the given lines use."""
+    rows = {str(s): place.parameters + i for i, s in enumerate(law.symbols)}
+    rows |= {name: place.derived + first_derived + i for i, (name, _) in enumerate(program.hoisted)}
+    rows |= {str(event.indicator): place.happened + i for i, event in enumerate(law.events)}
+    return [f"{name} = w[a + BLOCK + {rows[name]} * LANES + l]" for name in _used(list(rows), lines)]
 
 
-def _rates(law: StoreyLaw, program: Program) -> str:
+def _law(law: StoreyLaw, program: Program, place: LaneLayout, first_derived: int, head: tuple[str, ...]) -> str:
+    """Rates of one storey; it completes those of the storey above, whose acceleration is now known from below."""
+    names = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
     body = [f"{name} = {source}" for name, source in program.lines]
-    ends = [f"force[f + l] = {program.outputs[0]}", "dy[b + l] = v"]
-    ends += [f"dy[b + {2 + i} * LANES + l] = {source}" for i, source in enumerate(program.outputs[1:])]
-    return _indent(_loads(law, program, 0, body + ends) + body + ends, 3)
+    ends = [f"force = {program.outputs[0]}"]
+    ends += [
+        f"w[a + BLOCK + {place.n_states + 2 + i} * LANES + l] = {source}"
+        for i, source in enumerate(program.outputs[1 : 1 + len(law.states)])
+    ]
+    ends += [
+        f"w[a + BLOCK + {place.n_states} * LANES + l] = v",
+        f"w[a + BLOCK + {place.force} * LANES + l] = force",
+        f"acceleration = (w[a + {place.force} * LANES + l] - force) * w[a + BLOCK + {place.inverse_mass} * LANES + l]",
+        f"w[a + BLOCK + {place.acceleration} * LANES + l] = acceleration",
+        f"w[a + {place.n_states + 1} * LANES + l] = w[a + {place.acceleration} * LANES + l] - acceleration",
+    ]
+    loads = _constants(law, program, place, first_derived, body + ends)
+    return _indent(_states(names, "w", "a + BLOCK", place, head) + loads + body + ends, 3)
 
 
-def _slopes(law: StoreyLaw, programs: LawPrograms, first_derived: int, n_columns: int) -> str:
-    program = programs.tangent
-    body = [f"{name} = {source}" for name, source in program.lines]
-    sources = program.outputs[1 + len(law.states) :]
-    ends = [
-        f"slope[{output * n_columns + variable} * LANES + l] = {source}"
+def _prepare(law: StoreyLaw, programs: LawPrograms, place: LaneLayout) -> str:
+    lines: list[str] = []
+    first = 0
+    for program in (programs.rates, programs.tangent):
+        lines += _constants(law, program, place, first, [source for _, source in program.hoisted])
+        for position, (name, source) in enumerate(program.hoisted):
+            row = place.derived + first + position
+            lines += [f"{name} = {source}", f"w[a + BLOCK + {row} * LANES + l] = {name}"]
+        first = len(program.hoisted)
+    for position, feature in enumerate(law.sharp_features):
+        width = print_expression(feature.width)
+        lines += _constants(law, programs.rates, place, 0, [width])
+        lines.append(f"w[a + BLOCK + {place.sharpness + position} * LANES + l] = 1.0 / ({width})")
+    return _indent(lines, 3)
+
+
+def _slopes(law: StoreyLaw, programs: LawPrograms, place: LaneLayout) -> str:
+    sources = programs.tangent.outputs[1 + len(law.states) :]
+    lines = [
+        f"w[a + BLOCK + {place.slope + output * place.n_columns + variable} * LANES + l] = {source}"
         for (output, variable), source in zip(programs.partials, sources, strict=True)
     ]
-    return _indent(_loads(law, program, first_derived, body + ends) + body + ends, 3)
+    loads = _constants(law, programs.tangent, place, len(programs.rates.hoisted), lines)
+    return "\n" + _indent(loads + lines, 3)
 
 
-def _chain(law: StoreyLaw, programs: LawPrograms, n_columns: int) -> str:
-    n_states = 2 + len(law.states)
-    lines = [f"t{i} = y[o + {i} * LANES + l]" for i in range(n_states)]
-    lines.append("dy[o + l] = t1")
-    for output in range(1 + len(law.states)):
-        terms = [f"slope[{output * n_columns} * LANES + c + l]"]
+def _chain(programs: LawPrograms, place: LaneLayout, head: tuple[str, ...]) -> str:
+    n = place.n_states
+    lines = _states([f"t{r}" for r in range(n)], "t", "o + TANGENT_BLOCK", place, head)
+    for output in range(n - 1):
+        slopes = place.slope + output * place.n_columns
+        terms = [f"moved[BLOCK + {slopes} * LANES + l]"]
         terms += [
-            f"slope[{output * n_columns + variable} * LANES + l] * t{variable}"
+            f"w[a + BLOCK + {slopes + variable} * LANES + l] * t{variable}"
             for row, variable in programs.partials
-            if row == output and variable < n_states
+            if row == output and variable < n
         ]
-        target = "force[f + l]" if output == 0 else f"dy[o + {1 + output} * LANES + l]"
+        target = "force" if output == 0 else f"t[o + TANGENT_BLOCK + {n + 1 + output} * LANES + l]"
         lines.append(f"{target} = {' + '.join(terms)}")
+    lines += [
+        f"t[o + TANGENT_BLOCK + {n} * LANES + l] = t1",
+        f"t[o + TANGENT_BLOCK + {place.force} * LANES + l] = force",
+        f"acceleration = (t[o + {place.force} * LANES + l] - force) * w[a + BLOCK + {place.inverse_mass} * LANES + l]",
+        f"t[o + TANGENT_BLOCK + {place.acceleration} * LANES + l] = acceleration",
+        f"t[o + {n + 1} * LANES + l] = t[o + {place.acceleration} * LANES + l] - acceleration",
+    ]
     return _indent(lines, 4)
 
 
-def _plan(law: StoreyLaw, n_rows: int) -> str:
-    if not law.sharp_features:
-        return ""
+def _refine(law: StoreyLaw, place: LaneLayout) -> str:
     names = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
-    parameters = [str(s) for s in law.symbols]
     lines = []
-    for feature in law.sharp_features:
+    for position, feature in enumerate(law.sharp_features):
         state = names.index(str(feature.state))
-        width = print_expression(feature.width)
-        lines += [f"{s} = par[p + {parameters.index(s)} * LANES + l]" for s in _used(parameters, [width])]
         lines += [
-            f"width = {width}",
-            f"change = abs(dy[b + {state} * LANES + l]) * dt",
-            f"needed = np.ceil(change / (resolution * width)) if abs(y[b + {state} * LANES + l]) < change + 3.0 * width else 1.0",
-            "needed = needed if needed < 64.0 else 64.0",
-            "length[l] = length[l] if length[l] > needed else needed",
+            f"        sharpness = w[a + BLOCK + {place.sharpness + position} * LANES + l]",
+            f"        change = abs(w[a + BLOCK + {place.n_states + state} * LANES + l]) * dt * sharpness",
+            "        needed = np.ceil(change / resolution)",
+            f"        distance = abs(w[a + BLOCK + {state} * LANES + l]) * sharpness",
+            f"        needed = needed if distance < change + {REACH} else 1.0",
+            f"        needed = needed if needed < {MOST_STEPS} else {MOST_STEPS}",
+            "        length[l] = length[l] if length[l] > needed else needed",
         ]
-    head = [
-        "if resolution > 0.0:",
-        "    for i in range(n_storeys):",
-        f"        b = i * {n_rows} * LANES",
-        f"        p = i * {len(parameters)} * LANES",
-        "        for l in range(LANES):",
+    if not lines:
+        return ""
+    return _indent(["if resolution > 0.0:", "    for l in range(LANES):", *lines], 2)
+
+
+def _turn(law: StoreyLaw, place: LaneLayout) -> str:
+    if not has_kink(law, DRIFT_RATE):
+        return ""
+    row = f"w[a + BLOCK + {place.n_states + 1} * LANES + l]"
+    lines = [
+        "turning = 0.0",
+        "for l in range(LANES):",
+        f"    ahead = w[a + BLOCK + LANES + l] + dt * {row}",
+        "    turning += 1.0 if ahead * w[a + BLOCK + LANES + l] < 0.0 else 0.0",
+        "if turning > 0.0:",
+        "    for l in range(LANES):",
+        f"        until = -w[a + BLOCK + LANES + l] / {row}",
+        f"        turn[l] = until if until > {MARGIN} * dt and until < turn[l] else turn[l]",
+        f"        turn[l] = turn[l] if turn[l] < {1.0 - MARGIN} * dt else dt",
     ]
-    return _indent(head + ["            " + line for line in lines], 1)
+    return _indent(lines, 2)
 
 
-def _limit(law: StoreyLaw) -> str:
+def _limit(law: StoreyLaw, place: LaneLayout) -> list[str]:
     lines = []
     for number, column in enumerate(law.event_parameters):
         lines += [
-            "for i in range(n_storeys):",
-            "    for l in range(LANES):",
-            f"        until = par[(i * {len(law.parameters)} + {column}) * LANES + l] - start - position[l]",
-            f"        pending = happened[(i * {len(law.events)} + {number}) * LANES + l] == 0.0",
-            "        step[l] = until if pending and until < step[l] else step[l]",
+            f"until = w[a + BLOCK + {place.parameters + column} * LANES + l] - start - position[l]",
+            f"pending = w[a + BLOCK + {place.happened + number} * LANES + l] == 0.0",
+            "step[l] = until if pending and until < step[l] else step[l]",
         ]
-    return _indent(lines, 1)
+    return lines
 
 
-def _arrive(law: StoreyLaw) -> str:
+def _next_event(law: StoreyLaw, place: LaneLayout) -> list[str]:
     lines = []
     for number, column in enumerate(law.event_parameters):
         lines += [
-            "for i in range(n_storeys):",
-            "    for l in range(LANES):",
-            f"        until = par[(i * {len(law.parameters)} + {column}) * LANES + l] - start - position[l]",
-            f"        o = (i * {len(law.events)} + {number}) * LANES + l",
-            "        if happened[o] == 0.0 and until <= tolerance:",
-            "            happened[o] = 1.0",
-            "            flipped[o] = 1.0",
+            f"time = w[a + BLOCK + {place.parameters + column} * LANES + l]",
+            f"if w[a + BLOCK + {place.happened + number} * LANES + l] == 0.0 and time < found:",
+            "    found = time",
         ]
-    return _indent(lines, 1)
+    return lines
 
 
-def _event_of_seed(law: StoreyLaw) -> str:
-    first = 2 + len(law.states)
-    text = "-1"
+def _strike(law: StoreyLaw, place: LaneLayout) -> list[str]:
+    lines = []
     for number, column in enumerate(law.event_parameters):
-        text = f"({number} if seed[i * n_directions + k] == {first + column} else {text})"
-    return text
-
-
-def _by_row(n_rows: int, *statements: str) -> str:
-    """Statements repeated for each state row of a link: one long loop body vectorises better than many short ones."""
-    return _indent([s.format(o=f"b + {r} * LANES + l") for r in range(n_rows) for s in statements], 3)
-
-
-def _drive() -> str:
-    return _indent(
-        [
+        lines += [
+            "due = 0.0",
             "for l in range(LANES):",
-            "    y[l] = ground_0",
-            "    y[LANES + l] = (ground_1 - ground_0) / dt",
-        ],
-        2,
-    )
+            f"    until_then = w[a + BLOCK + {place.parameters + column} * LANES + l] - position[l]",
+            f"    pending = w[a + BLOCK + {place.happened + number} * LANES + l] == 0.0",
+            "    flipped[l] = 1.0 if pending and until_then <= until else 0.0",
+            "    due += flipped[l]",
+            "if due > 0.0:",
+            f"    flip(n_storeys, n_directions, i, {number}, {place.n_states + column}, step, flipped, ground, seed,",
+            "         w, t)",
+        ]
+    return lines
+
+
+def _drive(place: LaneLayout) -> list[str]:
+    """The given displacement and the slope of the segment that begins; the last sample keeps the slope it came with."""
+    n = place.n_states
+    return [
+        "for l in range(LANES):",
+        "    step[l] = 0.0",
+        "    w[BLOCK + l] = ground_0",
+        "    w[BLOCK + LANES + l] = slope",
+        f"    w[BLOCK + {2 * n} * LANES + l] = ground_0",
+        f"    w[BLOCK + {2 * n + 1} * LANES + l] = slope",
+        "close(n_storeys, n_directions, 0.0, step, ground, seed, w, t)",
+    ]

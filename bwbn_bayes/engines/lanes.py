@@ -6,21 +6,13 @@ step takes one of length zero, and unfilled lanes repeat the last draw.
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
 import os
-import platform
-import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from types import ModuleType
 
-import llvmlite
-import llvmlite.binding
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,8 +27,10 @@ from bwbn_bayes.engines.base import (
     masses,
     measured_matrix,
 )
-from bwbn_bayes.engines.codegen import law_programs, spelled
-from bwbn_bayes.engines.lane_source import LANES, lane_source
+from bwbn_bayes.engines.kernel_cache import load_kernel
+from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_source
+from bwbn_bayes.engines.scalar import programs_of
+from bwbn_bayes.engines.step_rules import steps_in_words
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -52,7 +46,7 @@ class Lanes:
         Steps between two samples.
     resolution : float
         Largest change of a sharp state (the hysteretic displacement at the slip) per step, in widths of the feature;
-        0 keeps the steps equal. Each draw refines its own steps.
+        0 keeps the steps equal but for turns and events. Each draw refines its own steps.
     n_threads : int
         Threads over blocks of sixteen draws.
     """
@@ -66,8 +60,7 @@ class Lanes:
     @property
     def scheme(self) -> str:
         """Scheme and accuracy in words."""
-        refined = f", refined to {self.resolution:g} widths per step at the slip" if self.resolution else ""
-        return f"RK4, {self.substeps} step{'s' if self.substeps > 1 else ''} per sample{refined}, {LANES} lanes"
+        return f"RK4, {steps_in_words(self.substeps, self.resolution)}, {LANES} lanes"
 
     def simulate(
         self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
@@ -116,7 +109,8 @@ class Lanes:
             information[block.rows] = full
 
         self._over_blocks(problem, model, draws, solve)
-        return NormalEquations(misfit=np.where(np.isfinite(misfit), misfit, np.inf), gradient=gradient, information=information)
+        misfit = np.where(np.isfinite(misfit), misfit, np.inf)
+        return NormalEquations(misfit=misfit, gradient=gradient, information=information)
 
     def _stored(
         self, model: Structure, draws: Floats, record: Record, names: tuple[str, ...], *, with_tangents: bool
@@ -135,10 +129,10 @@ class Lanes:
         self._over_blocks(problem, model, draws, solve)
         return values, slopes
 
-    def _over_blocks(
-        self, problem: _Problem, model: Structure, draws: Floats, solve: Callable[[_Block], None]
-    ) -> None:
+    def _over_blocks(self, problem: _Problem, model: Structure, draws: Floats, solve: Callable[[_Block], None]) -> None:
         local = model.table.local(np.asarray(draws, dtype=np.float64))
+        # A draw with one value that is not finite fails as a whole: in fast code a comparison could hide it.
+        local[~np.all(np.isfinite(local), axis=(1, 2))] = np.nan
         blocks = [_Block.of(local, start) for start in range(0, len(draws), LANES)]
         if self.n_threads == 1 or len(blocks) == 1:
             for block in blocks:
@@ -155,11 +149,10 @@ class _Block:
 
     @classmethod
     def of(cls, local: Floats, start: int) -> _Block:
-        """Sixteen draws from ``start`` in lane order; a short last block repeats its last draw."""
+        """Sixteen draws from ``start``, ``(n_storeys, n_law, LANES)``; a short last block repeats its last draw."""
         chosen = np.minimum(np.arange(start, start + LANES), len(local) - 1)
         n_draws = min(LANES, len(local) - start)
-        lanes_last = np.ascontiguousarray(np.moveaxis(local[chosen], 0, 2)).ravel()
-        return cls(rows=slice(start, start + n_draws), n_draws=n_draws, parameters=lanes_last)
+        return cls(rows=slice(start, start + n_draws), n_draws=n_draws, parameters=np.moveaxis(local[chosen], 0, 2))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,11 +162,16 @@ class _Outcome:
     stored: Floats
 
 
+_SHARES, _WEIGHTS = np.array([1 / 2, 1 / 2, 1.0]), np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6])
+"""Stages of the classical Runge-Kutta scheme."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Problem:
     """What every block of one call shares."""
 
     kernel: ModuleType
+    layout: LaneLayout
     n_storeys: int
     n_directions: int
     time_step: float
@@ -187,37 +185,47 @@ class _Problem:
     def build(cls, model: Structure, record: Record, names: tuple[str, ...], *, with_tangents: bool) -> _Problem:
         check_record(model, record)
         known = all(name in record.channels for name in names)
+        kernel, layout = _kernel_of(model.law, model.excitation_kind == "displacement")
         return cls(
-            kernel=kernel_module(model.law, driven=model.excitation_kind == "displacement"),
+            kernel=kernel,
+            layout=layout,
             n_storeys=model.n_storeys,
             n_directions=model.space.n_dim if with_tangents else 0,
             time_step=record.time_step,
             excitation=np.array(record.excitation),  # a copy: read-only arrays are another type to numba
-            inverse_masses=np.repeat(1.0 / masses(model), LANES),
-            seed=_seed(model) if with_tangents else np.zeros(1, dtype=np.int64),
+            inverse_masses=1.0 / masses(model),
+            seed=_seed(model, layout) if with_tangents else np.zeros(1, dtype=np.int64),
             channels=channel_map(model, names),
             measured=measured_matrix(record, names) if known else np.zeros((len(names), record.n_times)),
         )
 
     def run(self, engine: Lanes, parameters: Floats, *, store: bool) -> _Outcome:
-        c, d = len(self.channels.names), self.n_directions
+        c, d, n, place = len(self.channels.names), self.n_directions, self.n_storeys, self.layout
         outcome = _Outcome(
             misfit=np.zeros(c * LANES),
             gram=np.zeros(c * (d * (d + 3) // 2) * LANES if not store else 1),
             stored=np.zeros(len(self.excitation) * c * (1 + d) * LANES if store else 1),
         )
+        blocks = np.zeros((n + 2, place.block, LANES))
+        storeys = blocks[n:0:-1]
+        storeys[:, place.parameters : place.parameters + parameters.shape[1]] = parameters
+        storeys[:, place.inverse_mass] = self.inverse_masses[:, None]
+        kind, storey = np.divmod(self.channels.row, n)
         self.kernel.run(
-            self.n_storeys,
+            n,
             d,
             self.time_step,
             self.excitation,
-            parameters,
-            self.inverse_masses,
+            blocks.ravel(),
+            np.zeros(d * (n + 2) * place.tangent_block * LANES),
             self.seed,
+            _SHARES,
+            _WEIGHTS,
             engine.substeps,
             float(engine.resolution),
             self.channels.starts,
-            self.channels.row,
+            n - storey,
+            place.observed(kind),
             self.channels.coefficient,
             self.channels.ground,
             self.measured,
@@ -239,22 +247,22 @@ def _unpack(gram: Floats, d: int) -> Floats:
     return square
 
 
-def _seed(model: Structure) -> NDArray[np.int64]:
-    """For each storey and direction, the column of the law's derivative table that the direction moves."""
+def _seed(model: Structure, place: LaneLayout) -> NDArray[np.int64]:
+    """Column of the table of partials that each direction moves, at each storey from the roof down."""
     first = 2 + len(model.law.states)
-    none = first + len(model.law.parameters)
-    seed = np.full((model.n_storeys, model.space.n_dim), none, dtype=np.int64)
+    seed = np.full((model.space.n_dim, model.n_storeys), place.n_columns - 1, dtype=np.int64)
     for storey, row in enumerate(model.table.index):
         for column, parameter in enumerate(row):
             if parameter >= 0:
-                seed[storey, parameter] = first + column
-    return np.ascontiguousarray(seed.ravel()) if seed.size else np.zeros(1, dtype=np.int64)
+                seed[parameter, model.n_storeys - 1 - storey] = first + column
+    return seed.ravel()
 
 
 def _response(names: tuple[str, ...], values: Floats) -> Response:
     failed = ~np.all(np.isfinite(values), axis=(1, 2))
     values[failed] = np.nan
-    return Response(channels=names, values=values, status=np.where(failed, Status.NON_FINITE, Status.OK).astype(np.int64))
+    status = np.where(failed, Status.NON_FINITE, Status.OK).astype(np.int64)
+    return Response(channels=names, values=values, status=status)
 
 
 @cache
@@ -262,41 +270,8 @@ def _pool(n_threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=n_threads, thread_name_prefix="lanes")
 
 
-def kernel_module(law: StoreyLaw, *, driven: bool) -> ModuleType:
-    """The compiled kernel of a law: generated once, kept on disk under a hash of everything that shapes it."""
-    return _load_kernel(_source_of(law, driven))
-
-
 @cache
-def _source_of(law: StoreyLaw, driven: bool) -> str:
-    safe = spelled(law)
-    return lane_source(safe, law_programs(safe), driven=driven)
-
-
-@cache
-def _load_kernel(source: str) -> ModuleType:
-    features = llvmlite.binding.get_host_cpu_name() + llvmlite.binding.get_host_cpu_features().flatten()
-    shaped_by = (source, features, numba.__version__, llvmlite.__version__, platform.python_version())
-    key = hashlib.sha256("\n".join(shaped_by).encode()).hexdigest()[:20]
-    path = cache_directory() / f"lanes_{key}.py"
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(f".{os.getpid()}.tmp")
-        temporary.write_text(source)
-        temporary.replace(path)
-    name = f"bwbn_bayes_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"cannot load the generated kernel {path}")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-def cache_directory() -> Path:
-    """Where generated kernels are kept: ``$BWBN_CACHE_DIR``, or ``bwbn_bayes`` in the user's cache directory."""
-    own = os.environ.get("BWBN_CACHE_DIR")
-    if own:
-        return Path(own)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bwbn_bayes"
+def _kernel_of(law: StoreyLaw, driven: bool) -> tuple[ModuleType, LaneLayout]:
+    """The compiled kernel of a law and the layout of its rows."""
+    safe, programs = programs_of(law)
+    return load_kernel("lanes", lane_source(safe, programs, driven=driven)), lane_layout(safe, programs)

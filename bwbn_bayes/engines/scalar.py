@@ -24,10 +24,11 @@ from bwbn_bayes.engines.base import (
     check_record,
     masses,
 )
-from bwbn_bayes.engines.codegen import LawPrograms, law_programs
+from bwbn_bayes.engines.codegen import LawPrograms, law_programs, spelled
 from bwbn_bayes.engines.kernel_cache import load_kernel
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
+from bwbn_bayes.engines.step_rules import steps_in_words
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -119,7 +120,7 @@ def scalar_problem(
     """
     check_record(model, record)
     driven = model.excitation_kind == "displacement"
-    place = layout(model.law, programs_of(model.law))
+    place = layout(*programs_of(model.law))
     n, d = model.n_storeys, model.space.n_dim if with_tangents else 0
     template = np.zeros(place.excitation(n, d) + record.n_times)
     template[:HEAD] = n, record.time_step, record.n_times, d
@@ -155,15 +156,16 @@ def _columns(model: Structure, place: Layout) -> Floats:
 
 
 @cache
-def programs_of(law: StoreyLaw) -> LawPrograms:
-    """The law as straight-line code, generated once."""
-    return law_programs(law)
+def programs_of(law: StoreyLaw) -> tuple[StoreyLaw, LawPrograms]:
+    """The law with names that no kernel uses, and as straight-line code; generated once."""
+    safe = spelled(law)
+    return safe, law_programs(safe)
 
 
 @cache
 def scalar_kernel(law: StoreyLaw, driven: bool) -> ModuleType:
     """The compiled scalar kernel of a law."""
-    return load_kernel("scalar", scalar_source(law, programs_of(law), driven=driven))
+    return load_kernel("scalar", scalar_source(*programs_of(law), driven=driven))
 
 
 class SolveOne(Protocol):
@@ -214,11 +216,14 @@ class ScalarRk4(Reduction):
     ----------
     substeps : int
         Steps between two samples; an event splits the step it falls in.
+    resolution : float
+        As for :class:`~bwbn_bayes.engines.lanes.Lanes`.
     n_threads : int
         Threads over draws.
     """
 
     substeps: int = 1
+    resolution: float = 0.0
     n_threads: int = 1
 
     name = "scalar"
@@ -226,7 +231,7 @@ class ScalarRk4(Reduction):
     @property
     def scheme(self) -> str:
         """Scheme and accuracy in words."""
-        return f"RK4, {self.substeps} step{'s' if self.substeps > 1 else ''} per sample, one draw at a time"
+        return f"RK4, {steps_in_words(self.substeps, self.resolution)}, one draw at a time"
 
     def simulate(
         self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
@@ -245,5 +250,5 @@ class ScalarRk4(Reduction):
         return solve_each(problem, self._solve, self.n_threads)
 
     def _solve(self, problem: ScalarProblem, draw: int, out: Floats) -> Status:
-        problem.kernel.run_rk4(self.substeps, *problem.channel_arrays, problem.data(draw), out)
+        problem.kernel.run_rk4(self.substeps, float(self.resolution), *problem.channel_arrays, problem.data(draw), out)
         return Status.OK

@@ -13,7 +13,8 @@ import re
 from dataclasses import dataclass
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, StoreyLaw
-from bwbn_bayes.engines.codegen import LawPrograms, Program
+from bwbn_bayes.engines.codegen import LawPrograms, Program, print_expression
+from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
 
 HEAD = 4
 FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, nogil=True, cache=True'
@@ -78,12 +79,13 @@ def layout(law: StoreyLaw, programs: LawPrograms) -> Layout:
 
 _LAW = '''\
 import numpy as np
-from math import exp as _exp, log as _log
+from math import exp2 as _exp2, log2 as _log2
 from numba import njit
 
 
 @njit({flags})
 def prepare(data):
+    """What the law needs that changes at events alone."""
     for i in range(int(data[0])):
         here = {head} + i * {block}
 {prepare}
@@ -192,12 +194,15 @@ def strike(until, ground, y, tangents, before, after, data):
 
 @njit({flags})
 def drive(j, y, data):
-    """State of a driven specimen at sample j: the given displacement and the slope of the segment that begins."""
+    """State of a driven specimen at sample j: the given displacement and the slope of the segment that begins.
+
+    The last sample keeps the slope of the segment that ends there.
+    """
     if {driven}:
         o = {head} + int(data[0]) * ({block} + int(data[3]))
         ahead = min(j + 1, int(data[2]) - 1)
         y[0] = data[o + j]
-        y[1] = (data[o + ahead] - data[o + j]) / data[1]
+        y[1] = (data[o + ahead] - data[o + ahead - 1]) / data[1]
 
 
 @njit({flags})
@@ -266,7 +271,20 @@ def rk4(t, h, y, dy, trial, total, data):
 
 
 @njit({flags})
-def run_rk4(substeps, starts, row, coefficient, ground_part, data, out):
+def plan(substeps, resolution, y, dy, data):
+    """Length of the steps in the next interval, and where one ends because a drift rate changes sign there."""
+    dt = data[1]
+    steps, turn = float(substeps), dt
+    for i in range(int(data[0])):
+        base = i * {n_rows}
+        here = {head} + i * {block}
+{refine}
+{turn}
+    return dt / steps, turn
+
+
+@njit({flags})
+def run_rk4(substeps, resolution, starts, row, coefficient, ground_part, data, out):
     n_storeys, dt, n_times, n_directions = int(data[0]), data[1], int(data[2]), int(data[3])
     shape = (1 + n_directions, n_storeys * {n_rows})
     y, dy, trial, total = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
@@ -275,25 +293,27 @@ def run_rk4(substeps, starts, row, coefficient, ground_part, data, out):
     tolerance = 1e-9 * dt
     prepare(data)
     strike(tolerance, 0.0, y[0], y[:0], before, after, data)
+    event = next_event(0.0, tolerance, data)
     for j in range(n_times):
         drive(j, y[0], data)
-        now = j * dt
-        all_rates(y, ground_at(now, data), dy, data)
+        all_rates(y, ground_at(j * dt, data), dy, data)
         observe(j, y[0], y[1:], starts, row, coefficient, ground_part, data, out[j])
         if j + 1 == n_times:
             break
-        done = 0
-        while done < substeps:
-            goal = j * dt + (done + 1) * dt / substeps
-            event = next_event(now, tolerance, data)
-            until = event if event < goal - tolerance else goal
-            rk4(now, until - now, y, dy, trial, total, data)
-            now = until
-            if until == goal:
-                done += 1
-            if event <= until + tolerance:
-                strike(until + tolerance, ground_at(now, data), y[0], y[1:], before, after, data)
-            if done < substeps:
+        length, turn = plan(substeps, resolution, y[0], dy[0], data)
+        position = 0.0
+        while dt - position > 1e-12 * dt:
+            now = j * dt + position
+            h = dt - position if dt - position - length < tolerance else length
+            h = turn - position if tolerance < turn - position < h else h
+            h = min(h, event - now)
+            rk4(now, h, y, dy, trial, total, data)
+            position += h
+            now = j * dt + position
+            if event <= now + tolerance:
+                strike(now + tolerance, ground_at(now, data), y[0], y[1:], before, after, data)
+                event = next_event(now, tolerance, data)
+            if dt - position > 1e-12 * dt:
                 all_rates(y, ground_at(now, data), dy, data)
 '''
 
@@ -325,14 +345,17 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         "driven": str(driven),
         "drift_rate_rate": "0.0" if driven else "acceleration - below",
         "prepare": _indent(
-            _prepare(law, programs.rates, place.derived) + _prepare(law, programs.tangent, tangent_derived)
+            _prepare(law, place, programs.rates, place.derived)
+            + _prepare(law, place, programs.tangent, tangent_derived)
         ),
         "rates": _indent(_rates(law, programs.rates, place)),
         "slopes": _indent(_slopes(law, programs, place, tangent_derived)),
         "chain": _indent(_chain(law, programs, place)),
-        "jacobian": _indent(_jacobian(law, programs, place, driven)),
+        "jacobian": _indent(_jacobian(programs, place, driven)),
         "next_event": _indent(_next_event(law, place)),
         "strike": _indent(_strike(law, place)),
+        "refine": _indent(_refine(law)),
+        "turn": _indent(_turn(law)),
     }
     return "".join(part.format(**fields) for part in (_LAW, _EVENTS, _RUNGE_KUTTA))
 
@@ -350,9 +373,8 @@ def _loads(law: StoreyLaw, place: Layout, program: Program, first_derived: int, 
     return [f"{name} = {source}" for name, source in sources.items() if name in words]
 
 
-def _prepare(law: StoreyLaw, program: Program, first: int) -> list[str]:
-    words = set(re.findall(r"[A-Za-z_]\w*", "\n".join(source for _, source in program.hoisted)))
-    lines = [f"{symbol} = data[here + {column}]" for column, symbol in enumerate(law.symbols) if str(symbol) in words]
+def _prepare(law: StoreyLaw, place: Layout, program: Program, first: int) -> list[str]:
+    lines = _loads(law, place, program, first, [source for _, source in program.hoisted])
     for position, (name, source) in enumerate(program.hoisted):
         lines += [f"{name} = {source}", f"data[here + {first + position}] = {name}"]
     return lines
@@ -390,7 +412,7 @@ def _chain(law: StoreyLaw, programs: LawPrograms, place: Layout) -> list[str]:
     return lines
 
 
-def _jacobian(law: StoreyLaw, programs: LawPrograms, place: Layout, driven: bool) -> list[str]:
+def _jacobian(programs: LawPrograms, place: Layout, driven: bool) -> list[str]:
     """Each partial of the force pushes its own floor back and the floor below forward."""
     own = [(output, variable) for output, variable in programs.partials if variable < place.n_rows]
     lines = [
@@ -436,6 +458,7 @@ def _strike(law: StoreyLaw, place: Layout) -> list[str]:
             "    if n_directions > 0:",
             "        rates(y, ground, before, data)",
             f"    {happened} = 1.0",
+            "    prepare(data)",
             "    if n_directions > 0:",
             "        rates(y, ground, after, data)",
             "    for k in range(n_directions):",
@@ -443,3 +466,30 @@ def _strike(law: StoreyLaw, place: Layout) -> list[str]:
             "            tangents[k] += before - after",
         ]
     return lines
+
+
+def _refine(law: StoreyLaw) -> list[str]:
+    names = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
+    lines = []
+    for feature in law.sharp_features:
+        state, width = names.index(str(feature.state)), print_expression(feature.width)
+        constants = {str(symbol): column for column, symbol in enumerate(law.symbols)}
+        used = [name for name in constants if name in re.findall(r"[A-Za-z_]\w*", width)]
+        lines += [f"{name} = data[here + {constants[name]}]" for name in used]
+        lines += [
+            f"change = abs(dy[base + {state}]) * dt / ({width})",
+            f"if resolution > 0.0 and abs(y[base + {state}]) / ({width}) < change + {REACH}:",
+            f"    steps = max(steps, min(np.ceil(change / resolution), {MOST_STEPS}))",
+        ]
+    return lines
+
+
+def _turn(law: StoreyLaw) -> list[str]:
+    if not has_kink(law, DRIFT_RATE):
+        return []
+    return [
+        "if y[base + 1] * (y[base + 1] + dt * dy[base + 1]) < 0.0:",
+        "    until = -y[base + 1] / dy[base + 1]",
+        f"    if {MARGIN} * dt < until < min(turn, {1.0 - MARGIN} * dt):",
+        "        turn = until",
+    ]

@@ -59,6 +59,7 @@ def simulate(
         channels = ["force"] if driven else [f"acceleration_{floor}" for floor in floors]
     response = (engine or Reference()).simulate(model, model.draws(truth), excitation, channels)
     if response.status[0] != Status.OK:
-        raise UserError(f"the model cannot be solved at the given parameters ({Status(response.status[0]).name.lower()})")
+        reason = Status(response.status[0]).name.lower()
+        raise UserError(f"the model cannot be solved at the given parameters ({reason})")
     clean = excitation.with_channels(dict(zip(channels, response.values[0], strict=True)), truth=dict(truth))
     return add_noise(clean, snr_db, np.random.default_rng(seed))

@@ -14,6 +14,9 @@ PRIOR_SD = float(np.sqrt(1.0 / 12.0))
 UNSEEN = 0.5
 """A direction is unseen where the data leave more than this share of the prior's standard deviation."""
 
+TAKES_PART = 0.25
+"""A parameter takes part in a direction that accounts for more than this share of its posterior variance."""
+
 
 def unseen_directions(information: Floats) -> list[tuple[float, Floats]]:
     """Directions of the unit cube that the data leave open.
@@ -37,6 +40,9 @@ def unseen_directions(information: Floats) -> list[tuple[float, Floats]]:
 def describe(information: Floats, names: Sequence[str]) -> tuple[str, ...]:
     """Sentences on what the record can and cannot see.
 
+    A parameter is named where it takes part by its own posterior scale, not the prior's: a well-measured one that moves
+    by several of its standard deviations along an open direction shifts by little of a wide prior.
+
     Parameters
     ----------
     information : (n_dim, n_dim) array
@@ -45,9 +51,10 @@ def describe(information: Floats, names: Sequence[str]) -> tuple[str, ...]:
         Labels of the parameters.
     """
     sentences = []
+    covariance = np.linalg.inv(information + np.eye(len(names)) / PRIOR_SD**2)
     for _, direction in unseen_directions(information):
-        weight = np.abs(direction) / np.max(np.abs(direction))
-        involved = [names[i] for i in np.argsort(-weight) if weight[i] > 0.1]
+        share = (direction @ covariance @ direction) * np.square(direction) / np.diag(covariance)
+        involved = [names[i] for i in np.argsort(-np.abs(direction)) if share[i] > TAKES_PART]
         if len(involved) == 1:
             sentences.append(f"The record says little about {involved[0]}: its posterior is close to its prior.")
         else:

@@ -263,7 +263,7 @@ def _importance(
 
 def _with_ridge(laplace: Proposal, ridge: RidgeProposal, mode: Mode) -> Mixture:
     tails = TruncatedStudent.at(mode.point, mode.gradient, mode.information, inflation=1.6, degrees=8.0)
-    return Mixture(weights=(0.75, 0.1, 0.15), components=(ridge, laplace, tails))
+    return Mixture(weights=(0.85, 0.05, 0.1), components=(ridge, laplace, tails))
 
 
 def _bridge(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, history: _History) -> TmcmcResult:

@@ -68,24 +68,25 @@ class RidgeProposal:
     @classmethod
     def along(cls, posterior: Posterior, mode: Mode, coordinate: int) -> Self:
         """Walk a coordinate through a mode, over the part of its range where the profile stays within 25 nats."""
-        nodes, points, local = _walk_nodes(posterior, mode, coordinate)
+        nodes, points, local, ends = _walk_nodes(posterior, mode, coordinate)
         rest = np.array([i for i in range(len(mode.point)) if i != coordinate])
         covariance = np.array([_covariance(info[np.ix_(rest, rest)]) for info in local.information])
         mean = points[:, rest] + np.einsum("nij,nj->ni", covariance, local.gradient[:, rest])
         sd = np.sqrt(np.einsum("nii->ni", covariance))
-        order = np.argsort(-np.max(sd, axis=0))
+        order = _drawing_order(mean, sd)
         factor = np.linalg.cholesky(1.1 * covariance[:, order][:, :, order])
         packed = factor[:, *np.tril_indices(len(rest))]
         gain = 0.5 * np.einsum("ni,nij,nj->n", local.gradient[:, rest], covariance, local.gradient[:, rest])
         volume = np.sum(np.log(np.einsum("nii->ni", factor)), axis=1)
         profile = CubicSpline(nodes, local.log_likelihood + gain + volume)
-        edges = np.linspace(nodes[0], nodes[-1], _CELLS + 1)
-        height = profile(0.5 * (edges[1:] + edges[:-1]))
+        edges = np.linspace(*ends, _CELLS + 1)
+        height = profile(np.clip(0.5 * (edges[1:] + edges[:-1]), nodes[0], nodes[-1]))
         mass = np.exp(height - np.max(height))
         mass = (1.0 - _DEFENSIVE) * mass / np.sum(mass) + _DEFENSIVE / _CELLS
-        own = covariance[np.argmin(np.abs(nodes - mode.point[coordinate]))][np.ix_(order, order)]
+        own = int(np.argmin(np.abs(nodes - mode.point[coordinate])))
+        local_mean, local_covariance = mean[own][order], covariance[own][np.ix_(order, order)]
         return cls(
-            bend=_bend(posterior, mode, coordinate, rest[order], own),
+            bend=_bend(posterior, points[own], coordinate, rest[order], local_mean, local_covariance),
             coordinate=coordinate,
             order=rest[order],
             edges=edges,
@@ -165,6 +166,8 @@ class _Walk(NamedTuple):
     nodes: Floats
     points: Floats
     local: Linearisation
+    ends: tuple[float, float]
+    """Where the posterior certainly has no mass beyond; the outermost nodes lie just inside."""
 
     def alive(self, centre: float) -> slice:
         """The run of nodes around the centre whose profile stays within reach of the best."""
@@ -199,12 +202,13 @@ def _walk_nodes(posterior: Posterior, mode: Mode, coordinate: int) -> _Walk:
         nodes = np.clip(np.linspace(centre - spread, centre + spread, N_NODES), low, high)
         walk = _refit(posterior, coordinate, nodes, _starts(posterior, mode, coordinate, nodes), centre)
         part = walk.alive(centre)
-    ends = _ends(posterior, coordinate, walk, part)
-    nodes = np.linspace(*ends, N_NODES)
-    return _refit(posterior, coordinate, nodes, walk.interpolated(nodes, part), centre)
+    inner, outer = _ends(posterior, coordinate, walk, part)
+    nodes = np.linspace(*inner, N_NODES)
+    walk = _refit(posterior, coordinate, nodes, walk.interpolated(nodes, part), centre)
+    return walk._replace(ends=(float(outer[0]), float(outer[1])))
 
 
-def _ends(posterior: Posterior, coordinate: int, walk: _Walk, part: slice) -> tuple[float, float]:
+def _ends(posterior: Posterior, coordinate: int, walk: _Walk, part: slice) -> tuple[Floats, Floats]:
     """Bisect between the last node within reach and the first beyond it, at both ends at once."""
     inner = walk.nodes[[part.start, part.stop - 1]]
     outer = walk.nodes[[max(part.start - 1, 0), min(part.stop, len(walk.nodes) - 1)]]
@@ -216,7 +220,7 @@ def _ends(posterior: Posterior, coordinate: int, walk: _Walk, part: slice) -> tu
         _, local = polish(posterior, starts, n_iterations=8, held=_held(len(starts[0]), [coordinate]))
         ok = local.log_likelihood > best - _REACH
         inner, outer = np.where(ok, trial, inner), np.where(ok, outer, trial)
-    return float(inner[0]), float(inner[1])
+    return inner, outer
 
 
 def _held(n_dim: int, coordinates: Sequence[int]) -> Booleans:
@@ -243,7 +247,7 @@ def _refit(posterior: Posterior, coordinate: int, nodes: Floats, starts: Floats,
                 points[i] = better[position]
                 for name in ("log_likelihood", "gradient", "information"):
                     getattr(local, name)[i] = getattr(found, name)[position]
-    return _Walk(nodes, points, local)
+    return _Walk(nodes, points, local, (float(nodes[0]), float(nodes[-1])))
 
 
 def _starts(posterior: Posterior, mode: Mode, coordinate: int, nodes: Floats) -> Floats:
@@ -276,26 +280,44 @@ def _extrapolated(points: Floats, nodes: Floats, i: int, inward: int) -> Floats:
     return np.clip(points[near] + share * (points[near] - points[far]), 1e-6, 1.0 - 1e-6)
 
 
-def _bend(
-    posterior: Posterior, mode: Mode, coordinate: int, order: NDArray[np.int64], covariance: Floats
-) -> Bend:
-    """Refit the narrow coordinates at a design over the widest ones and read off the curvature of their optimum.
+def _drawing_order(mean: Floats, sd: Floats) -> NDArray[np.int64]:
+    """Coordinates cut by a bound first, nearest first, as GHK needs; then the widest first, as the bend needs.
 
-    ``covariance`` belongs to the coordinates ``order`` given the walked one. Fifteen design points fill one lane block.
+    ``mean`` and ``sd`` are ``(n_nodes, n)``; the nearest approach of any node counts.
     """
-    wide, m = order[:N_WIDE], min(N_WIDE, len(order) - 1)
+    closeness = np.min(np.minimum(mean, 1.0 - mean) / sd, axis=0)
+    cut = closeness < 3.0
+    rank = np.where(cut, closeness - 1e6, -np.max(sd, axis=0))
+    return np.argsort(rank)
+
+
+def _bend(
+    posterior: Posterior, point: Floats, coordinate: int, order: NDArray[np.int64], mean: Floats, covariance: Floats
+) -> Bend:
+    """Refit the later coordinates at a design over the first ones and read off the curvature of their optimum.
+
+    ``mean`` and ``covariance`` belong to the coordinates ``order`` where the walked one has the value of ``point``. The
+    design fills one lane block.
+    """
+    m = min(N_WIDE, len(order) - 1)
+    wide, rest = order[:m], order[m:]
     sd = np.sqrt(np.diag(covariance))[:m]
     single = [side * 1.5 * sd[i] * np.eye(m)[i] for i in range(m) for side in (-1.0, 1.0)]
     double = [1.2 * (sd[i] * np.eye(m)[i] + sd[j] * np.eye(m)[j]) for i in range(m) for j in range(i)]
-    slope = covariance[m:, :m] @ np.linalg.inv(covariance[:m, :m])
-    starts = np.tile(mode.point, (len(single) + len(double), 1))
-    starts[:, wide] = np.clip(mode.point[wide] + np.array(single + double), 1e-6, 1.0 - 1e-6)
-    deviations = starts[:, wide] - mode.point[wide]
-    straight = mode.point[order[m:]] + deviations @ slope.T
-    starts[:, order[m:]] = np.clip(straight, 1e-6, 1.0 - 1e-6)
-    points, _ = polish(posterior, starts, n_iterations=10, held=_held(len(mode.point), [coordinate, *wide]))
+    starts = np.tile(point, (len(single) + len(double), 1))
+    starts[:, wide] = np.clip(point[wide] + np.array(single + double), 1e-6, 1.0 - 1e-6)
+    deviations = starts[:, wide] - mean[:m]
+    straight = mean[m:] + deviations @ np.linalg.solve(covariance[:m, :m], covariance[:m, m:])
+    starts[:, rest] = np.clip(straight, 1e-6, 1.0 - 1e-6)
+    points, local = polish(posterior, starts, n_iterations=10, held=_held(len(point), [coordinate, *wide]))
     bend = Bend(n_wide=m, coefficients=np.zeros((m * (m + 3) // 2, len(order))))
-    found, *_ = np.linalg.lstsq(bend.features(deviations), points[:, order[m:]] - straight, rcond=1e-8)
+    # One further Newton step tells where an optimum beyond a bound would lie, as the means do.
+    step = [
+        np.linalg.solve(info[np.ix_(rest, rest)] + _PRIOR_PRECISION * np.eye(len(rest)), gradient[rest])
+        for info, gradient in zip(local.information, local.gradient, strict=True)
+    ]
+    optimum = points[:, rest] + np.array(step)
+    found, *_ = np.linalg.lstsq(bend.features(deviations), optimum - straight, rcond=1e-8)
     bend.coefficients[:, m:] = found
     return bend
 

@@ -16,7 +16,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri, stdtr, stdtrit
+from scipy.special import log_ndtr, ndtri_exp, stdtr, stdtrit
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -167,20 +167,23 @@ def _flip(low: Floats, high: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]
     return np.where(upper, -high, low), np.where(upper, -low, high), upper
 
 
-def _cdf(x: Floats, degrees: float) -> Floats:
-    return np.asarray(stdtr(degrees, x) if np.isfinite(degrees) else ndtr(x))
+def _log_cdf(x: Floats, degrees: float) -> Floats:
+    """Log distribution function; the normal's without the floor that a probability has 38 standard deviations out."""
+    return np.asarray(np.log(np.maximum(stdtr(degrees, x), _TINY)) if np.isfinite(degrees) else log_ndtr(x))
 
 
 def _log_mass(low: Floats, high: Floats, degrees: float) -> Floats:
     low, high, _ = _flip(low, high)
-    return np.log(np.maximum(_cdf(high, degrees) - _cdf(low, degrees), _TINY))
+    top = _log_cdf(high, degrees)
+    return top + np.log(np.maximum(-np.expm1(_log_cdf(low, degrees) - top), _TINY))
 
 
 def _draw(uniform: Floats, low: Floats, high: Floats, degrees: float) -> Floats:
     low, high, upper = _flip(low, high)
-    below = _cdf(low, degrees)
-    probability = np.maximum(below + uniform * (_cdf(high, degrees) - below), _TINY)
-    x = np.asarray(stdtrit(degrees, probability) if np.isfinite(degrees) else ndtri(probability))
+    top = _log_cdf(high, degrees)
+    share = np.exp(_log_cdf(low, degrees) - top)
+    probability = top + np.log(np.maximum(share + uniform * (1.0 - share), _TINY))
+    x = np.asarray(stdtrit(degrees, np.exp(probability)) if np.isfinite(degrees) else ndtri_exp(probability))
     return np.where(upper, -x, x)
 
 

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import cache
+from typing import ClassVar
 
 import numpy as np
 import pytest
+import sympy as sp
 from engine_cases import CONVERGED, ENGINES, FREE, TIME_STEP, building, record_of, relative_error
 
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.law import DRIFT_RATE, Effect, Slots, symbol
 from bwbn_bayes.engines.base import Engine, Response, Status
 from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import Floats, PerStorey, Uniform, Value
+from bwbn_bayes.parameters import Floats, Parameter, PerStorey, Uniform, Value
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
 
 OTHERS = [name for name in ENGINES if name != "reference"]
 
@@ -182,6 +189,74 @@ def test_lanes_do_not_depend_on_batch_order_or_threads() -> None:
     forward = Lanes(n_threads=1).normal_equations(model, draws, record)
     reverse = Lanes(n_threads=2).normal_equations(model, draws[::-1], record)
     np.testing.assert_array_equal(reverse.information[::-1], forward.information)
+
+
+@pytest.mark.parametrize(("substeps", "resolution"), [(1, 0.0), (2, 0.25)])
+def test_lanes_and_scalar_are_one_scheme(substeps: int, resolution: float) -> None:
+    """The same refinement, turns and events: the two differ by rounding and by their exponentials only."""
+    model = building(3, {"sigma": 0.02, "delta_s": 0.2, "jump": 3.0, "time": PerStorey([1.1, 1.3071, 1.3])})
+    record = record_of(model, 3.0)
+    lanes, scalar = (
+        engine.simulate(model, np.zeros((1, 0)), record).values
+        for engine in (
+            Lanes(substeps=substeps, resolution=resolution),
+            ScalarRk4(substeps=substeps, resolution=resolution),
+        )
+    )
+    assert relative_error(lanes, scalar) < 1e-8
+
+
+def test_a_value_that_is_only_compared_is_not_lost(engine: Engine) -> None:
+    """A time that is not a number never comes: kernels once went on as if there were no damage."""
+    model = building(2, {"time": Uniform(1.0, 2.0)})
+    response = engine.simulate(model, np.array([[np.nan], [1.5]]), record_of(model, 1.0))
+    assert response.status.tolist() == [Status.NON_FINITE, Status.OK]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Rubbing(Effect):
+    """A force whose parameters are named as a kernel's own variables once were."""
+
+    b: Value
+    p: Value
+    l: Value  # noqa: E741
+    base: Value
+    here: Value
+    h0: Value
+    x0: Value
+    rate: Value
+    dy: Value
+
+    name: ClassVar[str] = "rubbing"
+    summary: ClassVar[str] = "a viscous force in nine parts"
+    source: ClassVar[str] = "this test"
+    residual: ClassVar[str] = "none"
+    confusable: ClassVar[str] = "c"
+    parameters: ClassVar[tuple[Parameter, ...]] = tuple(
+        Parameter(symbol=name, unit="N s/m", neutral=0.0, description="part", source="this test")
+        for name in ("b", "p", "l", "base", "here", "h0", "x0", "rate", "dy")
+    )
+
+    def fill(self, slots: Slots) -> Slots:
+        added = sum((symbol(parameter.symbol) for parameter in self.parameters), sp.Integer(0)) * DRIFT_RATE
+        return replace(slots, added_force=slots.added_force + added)
+
+
+def test_a_parameter_may_have_any_name(engine: Engine) -> None:
+    storey = BoucWen(k=40.0, c=0.1, beta=1.0, gamma=1.0)
+    names = [parameter.symbol for parameter in _Rubbing.parameters]
+    model = ShearBuilding(masses=[1.0, 1.0], storey=storey).with_effect(_Rubbing(**dict.fromkeys(names, 0.01)))
+    damped = ShearBuilding(masses=[1.0, 1.0], storey=replace(storey, c=0.19))
+    record = record_of(model, 1.0)
+    expected = engine.simulate(damped, np.zeros((1, 0)), record).values
+    assert relative_error(engine.simulate(model, np.zeros((1, 0)), record).values, expected) < 1e-9
+
+
+def test_the_last_sample_of_a_specimen_keeps_the_slope_it_came_with(engine: Engine) -> None:
+    storey = BoucWen(k=10.0, c=0.5, beta=1.0, gamma=1.0)
+    record = Record(name="ramp", time_step=0.01, excitation=np.arange(9) * 0.01, excitation_kind="displacement")
+    rates = engine.simulate(Specimen(storey=storey), np.zeros((1, 0)), record, ["drift_rate_1"]).values[0, 0]
+    np.testing.assert_allclose(rates, 1.0, rtol=1e-12)
 
 
 def test_threads_of_cvodes_share_nothing() -> None:

@@ -22,7 +22,6 @@ ENGINE = Lanes(substeps=1, resolution=0.25)
 A_RANGE = (0.7, 1.4)
 """Prior of A where it is free: so narrow that along the redundant direction no other bound binds."""
 
-SLIP_TRUTH = {"delta_s": 0.01, "sigma": 0.004}
 _SLIP: Mapping[str, Value] = {"delta_s": Uniform(0.001, 0.03), "sigma": Uniform(0.001, 0.02)}
 
 
@@ -43,12 +42,12 @@ def with_slip(model: ShearBuilding) -> ShearBuilding:
 
 
 @cache
-def recorded(seed: int, *, slip: bool = False) -> Record:
-    """25 s of El Centro at 30 dB by the reference engine, without or with slip."""
+def recorded(seed: int, *, slip: bool = False, snr_db: float = 30.0, sigma: float = 0.004) -> Record:
+    """25 s of El Centro by the reference engine, without slip or with slip of a width."""
     assert SDOF.excitation is not None
     model = with_slip(sdof_model()) if slip else sdof_model()
-    truth = {**SDOF.truth, **(SLIP_TRUTH if slip else {})}
-    return simulate(model, SDOF.excitation, truth, snr_db=30.0, seed=seed)
+    truth = {**SDOF.truth, **({"delta_s": 0.01, "sigma": sigma} if slip else {})}
+    return simulate(model, SDOF.excitation, truth, snr_db=snr_db, seed=seed)
 
 
 def posterior_of(model: ShearBuilding, record: Record, noise: Noise | None = None) -> Posterior:

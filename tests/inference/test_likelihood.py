@@ -89,7 +89,7 @@ def test_default_noise_scale_is_three_percent_of_the_rms(record: Record) -> None
 
 
 def test_a_dead_channel_is_refused(record: Record) -> None:
-    with pytest.raises(UserError, match="channel acceleration_1 of record .* is zero throughout"):
+    with pytest.raises(UserError, match=r"channel acceleration_1 of record .* is zero throughout"):
         default_noise(record.with_channels({"acceleration_1": np.zeros(record.n_times)}))
 
 
@@ -163,7 +163,6 @@ def test_slopes_against_finite_differences(noise: Noise) -> None:
     posterior = curved_posterior(noise)
     d = posterior.model.space.n_dim
     point = np.concatenate([true_point(sdof_model(), posterior.record), [0.6] * (posterior.n_dim - d)])
-    point[:2] = posterior.space.to_unit(posterior.space.from_unit(point[None]))[0, :2]
     point = 0.9 * point + 0.05
     local = posterior.linearise(point[None])
     assert local.log_likelihood[0] == pytest.approx(posterior.log_likelihood(point[None])[0], rel=1e-10)

@@ -1,0 +1,88 @@
+"""The claimed discretisation error against the reference engine and against a refit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from inference_cases import climbed, posterior_of, recorded, sdof_model, true_point, with_slip
+
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.engines.reference import Reference
+from bwbn_bayes.inference.accuracy import LADDER, LIMIT, Judge, choose_scheme
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.parameters import Floats
+
+FINEST = Lanes(substeps=16, resolution=0.015)
+EXACT = Lanes(substeps=64, resolution=0.01)
+"""Four times finer than the ladder's last rung; checked against the reference engine below."""
+
+
+@pytest.fixture(scope="module")
+def pinching() -> Posterior:
+    """A narrow slip under little noise: a hard case, in which only the fourth step size or so is fine enough."""
+    return posterior_of(with_slip(sdof_model()), recorded(1, slip=True, snr_db=52.0, sigma=0.0012))
+
+
+@pytest.fixture(scope="module")
+def fitted(pinching: Posterior) -> Mode:
+    """The optimum under the exact scheme."""
+    return climbed(pinching.with_engine(EXACT), true_point(with_slip(sdof_model()), pinching.record))
+
+
+@pytest.fixture(scope="module")
+def reference_response(pinching: Posterior, fitted: Mode) -> Floats:
+    values = pinching.space.from_unit(fitted.point[None])
+    return Reference().simulate(pinching.model, values, pinching.record).values[0, 0]
+
+
+def relative_error(posterior: Posterior, point: Floats, engine: Lanes, truth: Floats) -> float:
+    response = engine.simulate(posterior.model, posterior.space.from_unit(point[None]), posterior.record).values[0, 0]
+    return float(np.sqrt(np.mean((response - truth) ** 2) / np.mean(posterior.record.channels["acceleration_1"] ** 2)))
+
+
+def test_the_exact_scheme_is_exact(pinching: Posterior, fitted: Mode, reference_response: Floats) -> None:
+    assert relative_error(pinching, fitted.point, EXACT, reference_response) < 1e-5
+
+
+@pytest.mark.parametrize("rung", range(len(LADDER) - 1))
+def test_claims_are_true_within_a_factor_of_two(
+    pinching: Posterior, fitted: Mode, reference_response: Floats, rung: int
+) -> None:
+    """The response error against the reference; the shift of the estimate against the refit by that scheme."""
+    substeps, resolution = LADDER[rung]
+    scheme = Lanes(substeps=substeps, resolution=resolution)
+    claimed = Judge.at(pinching, fitted.point, FINEST)(scheme)
+    true_error = relative_error(pinching, fitted.point, scheme, reference_response)
+    assert claimed.nrmse == pytest.approx(true_error, rel=0.5, abs=2e-6)
+    refit = climbed(pinching.with_engine(scheme), fitted.point)
+    step = refit.point - fitted.point
+    shift = float(np.sqrt(step @ fitted.information @ step))
+    # The finest rung stands for the truth in a claim, and is itself off by 0.01 sd and 0.01 nat here.
+    assert 0.5 * shift - 0.02 < claimed.joint_shift_sd < 2.0 * shift + 0.02
+    gain = refit.log_likelihood - fitted.log_likelihood
+    assert abs(claimed.log_likelihood_shift - gain) < 0.5 * abs(gain) + 0.05
+
+
+def test_the_chosen_scheme_is_the_cheapest_acceptable_one(pinching: Posterior, fitted: Mode) -> None:
+    coarse = Lanes(substeps=LADDER[0][0], resolution=LADDER[0][1])
+    chosen, facts = choose_scheme(pinching.with_engine(coarse), fitted.point, coarse)
+    assert facts.acceptable
+    assert facts.joint_shift_sd < LIMIT
+    assert facts.scheme == chosen.scheme
+    number = LADDER.index((chosen.substeps, chosen.resolution))
+    assert 0 < number < len(LADDER) - 1
+    judge = Judge.at(pinching, fitted.point, FINEST)
+    assert not any(judge(replace(coarse, substeps=s, resolution=r)).acceptable for s, r in LADDER[:number])
+    refit = climbed(pinching.with_engine(chosen), fitted.point)
+    step = refit.point - fitted.point
+    assert np.sqrt(step @ fitted.information @ step) < 2.0 * LIMIT
+
+
+def test_the_finest_scheme_is_returned_where_none_will_do(pinching: Posterior, fitted: Mode) -> None:
+    """With noise a thousandth of the true one nothing on the ladder is fine enough."""
+    noise = replace(pinching.noise, shape=1e9, scale=(1e-4,))  # type: ignore[type-var]
+    chosen, facts = choose_scheme(replace(pinching, noise=noise), fitted.point, FINEST)
+    assert (chosen.substeps, chosen.resolution) == LADDER[-1]
+    assert not facts.acceptable
+    assert facts.scheme == chosen.scheme

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from bwbn_bayes.inference.identifiability import unseen_directions
+from bwbn_bayes.inference.identifiability import INVOLVED, unseen_directions
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, polish
 from bwbn_bayes.inference.truncated import Bend, walk
@@ -151,7 +151,7 @@ def ridge_coordinate(mode: Mode) -> int:
     coordinate with the largest posterior standard deviation in units of the prior's range.
     """
     for _, direction in unseen_directions(mode.information):
-        if np.sum(np.abs(direction) > 0.1 * np.max(np.abs(direction))) > 1:
+        if np.sum(np.abs(direction) > INVOLVED * np.max(np.abs(direction))) > 1:
             return int(np.argmax(np.abs(direction) / np.minimum(mode.point, 1.0 - mode.point)))
     return int(np.argmax(np.diag(_covariance(mode.information))))
 

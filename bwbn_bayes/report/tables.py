@@ -102,7 +102,7 @@ def key_figures(facts: Facts) -> tuple[KeyFigure, ...]:
     evidence, error = with_uncertainty((facts.log_evidence, facts.log_evidence_se), facts.log_evidence_se)
     passed = sum(check.passed for check in facts.checks)
     figures = [
-        KeyFigure(value=str(len(facts.parameters)), label="parameters identified"),
+        KeyFigure(value=str(len(facts.parameters)), label="parameters to identify"),
         KeyFigure(value=percent(worst), label="largest misfit, rms over rms"),
         KeyFigure(value=evidence, label=f"log evidence, ± {error} nat"),
         KeyFigure(value=significant(facts.effective_sample_size, 3), label="effective draws"),

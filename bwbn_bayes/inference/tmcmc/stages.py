@@ -284,12 +284,14 @@ def _advance(
         points[mine], log_volume[mine] = shape.coordinates.inverse(proposal.positions)
         log_odds[mine] = proposal.log_asymmetry
     candidate, n_solves = evaluator(points)
-    log_odds += (
-        log_volume
-        - chains.log_volume
-        + candidate.log_density(tempering_parameter)
-        - chains.cloud.log_density(tempering_parameter)
-    )
+    # At the very edge of the cube the volume may be infinite where the density is zero: NaN, which is never accepted.
+    with np.errstate(invalid="ignore"):
+        log_odds += (
+            log_volume
+            - chains.log_volume
+            + candidate.log_density(tempering_parameter)
+            - chains.cloud.log_density(tempering_parameter)
+        )
     accepted = np.log(streams.at(step, 2).random(len(proposed))) < log_odds
     moved = _Chains(
         candidate.where(accepted, chains.cloud),

@@ -222,40 +222,37 @@ def close(n_storeys, n_directions, weight, step, ground, seed, w, t):
 
 
 @njit({flags})
-def plan(n_storeys, dt, substeps, resolution, length, turn, w):
-    # Steps of each lane in the next interval, and where one ends because a drift rate changes sign there.
+def plan(n_storeys, dt, substeps, resolution, length, w):
+    # Length of each lane's steps in the next interval.
     for l in range(LANES):
         length[l] = substeps
-        turn[l] = dt
     for i in range(n_storeys):
         a = i * BLOCK
 {refine}
-{turn}
-    busy = 0.0
     for l in range(LANES):
-        busy += length[l] - 1.0 + (1.0 if turn[l] < dt else 0.0)
         length[l] = dt / length[l]
-    return busy > 0.0
 
 
 @njit({flags})
-def next_step(n_storeys, dt, start, event, position, length, turn, step, w):
+def next_step(n_storeys, dt, start, event, position, length, step, w):
+    # The next step of each lane, zero where it has arrived; returns whether every lane then is at the interval's end.
     for l in range(LANES):
         remaining = dt - position[l]
         h = length[l]
         h = remaining if remaining - h < 1e-9 * dt else h
-        until = turn[l] - position[l]
-        h = until if until > 1e-9 * dt and until < h else h
         step[l] = h if remaining > 1e-12 * dt else 0.0
+    for i in range(n_storeys):
+        a = i * BLOCK
+{turn}
     if event < start + dt:
         for i in range(n_storeys):
             a = i * BLOCK
             for l in range(LANES):
 {limit}
-    longest = 0.0
+    left = 0.0
     for l in range(LANES):
-        longest = max(longest, step[l])
-    return longest > 0.0
+        left += 1.0 if dt - position[l] - step[l] > 1e-12 * dt else 0.0
+    return left == 0.0
 
 
 @njit({flags})
@@ -350,7 +347,6 @@ def run(n_storeys, n_directions, dt, excitation, w, t, seed, shares, weights, su
     ground = np.zeros(LANES)
     position = np.zeros(LANES)
     length = np.zeros(LANES)
-    turn = np.zeros(LANES)
     step = np.zeros(LANES)
     flipped = np.zeros(LANES)
     for l in range(LANES):
@@ -376,13 +372,10 @@ def run(n_storeys, n_directions, dt, excitation, w, t, seed, shares, weights, su
         for l in range(LANES):
             position[l] = 0.0
         start = j * dt
-        busy = plan(n_storeys, dt, substeps, resolution, length, turn, w)
-        if not busy and event >= start + dt * (1.0 + 1e-9):
-            for l in range(LANES):
-                step[l] = dt
-            advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, w, t)
-            continue
-        while next_step(n_storeys, dt, start, event, position, length, turn, step, w):
+        plan(n_storeys, dt, substeps, resolution, length, w)
+        arrived = False
+        while not arrived:
+            arrived = next_step(n_storeys, dt, start, event, position, length, step, w)
             advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, w, t)
             if event < start + dt * (1.0 + 1e-9):
                 strike(n_storeys, n_directions, start + 1e-9 * dt, position, step, flipped, ground, seed, w, t)
@@ -580,13 +573,13 @@ def _turn(law: StoreyLaw, place: LaneLayout) -> str:
     lines = [
         "turning = 0.0",
         "for l in range(LANES):",
-        f"    ahead = w[a + BLOCK + LANES + l] + dt * {row}",
+        f"    ahead = w[a + BLOCK + LANES + l] + step[l] * {row}",
         "    turning += 1.0 if ahead * w[a + BLOCK + LANES + l] < 0.0 else 0.0",
         "if turning > 0.0:",
         "    for l in range(LANES):",
         f"        until = -w[a + BLOCK + LANES + l] / {row}",
-        f"        turn[l] = until if until > {MARGIN} * dt and until < turn[l] else turn[l]",
-        f"        turn[l] = turn[l] if turn[l] < {1.0 - MARGIN} * dt else dt",
+        f"        turns = until > {MARGIN} * step[l] and until < {1.0 - MARGIN} * step[l]",
+        "        step[l] = until if turns else step[l]",
     ]
     return _indent(lines, 2)
 

@@ -272,15 +272,23 @@ def rk4(t, h, y, dy, trial, total, data):
 
 @njit({flags})
 def plan(substeps, resolution, y, dy, data):
-    """Length of the steps in the next interval, and where one ends because a drift rate changes sign there."""
+    """Length of the steps in the next interval."""
     dt = data[1]
-    steps, turn = float(substeps), dt
+    steps = float(substeps)
     for i in range(int(data[0])):
         base = i * {n_rows}
         here = {head} + i * {block}
 {refine}
+    return dt / steps
+
+
+@njit({flags})
+def turned(h, y, dy, data):
+    """The step h, or less where a drift rate is foretold to change sign inside it."""
+    for i in range(int(data[0])):
+        base = i * {n_rows}
 {turn}
-    return dt / steps, turn
+    return h
 
 
 @njit({flags})
@@ -300,13 +308,12 @@ def run_rk4(substeps, resolution, starts, row, coefficient, ground_part, data, o
         observe(j, y[0], y[1:], starts, row, coefficient, ground_part, data, out[j])
         if j + 1 == n_times:
             break
-        length, turn = plan(substeps, resolution, y[0], dy[0], data)
+        length = plan(substeps, resolution, y[0], dy[0], data)
         position = 0.0
         while dt - position > 1e-12 * dt:
             now = j * dt + position
             h = dt - position if dt - position - length < tolerance else length
-            h = turn - position if tolerance < turn - position < h else h
-            h = min(h, event - now)
+            h = min(turned(h, y[0], dy[0], data), event - now)
             rk4(now, h, y, dy, trial, total, data)
             position += h
             now = j * dt + position
@@ -488,8 +495,7 @@ def _turn(law: StoreyLaw) -> list[str]:
     if not has_kink(law, DRIFT_RATE):
         return []
     return [
-        "if y[base + 1] * (y[base + 1] + dt * dy[base + 1]) < 0.0:",
+        "if y[base + 1] * (y[base + 1] + h * dy[base + 1]) < 0.0:",
         "    until = -y[base + 1] / dy[base + 1]",
-        f"    if {MARGIN} * dt < until < min(turn, {1.0 - MARGIN} * dt):",
-        "        turn = until",
+        f"    h = until if {MARGIN} * h < until < {1.0 - MARGIN} * h else h",
     ]

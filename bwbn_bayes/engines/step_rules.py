@@ -1,8 +1,8 @@
 """Where Runge-Kutta steps are refined and where they end: the same rules in the lane and in the scalar engine.
 
 An interval between two samples is cut into equal steps. Near a sharp feature of the law each step changes the state
-by at most ``resolution`` widths. A step ends where a drift rate is foretold to change sign, once per interval, if the
-law has a kink there; and at every event. What is decided for a draw depends on that draw alone.
+by at most ``resolution`` widths. A step ends where a drift rate is foretold to change sign, if the law has a kink
+there; and at every event. What is decided for a draw depends on that draw alone.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ REACH = 5.0
 large, with 8 it is the same."""
 
 MARGIN = 0.02
-"""A change of sign closer than this share of the sample interval to its ends does not end a step."""
+"""A change of sign closer than this share of a step to its ends does not cut it."""
 
 MOST_STEPS = 64.0
 """Most steps that a sharp feature asks for between two samples."""

@@ -19,7 +19,7 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 
 LIMIT = 0.5
-LADDER = ((1, 0.5), (1, 0.25), (1, 0.125), (2, 0.125), (2, 0.06), (4, 0.06), (4, 0.03), (8, 0.03), (16, 0.015))
+LADDER = ((1, 0.5), (1, 0.25), (1, 0.125), (2, 0.06), (4, 0.06), (8, 0.03), (16, 0.015))
 """Substeps per sample and resolution (widths of a sharp feature per step), from coarse to fine."""
 
 

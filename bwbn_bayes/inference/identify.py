@@ -135,9 +135,13 @@ def identify(
     """
     settings = settings or Settings()
     if model.space.n_dim == 0:
-        raise UserError(f"model {name!r} identifies no parameter: give at least one of them a prior instead of a number")
+        raise UserError(
+            f"model {name!r} identifies no parameter: give at least one of them a prior instead of a number"
+        )
     if not record.channels:
-        raise UserError(f"record {record.name!r} measures nothing: it needs at least one channel such as acceleration_1")
+        raise UserError(
+            f"record {record.name!r} measures nothing: it needs at least one channel such as acceleration_1"
+        )
     began = time.perf_counter()
     history = _History(listener, began, [])
     posterior = Posterior(
@@ -201,8 +205,12 @@ def _fit(
     view = posterior
     for attempt, stream in enumerate(streams):
         rng = np.random.default_rng(stream)
-        history.say("finding the mode" if attempt == 0 else "the residual is not noise: searching again from more starts")
-        found = find_modes(posterior, rng, n_starts=1024 * 4**attempt, progress=lambda facts: _tell_window(history, posterior, facts))
+        history.say(
+            "finding the mode" if attempt == 0 else "the residual is not noise: searching again from more starts"
+        )
+        found = find_modes(
+            posterior, rng, n_starts=1024 * 4**attempt, progress=lambda facts: _tell_window(history, posterior, facts)
+        )
         if isinstance(posterior.engine, Lanes):
             scheme, discretisation = choose_scheme(posterior, found[0].point, posterior.engine)
             view = posterior.with_engine(scheme)
@@ -269,8 +277,8 @@ def _with_ridge(laplace: Proposal, ridge: RidgeProposal, mode: Mode) -> Mixture:
 def _bridge(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, history: _History) -> TmcmcResult:
     """TMCMC from an inflated approximation of the posterior.
 
-    With one mode the road starts at the inflated ridge and runs in the coordinates that make it uniform, so that neither
-    scales nor curvature are left to learn; with several it starts at the inflated mixture of all of them.
+    With one mode the road starts at the inflated ridge and runs in the coordinates that make it uniform, so that
+    neither scales nor curvature are left to learn; with several it starts at the inflated mixture of all of them.
     """
     history.say("sampling by transitional MCMC from the inflated approximation at the mode")
     kept = [mode for mode in modes if mode.log_likelihood > modes[0].log_likelihood - 50.0][:8]

@@ -105,7 +105,7 @@ def laplace_mixture(modes: Sequence[Mode], *, within: float = 30.0) -> Mixture:
     components: list[Proposal] = []
     weights: list[float] = []
     for share, index in zip(shares / np.sum(shares), kept, strict=True):
-        mode = modes[index]
+        mode = modes[int(index)]
         components.append(TruncatedStudent.at(mode.point, mode.gradient, mode.information, inflation=1.05))
         components.append(TruncatedStudent.at(mode.point, mode.gradient, mode.information, inflation=1.6, degrees=8.0))
         weights += [0.8 * float(share), 0.2 * float(share)]
@@ -114,7 +114,7 @@ def laplace_mixture(modes: Sequence[Mode], *, within: float = 30.0) -> Mixture:
 
 def _laplace_mass(mode: Mode) -> float:
     values = np.maximum(np.linalg.eigvalsh(mode.information), 12.0)
-    return mode.log_likelihood + 0.5 * len(values) * np.log(2.0 * np.pi) - 0.5 * float(np.sum(np.log(values)))
+    return mode.log_likelihood + 0.5 * float(len(values) * np.log(2.0 * np.pi) - np.sum(np.log(values)))
 
 
 def sample_importance(
@@ -153,7 +153,9 @@ def sample_importance(
         value[inside] = target.log_likelihood(new[inside])
         points = np.concatenate([points, new])
         log_likelihood = np.concatenate([log_likelihood, value])
-        log_ratio = np.concatenate([log_ratio, np.where(inside, value + log_prior, -np.inf) - proposal.log_density(new)])
+        log_ratio = np.concatenate(
+            [log_ratio, np.where(inside, value + log_prior, -np.inf) - proposal.log_density(new)]
+        )
         reached = _effective(log_ratio)
         if progress is not None:
             progress(reached, len(points))

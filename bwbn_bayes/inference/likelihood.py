@@ -104,7 +104,8 @@ class IntegratedNoise:
 
     def describe(self) -> str:
         scales = ", ".join(f"{scale:.3g}" for scale in self.scale)
-        return f"Noise variances are integrated out under inverse-gamma priors of shape {self.shape:g} and scales {scales}."
+        prior = f"inverse-gamma priors of shape {self.shape:g} and scales {scales}"
+        return f"Noise variances are integrated out under {prior}."
 
 
 @dataclass(frozen=True, kw_only=True)

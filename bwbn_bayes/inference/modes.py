@@ -56,9 +56,11 @@ def windows(duration: float, first: float) -> tuple[float, ...]:
 
 
 def first_window(posterior: Posterior) -> float:
-    """End of the first window: where 2 % of the record's energy has arrived, but at least 150 samples. [s]"""
+    """End of the first window: where 2 % of the record's energy has arrived, but at least 150 samples, in seconds."""
     record = posterior.record
-    energy = np.sum([np.cumsum(np.square(signal)) / np.sum(np.square(signal)) for signal in record.channels.values()], axis=0)
+    energy = np.sum(
+        [np.cumsum(np.square(signal)) / np.sum(np.square(signal)) for signal in record.channels.values()], axis=0
+    )
     sample = int(np.searchsorted(energy, 0.02 * energy[-1]))
     return float(min(max(sample, 150) * record.time_step, record.duration))
 
@@ -150,14 +152,18 @@ def polish(
     for _ in range(n_iterations):
         trials = np.stack([_steps(points, local, damping * scale, held) for damping in _DAMPINGS], axis=1)
         flat = trials.reshape(-1, trials.shape[-1])
-        value = np.where(np.isfinite(view.log_prior(flat)), view.log_likelihood(flat), -np.inf).reshape(trials.shape[:2])
+        value = np.where(np.isfinite(view.log_prior(flat)), view.log_likelihood(flat), -np.inf).reshape(
+            trials.shape[:2]
+        )
         pick = np.argmax(value, axis=1)
         best = value[np.arange(len(points)), pick]
         # A start that cannot be solved gains without end from any point that can.
         gain = np.where(np.isfinite(best), best, -1e300) - np.maximum(local.log_likelihood, -1e299)
         better = gain > 0.0
         points = np.where(better[:, None], trials[np.arange(len(points)), pick], points)
-        scale = np.clip(np.where(better, scale * np.where(pick == 0, 0.1, np.where(pick >= 2, 10.0, 1.0)), scale * 100.0), 1e-6, 1e8)
+        scale = np.clip(
+            np.where(better, scale * np.where(pick == 0, 0.1, np.where(pick >= 2, 10.0, 1.0)), scale * 100.0), 1e-6, 1e8
+        )
         near = local.log_likelihood > np.max(local.log_likelihood) - reach
         if not np.any(near & (gain > 0.01)) and np.all(~near | better | (scale > 1e3)):
             break
@@ -214,4 +220,4 @@ def distinct(points: Floats, local: Linearisation) -> tuple[Mode, ...]:
 
 def _distance(candidate: Mode, mode: Mode) -> float:
     step = candidate.point - mode.point
-    return float(np.sqrt(max(step @ mode.information @ step, 0.0)))
+    return float(np.sqrt(max(float(step @ mode.information @ step), 0.0)))

@@ -2,8 +2,8 @@
 
 Where the data hardly see one direction, the others' conditional optimum bends along it and no Gaussian at the mode
 covers the posterior. One coordinate is walked across its range; at each node the rest is refitted; between nodes mean
-and Cholesky factor are interpolated: ``q(x) = q(coordinate) N(rest; m(coordinate), V(coordinate))``, truncated to the cube
-and exactly normalised.
+and Cholesky factor are interpolated: ``q(x) = q(coordinate) N(rest; m(coordinate), V(coordinate))``, truncated to the
+cube and exactly normalised.
 """
 
 from __future__ import annotations
@@ -187,7 +187,10 @@ class _Walk(NamedTuple):
 
 
 def _walk_nodes(posterior: Posterior, mode: Mode, coordinate: int) -> _Walk:
-    """Walk out to six standard deviations (the whole range where they are wide), find where the posterior ends, and place the nodes evenly between."""
+    """Walk out, find where the posterior ends, and place the nodes evenly between.
+
+    The walk spans six standard deviations to each side, or the whole range where they are wide.
+    """
     centre = float(mode.point[coordinate])
     sd = np.sqrt(_covariance(mode.information)[coordinate, coordinate])
     reach = 6.0 * sd if sd < _WIDE else 1.0
@@ -203,7 +206,7 @@ def _walk_nodes(posterior: Posterior, mode: Mode, coordinate: int) -> _Walk:
         walk = _refit(posterior, coordinate, nodes, _starts(posterior, mode, coordinate, nodes), centre)
         part = walk.alive(centre)
     inner, outer = _ends(posterior, coordinate, walk, part)
-    nodes = np.linspace(*inner, N_NODES)
+    nodes = np.linspace(float(inner[0]), float(inner[1]), N_NODES)
     walk = _refit(posterior, coordinate, nodes, walk.interpolated(nodes, part), centre)
     return walk._replace(ends=(float(outer[0]), float(outer[1])))
 
@@ -268,16 +271,17 @@ def _starts(posterior: Posterior, mode: Mode, coordinate: int, nodes: Floats) ->
     powers = np.clip(posterior.space.to_unit(value * ratio[:, None] ** exponent), 1e-6, 1.0 - 1e-6)
     straight[:, coordinate] = powers[:, coordinate] = nodes
     better = posterior.log_likelihood(powers) > posterior.log_likelihood(straight)
-    return np.where(better[:, None], powers, straight)
+    return np.asarray(np.where(better[:, None], powers, straight))
 
 
 def _extrapolated(points: Floats, nodes: Floats, i: int, inward: int) -> Floats:
     """Straight continuation through the two nodes further in, or the one where there is no second."""
     near, far = i + inward, i + 2 * inward
-    if not 0 <= far < len(nodes):
-        return points[near].copy()
-    share = (nodes[i] - nodes[near]) / (nodes[near] - nodes[far])
-    return np.clip(points[near] + share * (points[near] - points[far]), 1e-6, 1.0 - 1e-6)
+    point: Floats = points[near].copy()
+    if 0 <= far < len(nodes):
+        share = (nodes[i] - nodes[near]) / (nodes[near] - nodes[far])
+        point = np.clip(point + share * (point - points[far]), 1e-6, 1.0 - 1e-6)
+    return point
 
 
 def _drawing_order(mean: Floats, sd: Floats) -> NDArray[np.int64]:

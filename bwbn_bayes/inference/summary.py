@@ -6,6 +6,7 @@ import importlib.metadata
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Self
 
 import arviz_stats.base as arviz_base
@@ -116,9 +117,7 @@ def build_result(
     noise_sd = posterior.noise.draw_sd(rng, misfit, record.n_times, noise_values)
     truth = _truth(model, record)
     tree = _tree(posterior, draws, rows, signals, noise_sd, truth, rng)
-    log_evidence, log_evidence_se = next(iter(reversed(evidences.values()))) if method != "tmcmc" else (
-        evidences["tmcmc (bridge)"]
-    )
+    log_evidence, log_evidence_se = evidences["tmcmc (bridge)" if method == "tmcmc" else method]
     facts = Facts(
         method=method,
         model=name,
@@ -328,7 +327,8 @@ def _verdict(
     first += (
         ", and the model explains the record down to its noise."
         if model_fits
-        else ", but the model does not explain the record: what is left is not noise, and the posterior holds only if the model does."
+        else ", but the model does not explain the record: what is left is not noise, and the posterior holds only if "
+        "the model does."
     )
     road = {"importance": "importance sampling", "tmcmc": "transitional MCMC"}.get(method, method)
     if method != asked:
@@ -345,12 +345,13 @@ def _conventions(model: Structure) -> tuple[str, ...]:
     if isinstance(model, ShearBuilding):
         lines.append("The structure starts at rest; the ground acceleration is linear between samples.")
         lines.append(
-            "R-t is the correlation of the storey force histories; R-x is taken at equal steps of the travelled drift path."
+            "R-t is the correlation of the storey force histories; R-x is taken at equal steps of the travelled drift."
         )
-    if model.space.constraints:
+    conditions = sorted({constraint.text for constraint in model.space.constraints})
+    if conditions:
         lines.append(
-            f"The prior is normalised over the admissible region ({'; '.join(sorted({c.text for c in model.space.constraints}))}) "
-            f"by a Sobol quadrature: log mass {model.space.log_admissible_mass:.4f}."
+            f"The prior is normalised over the admissible region ({'; '.join(conditions)}) by a Sobol quadrature: "
+            f"log mass {model.space.log_admissible_mass:.4f}."
         )
     return tuple(lines)
 
@@ -371,7 +372,7 @@ def _provenance(record: Record, seed: int, engine: Engine) -> dict[str, str]:
 def processor_name() -> str:
     """The processor as the operating system names it."""
     try:
-        with open("/proc/cpuinfo", encoding="utf-8") as lines:
+        with Path("/proc/cpuinfo").open(encoding="utf-8") as lines:
             for line in lines:
                 if line.startswith("model name"):
                     return line.split(":", 1)[1].strip()

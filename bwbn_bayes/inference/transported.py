@@ -1,7 +1,7 @@
 """A posterior seen through a transport of the unit cube.
 
-If ``x = T(w)`` maps uniform points of the cube to draws of a density q, then sampling ``prior(x) likelihood(x) / q(x)`` over a
-uniform ``w`` is a bridge from q to the posterior with the same evidence, in coordinates in which q is flat.
+If ``x = T(w)`` maps uniform points of the cube to draws of a density q, then sampling ``prior(x) likelihood(x) / q(x)``
+over a uniform ``w`` is a bridge from q to the posterior with the same evidence, in coordinates in which q is flat.
 """
 
 from __future__ import annotations

@@ -115,15 +115,31 @@ def test_runge_kutta_has_order_four_where_the_law_is_smooth(name: str) -> None:
     assert np.log2(errors[1] / errors[2]) == pytest.approx(4.0, abs=0.1)
 
 
-def test_lanes_converge_on_the_reference() -> None:
-    """A step that straddles a switch of sign leaves an error of order two, also in a scheme of order four."""
+@pytest.mark.parametrize("name", ["lanes", "scalar"])
+def test_runge_kutta_converges_where_signs_switch(name: str) -> None:
+    """Near order four on the whole, though not from one step length to the next.
+
+    A step that straddles a switch of sign would leave an error of order two. Steps end where a drift rate is foretold
+    to change sign; the forecast is linear, and switches of ``sign(z v)`` at ``z = 0`` are straddled, so that the order
+    between two settings was seen to vary from 2.0 to 4.5.
+    """
     model = building(3, {"sigma": 0.02, "delta_s": 0.2})
     record = record_of(model, 4.0)
     truth = Reference().simulate(model, NO_DRAW, record).values
-    errors = {substeps: _rk4_error("lanes", substeps, model, record, truth) for substeps in (1, 4, 64)}
-    assert errors[1] / errors[4] > 4.0**1.5
-    assert errors[4] / errors[64] > 16.0**1.5
-    assert errors[64] < 1e-6
+    errors = np.array([_rk4_error(name, substeps, model, record, truth) for substeps in (1, 4, 16, 64)])
+    orders = np.log2(errors[:-1] / errors[1:]) / 2.0
+    assert np.mean(orders) > 3.0
+    assert np.min(orders) > 1.5
+    assert errors[-1] < 1e-8
+
+
+def test_refinement_at_the_slip_pays() -> None:
+    """At a slip a fifth as wide as a step's change of z, one refined step per sample beats two equal ones."""
+    model = building(3, {"sigma": 0.01, "delta_s": 0.2})
+    record = record_of(model, 4.0)
+    truth = Reference().simulate(model, NO_DRAW, record).values
+    refined = Lanes(substeps=1, resolution=0.25).simulate(model, NO_DRAW, record).values
+    assert relative_error(refined, truth) < 0.5 * _rk4_error("lanes", 2, model, record, truth)
 
 
 def _rk4_error(name: str, substeps: int, model: ShearBuilding, record: Record, truth: Floats) -> float:

@@ -23,7 +23,7 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
 
 def test_a_missing_library_is_a_reason_not_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> object:
-        raise ImportError("no library here")
+        raise ImportError(f"no {name} here")
 
     cvodes.load_library.cache_clear()
     monkeypatch.setattr(cvodes, "import_module", missing)

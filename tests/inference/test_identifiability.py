@@ -14,7 +14,7 @@ NAMES = ("k", "c", "alpha")
 
 
 def test_prior_sd_is_that_of_a_uniform() -> None:
-    assert PRIOR_SD**2 == pytest.approx(1.0 / 12.0)
+    assert pytest.approx(np.sqrt(1.0 / 12.0)) == PRIOR_SD
 
 
 def test_directions_are_those_of_the_information() -> None:

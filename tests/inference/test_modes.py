@@ -1,6 +1,7 @@
 """Finding the mode from the prior, and the climb that polishes it."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def test_the_mode_of_the_truth_is_found_blind(posterior: Posterior, mode: Mode, 
     assert found[0].log_likelihood > mode.log_likelihood - 0.05
     step = found[0].point - mode.point
     assert np.sqrt(step @ mode.information @ step) < 0.3
-    assert all(a.log_likelihood >= b.log_likelihood for a, b in zip(found, found[1:], strict=False))
+    assert all(a.log_likelihood >= b.log_likelihood for a, b in pairwise(found))
     assert seen[-1].end == posterior.record.duration
     assert np.all(np.diff([facts.n_solves for facts in seen]) > 0)
 

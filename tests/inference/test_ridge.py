@@ -5,11 +5,13 @@ With A free, z and A scale by a factor lambda, and nothing that is measured chan
     k' = alpha k + (1 - alpha) k / lambda,    alpha' = alpha k / k',
     beta' = lambda^(1 - n) beta,    gamma' = lambda^(1 - n) gamma,    (sigma' = lambda sigma)
 
-(Ma et al., J. Appl. Mech. 71(3), 2004). So the likelihood is a function of the parameters carried to A = 1, and where no
-bound binds but A's own the marginal posterior of A is the mean, over the posterior at A = 1, of the Jacobian determinant of
-the map at lambda = A. By hand it is ``k / (lambda k') lambda^(2 (1 - n))`` with one storey: about lambda^(-0.4) at n = 1.2.
-Three storeys have three k for one alpha, and slip has sigma: there it is about lambda^-2.
+(Ma et al., J. Appl. Mech. 71(3), 2004). So the likelihood is a function of the parameters carried to A = 1, and where
+no bound binds but A's own the marginal posterior of A is the mean, over the posterior at A = 1, of the Jacobian
+determinant of the map at lambda = A. By hand it is ``k / (lambda k') lambda^(2 (1 - n))`` with one storey: about
+lambda^(-0.4) at n = 1.2. Three storeys have three k for one alpha, and slip has sigma: there it is about lambda^-2.
 """
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -175,7 +177,6 @@ def test_a_bent_ridge_in_two_dimensions_integrates_to_one() -> None:
 
 
 def test_importance_along_the_ridge_is_efficient(free_draws: WeightedDraws) -> None:
-    print(free_draws.effective_sample_size / len(free_draws.points), free_draws.pareto_k)
     assert free_draws.effective_sample_size > 0.1 * len(free_draws.points)
     assert free_draws.pareto_k < 0.7
 
@@ -194,14 +195,14 @@ def test_the_posterior_of_a_is_exact(
     cells = np.linspace(*A_RANGE, 6)
     below = integrate.cumulative_simpson(density, x=grid, initial=0.0)
     expected = np.diff(np.interp(cells, grid, below))
-    seen = np.array([weights @ ((a >= low) & (a < high)) for low, high in zip(cells, cells[1:], strict=False)])
+    seen = np.array([weights @ ((a >= low) & (a < high)) for low, high in pairwise(cells)])
     assert np.all(np.abs(seen - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / size))
 
 
 def test_the_evidences_differ_by_the_savage_dickey_ratio(
     free_draws: WeightedDraws, at_one: WeightedDraws, marginal: tuple[Floats, Floats]
 ) -> None:
-    """The model with A = 1 is nested in the free one: their evidences differ by prior over posterior density at A = 1."""
+    """The model with A = 1 is nested in the free one: the evidences differ by prior over posterior density at A = 1."""
     grid, density = marginal
     posterior_at_one = np.interp(1.0, grid, density)
     prior_at_one = 1.0 / (A_RANGE[1] - A_RANGE[0])

@@ -52,7 +52,7 @@ class Coordinates(NamedTuple):
         return _piecewise_linear(positions, self.knots, self.scores)
 
     def inverse(self, coordinates: Floats) -> tuple[Floats, Floats]:
-        """Points of the unit cube ``(n, d)`` and the log Jacobian ``log |dx/dy| (n,)``, minus infinity past the limit."""
+        """Points of the unit cube ``(n, d)`` and the log Jacobian ``log |dx/dy| (n,)``, minus infinity beyond."""
         positions, log_slope = _piecewise_linear(coordinates, self.scores, self.knots)
         inside = np.all(np.abs(positions) <= _LIMIT, axis=1)
         n_dim = positions.shape[1]

@@ -88,7 +88,7 @@ def fit_mixture(points: Floats, weights: Floats, effective_size: float) -> Gauss
 
 
 def information_penalty(n_coefficients: int, effective_size: float) -> float:
-    """What a fit of so many coefficients must gain in mean log density to be believed. [nat]
+    """What a fit of so many coefficients must gain in mean log density to be believed, in nats.
 
     References
     ----------

@@ -38,7 +38,7 @@ FIRST_TUNING = Tuning(np.full(4, 0.25), np.array([1.0, 1.0, 0.7]))
 
 
 class Shape(NamedTuple):
-    """What a stage knows of its density: coordinates, a mixture fitted in them, an archive ``(m, d)``, its precision."""
+    """What a stage knows of its density: coordinates, a mixture fitted in them, an archive ``(m, d)``, precision."""
 
     coordinates: Coordinates
     mixture: GaussianMixture
@@ -59,8 +59,10 @@ class Shape(NamedTuple):
 
 
 class Proposal(NamedTuple):
-    """Proposed positions ``(n, d)``, their log density under the fit ``(n,)``, and for each the log ratio of backward
-    to forward proposal density ``(n,)`` and the move that made it ``(n,)``."""
+    """Proposed positions ``(n, d)`` with their log density under the fit ``(n,)``.
+
+    For each the log ratio of backward to forward proposal density ``(n,)`` and the move that made it ``(n,)``.
+    """
 
     positions: Floats
     log_fit: Floats

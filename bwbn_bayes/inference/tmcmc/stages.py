@@ -69,7 +69,7 @@ class Streams(NamedTuple):
 def plain_stage(
     evaluator: Evaluator, population: Population, log_weights: Floats, tempering_parameter: float, streams: Streams
 ) -> Moved:
-    """Resample ``n`` leads by weight and give each one Metropolis step; a lead drawn twice steps on from its first step.
+    """Resample ``n`` leads by weight, one Metropolis step each; a lead drawn twice steps on from its first step.
 
     Parameters
     ----------

@@ -151,7 +151,7 @@ class Cloud(NamedTuple):
         return Cloud(*(column[indices] for column in self))
 
     def where(self, condition: NDArray[np.bool_], other: Cloud) -> Cloud:
-        """This cloud's points where ``condition (n,)`` holds, the other's elsewhere."""
+        """Take this cloud's points where ``condition (n,)`` holds, the other's elsewhere."""
         scalars = (np.where(condition, mine, its) for mine, its in zip(self[1:], other[1:], strict=True))
         return Cloud(np.where(condition[:, None], self.points, other.points), *scalars)
 

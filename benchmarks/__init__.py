@@ -1,0 +1,1 @@
+"""Benchmarks: each prints a table and writes JSON; ratios are measured side by side in one run."""

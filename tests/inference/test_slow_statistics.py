@@ -1,0 +1,278 @@
+"""Many data seeds, many truths, many replicates: the statistics behind every claim of calibration.
+
+Run with ``pytest -m slow tests/inference/test_slow_statistics.py``. Every record is made by the reference engine and
+identified by :func:`bwbn_bayes.identify` as a user would.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+
+import numpy as np
+import pytest
+from calibration import calibration_verdict, normalised_rank
+from inference_cases import MODELS, SDOF
+
+from bwbn_bayes import (
+    BoucWen,
+    IntegratedNoise,
+    PerStorey,
+    Record,
+    Result,
+    Settings,
+    ShearBuilding,
+    SlipLock,
+    StiffnessDegradation,
+    StrengthDegradation,
+    Uniform,
+    el_centro,
+    identify,
+    simulate,
+)
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.inference.tmcmc import sample
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.structures.model_file import ModelFile, load_model_file
+from bwbn_bayes.structures.structure import Structure
+
+pytestmark = pytest.mark.slow
+
+N_DATA_SEEDS = 10
+N_TRUTHS = 20
+N_REPLICATES = 200
+N_PLAIN = 50
+"""Replicates on which the published TMCMC is shown beside the default."""
+N_EFFECTIVE = 400
+N_RANKED = 100
+N_PARTICLES = 5000
+FINE = Lanes(substeps=8, resolution=0.03)
+THREE_STOREYS = ("three_storey_sine", "three_storey_el_centro")
+
+
+@cache
+def model_file(name: str) -> ModelFile:
+    return load_model_file(MODELS / f"{name}.py")
+
+
+@cache
+def three_storey_record(name: str, seed: int, snr_db: float) -> Record:
+    file = model_file(name)
+    assert file.excitation is not None
+    return simulate(file.model, file.excitation, file.truth, snr_db=snr_db, seed=seed)
+
+
+@cache
+def by_importance(name: str, seed: int) -> Result:
+    return identify(model_file(name).model, three_storey_record(name, seed, 30.0), settings=Settings(seed=seed))
+
+
+def fisher_sd(model: Structure, record: Record, values: Floats) -> Floats:
+    """Standard deviations ``(n_dim,)`` in the parameters' own units from the information at ``values (1, n_dim)``."""
+    posterior = Posterior(model=model, record=record, engine=FINE, noise=default_noise(record))
+    local = posterior.linearise(posterior.space.to_unit(values))
+    scale = posterior.space.unit_scale(values)[0]
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(local.information[0] + 12.0 * np.eye(posterior.n_dim)))) * scale)
+
+
+@pytest.mark.parametrize("name", THREE_STOREYS)
+def test_three_storeys_against_the_truth(name: str) -> None:
+    """The z-scores of ten data seeds pooled; posterior sds against Fisher's where the prior does not bind."""
+    z, ratios = [], []
+    for seed in range(1, N_DATA_SEEDS + 1):
+        facts = by_importance(name, seed).facts
+        means = np.array([[p.mean for p in facts.parameters]])
+        sd = fisher_sd(model_file(name).model, three_storey_record(name, seed, 30.0), means)
+        free = np.array([p.flag == "" for p in facts.parameters])
+        z += [p.z_score for p in facts.parameters if p.flag == "" and p.z_score is not None]
+        ratios.append(np.where(free, np.array([p.sd for p in facts.parameters]) / sd, np.nan))
+    rms = float(np.sqrt(np.mean(np.square(z))))
+    typical = np.nanmedian(ratios, axis=0)
+    print(f"{name}: rms z {rms:.3f} over {len(z)}, largest {np.max(np.abs(z)):.2f}, sd over Fisher's {typical}")
+    assert 0.8 < rms < 1.25
+    assert np.max(np.abs(z)) < 4.0
+    assert np.nanmax(np.abs(typical - 1.0)) < 0.25
+
+
+def importance_benchmark() -> ModuleType:
+    """``benchmarks/importance.py``, which is not on the path."""
+    path = MODELS.parent / "benchmarks" / "importance.py"
+    spec = importlib.util.spec_from_file_location("benchmarks_importance", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", THREE_STOREYS)
+def test_importance_over_random_truths(name: str) -> None:
+    benchmark = importance_benchmark()
+    cases = [benchmark.run_case(model_file(name), 1, number, 30.0) for number in range(N_TRUTHS)]
+    z = np.array([list(case.z.values()) for case in cases])
+    rms = float(np.sqrt(np.mean(z**2)))
+    found = sum(case.found for case in cases)
+    print(f"{name}: found {found} of {N_TRUTHS}, rms z {rms:.3f}, seconds {sorted(c.elapsed_s for c in cases)}")
+    assert found >= 0.95 * N_TRUTHS
+    assert not any(case.silent_miss for case in cases)
+    assert 0.85 < rms < 1.15
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """A joint prior over parameters, noise and data that simulation-based calibration draws from."""
+
+    model: ShearBuilding
+    excitation: Record
+    noise: IntegratedNoise
+
+
+@dataclass(frozen=True, kw_only=True)
+class Replicate:
+    """Normalised ranks of every parameter and of the log likelihood, and whether each 90 % interval holds the truth."""
+
+    ranks: Floats
+    prior_ranks: Floats
+    plain_ranks: Floats | None
+    covered: Floats
+    method: str
+
+
+def short_three_storeys() -> ShearBuilding:
+    """Three storeys with A free: with slip too, six parameters share one scale."""
+    storey = BoucWen(
+        k=PerStorey(Uniform(15, 25)),
+        c=PerStorey(Uniform(0.01, 0.1)),
+        alpha=Uniform(0.001, 0.1),
+        A=Uniform(0.5, 2.0),
+        beta=Uniform(0.1, 8),
+        gamma=Uniform(0.1, 8),
+        n=Uniform(1, 2),
+    )
+    return (
+        ShearBuilding(masses=[1.0, 1.0, 1.0], storey=storey)
+        .with_effect(StrengthDegradation(delta_nu=Uniform(0, 0.1)))
+        .with_effect(StiffnessDegradation(delta_eta=Uniform(0, 0.1)))
+        .with_effect(SlipLock(delta_s=Uniform(0.01, 0.1), sigma=Uniform(0.005, 0.05)))
+    )
+
+
+def one_storey_setting() -> Setting:
+    """Noise of about 0.03 m/s^2, 30 dB below a response of 1 m/s^2; inverse-gamma with a finite variance."""
+    assert isinstance(SDOF.model, ShearBuilding)
+    assert SDOF.excitation is not None
+    return Setting(
+        model=SDOF.model, excitation=SDOF.excitation, noise=IntegratedNoise(shape=3.0, scale=(2.0 * 0.03**2,))
+    )
+
+
+def three_storey_setting() -> Setting:
+    """The first 8 s of El Centro."""
+    scale = (2.0 * 0.03**2,) * 3
+    return Setting(
+        model=short_three_storeys(),
+        excitation=el_centro("chopra", duration=8.0),
+        noise=IntegratedNoise(shape=3.0, scale=scale),
+    )
+
+
+def replicate(setting: Setting, seed: int, *, plain: bool) -> Replicate:
+    """Draw truth, noise scale and data; identify; rank the truth among the draws."""
+    rng = np.random.default_rng([2026, seed])
+    space = setting.model.space
+    point = space.sample_unit(rng, 1)
+    values = space.from_unit(point)[0]
+    truth = dict(zip(space.names, values.tolist(), strict=True))
+    clean = simulate(setting.model, setting.excitation, truth)
+    noise_sd = np.sqrt(setting.noise.scale / rng.gamma(setting.noise.shape, size=len(setting.noise.scale)))
+    noisy = {
+        name: signal + sd * rng.standard_normal(len(signal))
+        for (name, signal), sd in zip(clean.channels.items(), noise_sd, strict=True)
+    }
+    record = clean.with_channels(noisy)
+    settings = Settings(seed=seed, particles=N_EFFECTIVE)
+    result = identify(setting.model, record, settings=settings, noise=setting.noise)
+    posterior = Posterior(model=setting.model, record=record, engine=FINE, noise=setting.noise)
+
+    def ranked(draws: Floats) -> Floats:
+        chosen = draws[np.arange(N_RANKED) * len(draws) // N_RANKED]
+        own = np.append(values, posterior.log_likelihood(point))
+        rows = np.column_stack([chosen, posterior.log_likelihood(space.to_unit(chosen))])
+        return normalised_rank(own, rows, rng)
+
+    cloud = sample(posterior, n_particles=500, rng_seed=seed, variant="plain") if plain else None
+    return Replicate(
+        ranks=ranked(drawn_values(result, setting.model)),
+        prior_ranks=ranked(space.from_unit(space.sample_unit(rng, N_RANKED))),
+        plain_ranks=None if cloud is None else ranked(space.from_unit(cloud.particles)),
+        covered=np.array(
+            [p.hdi90[0] <= truth[p.name] <= p.hdi90[1] for p in result.facts.parameters], dtype=np.float64
+        ),
+        method=result.facts.method,
+    )
+
+
+def drawn_values(result: Result, model: Structure) -> Floats:
+    """Posterior draws ``(n_draws, n_dim)`` in the order of the model's parameters."""
+    columns = []
+    for parameter in model.space.parameters:
+        draws = result.tree["posterior"][parameter.symbol]
+        columns.append((draws.sel(storey=parameter.storeys[0]) if "storey" in draws.dims else draws).values.ravel())
+    return np.column_stack(columns)
+
+
+def require_calibration(setting: Setting, name: str) -> None:
+    """Ranks inside simultaneous bands, intervals that cover; the prior fails; the published TMCMC is shown."""
+    replicates = [replicate(setting, seed, plain=seed < N_PLAIN) for seed in range(N_REPLICATES)]
+    verdict = calibration_verdict(np.array([r.ranks for r in replicates]))
+    of_prior = calibration_verdict(np.array([r.prior_ranks for r in replicates]))
+    of_plain = calibration_verdict(np.array([r.plain_ranks for r in replicates if r.plain_ranks is not None]))
+    coverage = np.mean([r.covered for r in replicates], axis=0)
+    fell_back = sum(r.method != "importance" for r in replicates)
+    print(f"{name}: {verdict}, coverage {coverage}, fell back to TMCMC {fell_back} of {N_REPLICATES}")
+    print(f"{name}, plain TMCMC: {of_plain}")
+    assert verdict.passed, verdict
+    assert not of_prior.passed
+    assert of_prior.smallest_p[-1] < of_prior.limit
+    assert 0.85 < np.mean(coverage) < 0.95
+    assert np.all(np.abs(coverage - 0.9) < 4.0 * np.sqrt(0.09 / N_REPLICATES))
+
+
+def test_one_storey_is_calibrated() -> None:
+    require_calibration(one_storey_setting(), "sdof")
+
+
+def test_three_storeys_with_a_free_are_calibrated() -> None:
+    require_calibration(three_storey_setting(), "three storeys, A free")
+
+
+def by_tmcmc(snr_db: float, seed: int) -> Result:
+    name = "three_storey_el_centro"
+    settings = Settings(method="tmcmc", particles=N_PARTICLES, seed=seed)
+    return identify(model_file(name).model, three_storey_record(name, 1, snr_db), settings=settings)
+
+
+@pytest.mark.parametrize(("snr_db", "least_correlation"), [(30.0, 0.9999), (10.0, 0.999)])
+def test_tmcmc_on_el_centro(snr_db: float, least_correlation: float) -> None:
+    """Agrees with importance sampling; forces against the noise-free truth; another seed agrees."""
+    facts, other = by_tmcmc(snr_db, 1).facts, by_tmcmc(snr_db, 2).facts
+    record = three_storey_record("three_storey_el_centro", 1, snr_db)
+    importance = identify(model_file("three_storey_el_centro").model, record).facts
+    print(facts.evidences, importance.evidences, facts.restoring_force, facts.elapsed_s, facts.effective_sample_size)
+    assert abs(facts.log_evidence - importance.log_evidence) < 1.0
+    assert "tmcmc (prior)" in facts.evidences
+    assert facts.effective_sample_size >= 1000
+    assert all(abs(p.z_score or 0.0) < 4.0 for p in facts.parameters if p.flag == "")
+    for force in facts.restoring_force.values():
+        assert force["correlation_drift"] >= least_correlation
+        assert force["nrmse"] <= 0.01 or snr_db < 30.0
+    for one in (other, importance):
+        size = 1.0 / (1.0 / facts.effective_sample_size + 1.0 / one.effective_sample_size)
+        for mine, theirs in zip(facts.parameters, one.parameters, strict=True):
+            assert abs(mine.mean - theirs.mean) < 4.0 * theirs.sd / np.sqrt(size), (mine, theirs)
+            assert abs(mine.sd / theirs.sd - 1.0) < 4.0 / np.sqrt(2.0 * size) + 0.02, (mine, theirs)

@@ -1,10 +1,10 @@
-"""Importance sampling over many truths: is the mode found, is the posterior calibrated, what does it cost?
+"""Identify many truths by importance sampling: modes found, calibration, cost.
 
 ``python -m benchmarks.importance --model models/three_storey_el_centro.py --cases 20 --seed 1 --json FILE``
 
-Each case draws a truth from the middle of the prior (the central 60 % of every parameter), records it with the reference
-engine and identifies it blind. A case counts as found when the mode is at least as likely as the truth; a miss is silent
-when every residual check passed all the same.
+Each case draws a truth from the middle of the prior (the central 60 % of every parameter), records it with the
+reference engine and identifies it blind. A case counts as found when the posterior mean is about as likely as the
+truth; a miss is silent when every residual check passed all the same.
 """
 
 from __future__ import annotations

@@ -61,6 +61,6 @@ def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
             value=white[reddest],
             limit=LEAST_PROBABILITY,
             passed=white[reddest] > LEAST_PROBABILITY,
-            sentence=f"The residual of {reddest} is as coloured as white noise is with probability {white[reddest]:.2g}.",
+            sentence=f"White noise is as coloured as the residual of {reddest} with probability {white[reddest]:.2g}.",
         ),
     )

@@ -8,6 +8,7 @@ from inference_cases import posterior_of, recorded, sdof_model, true_point
 from scipy import integrate, stats
 
 from bwbn_bayes import BoucWen, HalfNormal, IntegratedNoise, KnownNoise, LogNormal, Record, SampledNoise, UserError
+from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise, known_noise
 from bwbn_bayes.parameters import Floats, Uniform
 
@@ -146,7 +147,9 @@ def curved_posterior(noise: Noise) -> Posterior:
         gamma=Uniform(-20, 60),
         n=Uniform(1, 3),
     )
-    return posterior_of(replace(model, storey=storey), recorded(1), noise)
+    posterior = posterior_of(replace(model, storey=storey), recorded(1), noise)
+    # Coarse steps end where the state says, which the tangents do not follow: their error falls with the step.
+    return posterior.with_engine(Lanes(substeps=32, resolution=0.03))
 
 
 @pytest.mark.parametrize(
@@ -165,8 +168,8 @@ def test_slopes_against_finite_differences(noise: Noise) -> None:
     point = np.concatenate([true_point(sdof_model(), posterior.record), [0.6] * (posterior.n_dim - d)])
     point = 0.9 * point + 0.05
     local = posterior.linearise(point[None])
-    assert local.log_likelihood[0] == pytest.approx(posterior.log_likelihood(point[None])[0], rel=1e-10)
-    step = 1e-5
+    assert local.log_likelihood[0] == pytest.approx(posterior.log_likelihood(point[None])[0], rel=1e-8)
+    step = 1e-4
     both = np.concatenate([point + step * np.eye(posterior.n_dim), point - step * np.eye(posterior.n_dim)])
     ahead, behind = np.split(posterior.log_likelihood(both), 2)
     slope = (ahead - behind) / (2.0 * step)
@@ -175,7 +178,9 @@ def test_slopes_against_finite_differences(noise: Noise) -> None:
     response = posterior.engine.simulate(posterior.model, values, posterior.record).values[:, 0]
     jacobian = ((response[: posterior.n_dim] - response[posterior.n_dim :]) / (2.0 * step))[:d]
     weight = posterior.noise.precision(posterior.misfit(point[None]), posterior.record.n_times, noise_values[:1])[0, 0]
-    np.testing.assert_allclose(local.information[0, :d, :d], weight * jacobian @ jacobian.T, rtol=5e-3)
+    expected = weight * jacobian @ jacobian.T
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(local.information[0, :d, :d] / scale, expected / scale, atol=5e-3)
 
 
 def test_information_on_a_sampled_noise_scale_is_fishers() -> None:

@@ -97,7 +97,7 @@ def test_autocorrelation_time_of_an_autoregression() -> None:
     assert integrated_autocorrelation_time(traces) == pytest.approx(1.7 / 0.3, rel=0.1)
 
 
-class Killed(Exception):
+class KilledError(Exception):
     """Stands for a killed process."""
 
 
@@ -108,7 +108,7 @@ def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, variant) -> None:  # t
             raise Killed
 
     whole = sample(ORACLE, n_particles=500, rng_seed=5, variant=variant)
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         sample(ORACLE, n_particles=500, rng_seed=5, variant=variant, checkpoint=tmp_path / "run", progress=stop)
     resumed_stages: list[int] = []
     resumed = sample(

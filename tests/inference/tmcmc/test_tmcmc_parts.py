@@ -105,7 +105,7 @@ class KilledError(Exception):
 def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, variant) -> None:  # type: ignore[no-untyped-def]
     def stop(facts: StageFacts) -> None:
         if facts.stage == 3:
-            raise Killed
+            raise KilledError
 
     whole = sample(ORACLE, n_particles=500, rng_seed=5, variant=variant)
     with pytest.raises(KilledError):

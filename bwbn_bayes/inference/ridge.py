@@ -202,7 +202,7 @@ def _walk_nodes(posterior: Posterior, mode: Mode, coordinate: int) -> _Walk:
         return walk
     if part.stop - part.start < 4:
         spread = 2.0 * (nodes[1] - nodes[0])
-        nodes = np.clip(np.linspace(centre - spread, centre + spread, N_NODES), low, high)
+        nodes = np.linspace(max(centre - spread, low), min(centre + spread, high), N_NODES)
         walk = _refit(posterior, coordinate, nodes, _starts(posterior, mode, coordinate, nodes), centre)
         part = walk.alive(centre)
     inner, outer = _ends(posterior, coordinate, walk, part)

@@ -13,7 +13,7 @@ import arviz_stats.base as arviz_base
 import numpy as np
 import xarray as xr
 
-from bwbn_bayes.engines.base import OBSERVED_KINDS, Engine, masses
+from bwbn_bayes.engines.base import OBSERVED_KINDS, Engine, channel_map, masses
 from bwbn_bayes.inference.accuracy import Discretisation
 from bwbn_bayes.inference.identifiability import describe, flag
 from bwbn_bayes.inference.importance import WeightedDraws
@@ -112,11 +112,11 @@ def build_result(
     chosen = np.linspace(0, len(draws.points) - 1, min(N_RESPONSES, len(draws.points))).astype(np.int64)
     values, noise_values = posterior.split(draws.points[chosen])
     rows = observe(posterior.engine, model, values, record)
-    signals = _channels(posterior, values)
+    signals = _channels(model, record, rows)
     misfit = np.sum(np.square(np.stack(list(record.channels.values())) - signals), axis=2)
     noise_sd = posterior.noise.draw_sd(rng, misfit, record.n_times, noise_values)
     truth = _truth(model, record)
-    tree = _tree(posterior, draws, rows, signals, noise_sd, truth, rng)
+    tree = _tree(posterior, draws, values, rows, signals, noise_sd, truth, rng)
     log_evidence, log_evidence_se = evidences["tmcmc (bridge)" if method == "tmcmc" else method]
     facts = Facts(
         method=method,
@@ -156,8 +156,11 @@ def observe(engine: Engine, model: Structure, values: Floats, record: Record) ->
     return {kind: shaped[:, i] for i, kind in enumerate(OBSERVED_KINDS)}
 
 
-def _channels(posterior: Posterior, values: Floats) -> Floats:
-    return posterior.engine.simulate(posterior.model, values, posterior.record).values
+def _channels(model: Structure, record: Record, rows: Mapping[str, Floats]) -> Floats:
+    """Measured channels ``(n_draws, n_channels, n_times)`` from histories already solved."""
+    return channel_map(model, tuple(record.channels)).apply(
+        np.concatenate([rows[kind] for kind in OBSERVED_KINDS], axis=1), record.excitation
+    )
 
 
 def _truth(model: Structure, record: Record) -> dict[str, Floats] | None:
@@ -197,6 +200,7 @@ def _parameter_facts(posterior: Posterior, draws: Draws) -> tuple[ParameterFacts
 def _tree(
     posterior: Posterior,
     draws: Draws,
+    values: Floats,
     rows: Mapping[str, Floats],
     signals: Floats,
     noise_sd: Floats,
@@ -208,7 +212,7 @@ def _tree(
     prior = space.from_unit(posterior.sample_prior(rng, 2000))
     noisy = signals + noise_sd[:, :, None] * rng.standard_normal(signals.shape)
     storeys = list(range(1, model.n_storeys + 1))
-    local = model.table.local(posterior.split(draws.points[_kept(draws, len(signals))])[0])
+    local = model.table.local(values)
     by_storey = xr.Dataset(
         {p.symbol: (("draw", "storey"), local[:, :, i]) for i, p in enumerate(model.law.parameters)},
         coords={"storey": storeys},
@@ -237,10 +241,6 @@ def _tree(
     if truth is not None:
         groups["true_response"] = _response_dataset(truth, times, storeys).isel(draw=0)
     return xr.DataTree.from_dict(groups)
-
-
-def _kept(draws: Draws, n: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    return np.linspace(0, len(draws.points) - 1, n).astype(np.int64)
 
 
 def _response_dataset(rows: Mapping[str, Floats], times: Floats, storeys: list[int]) -> xr.Dataset:

@@ -1,50 +1,90 @@
 """bwbn_bayes: Bayesian identification of degrading, pinching Bouc-Wen-Baber-Noori structures from measured records."""
 
+from bwbn_bayes.baselines.genetic import GeneticSettings
+from bwbn_bayes.baselines.methods import identify
+from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.discovery.workflow import DiscoverySettings, discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import register
 from bwbn_bayes.elements.effects import (
+    Appendage,
+    Asymmetry,
+    Backlash,
+    BaseFlexibility,
+    CoulombFriction,
+    CubicStiffness,
     FolientePinching,
+    GapImpact,
+    InputScale,
+    MassDamping,
+    MassError,
+    MaxwellBranch,
+    QuadraticDamping,
+    SensorBias,
+    SensorGain,
+    SensorLag,
     SlipLock,
     StiffnessDegradation,
+    StoreyParameter,
     StrengthDegradation,
     SuddenDamage,
 )
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.identify import Settings, identify
+from bwbn_bayes.inference.identify import Settings
 from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, SampledNoise
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, PerStorey, Uniform
 from bwbn_bayes.records.excitation import el_centro, filtered_noise, sine
 from bwbn_bayes.records.noise import add_noise
 from bwbn_bayes.records.readers import read_record
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.report import write_report
+from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.results import Result
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 
 __all__ = [
+    "Appendage",
+    "Asymmetry",
+    "Backlash",
+    "BaseFlexibility",
     "BoucWen",
+    "CoulombFriction",
+    "CubicStiffness",
+    "Discovery",
+    "DiscoverySettings",
     "FolientePinching",
+    "GapImpact",
+    "GeneticSettings",
     "HalfNormal",
+    "InputScale",
     "IntegratedNoise",
     "KnownNoise",
     "LogNormal",
+    "MassDamping",
+    "MassError",
+    "MaxwellBranch",
     "Normal",
     "PerStorey",
+    "QuadraticDamping",
     "Record",
     "Result",
     "SampledNoise",
+    "SensorBias",
+    "SensorGain",
+    "SensorLag",
     "Settings",
     "ShearBuilding",
     "SlipLock",
     "Specimen",
     "StiffnessDegradation",
+    "StoreyParameter",
     "StrengthDegradation",
     "SuddenDamage",
     "Uniform",
     "UserError",
     "add_noise",
+    "discover",
     "el_centro",
     "filtered_noise",
     "identify",
@@ -52,5 +92,6 @@ __all__ = [
     "register",
     "simulate",
     "sine",
+    "write_discovery",
     "write_report",
 ]

@@ -19,6 +19,10 @@ Groups of the tree (dimensions in brackets; ``floor`` and ``storey`` count from 
     ``k, c, alpha, ... (draw, storey)`` every parameter of the storey law for the same subset
 ``true_response``
     the same variables as ``response`` without ``draw``, where the truth is known
+
+Methods without a posterior leave out ``posterior``, ``prior``, ``sample_stats`` and ``posterior_predictive``, and give
+``prediction`` (one variable per channel ``(time)``); the genetic algorithm also ``estimate`` (as ``posterior``, one
+draw) and ``history`` (``best, median, spread (generation)``).
 """
 
 from __future__ import annotations
@@ -48,12 +52,12 @@ class ParameterFacts:
     hdi90: tuple[float, float]
     true: float | None = None
     flag: str = ""
-    """Empty, ``"prior-bound"`` or ``"unidentified"``."""
+    """Empty, ``"prior-bound"``, ``"unidentified"``, or for a point estimate ``"at a bound"``."""
 
     @property
     def z_score(self) -> float | None:
         """Distance of the posterior mean from the true value in posterior sds, where the truth is known."""
-        if self.true is None or self.sd == 0.0:
+        if self.true is None or not self.sd > 0.0:
             return None
         return (self.mean - self.true) / self.sd
 
@@ -96,7 +100,7 @@ class Facts:
     """Everything about a run that is not an array."""
 
     method: str
-    """The method that produced the posterior: ``importance`` or ``tmcmc`` (or another sampler's name)."""
+    """What produced the result: a sampler, ``ga`` (one point, sd and interval NaN) or ``ipv`` (forces only)."""
     model: str
     record: str
     engine: str
@@ -162,7 +166,7 @@ class Facts:
             "n_stages": self.n_stages,
             "elapsed_s": self.elapsed_s,
         }
-        return {key: _finite(value) for key, value in facts.items()}
+        return {key: finite(value) for key, value in facts.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,9 +207,10 @@ class Result:
         return replace(self, facts=facts)
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """The same nest of mappings and lists with None for numbers that JSON cannot hold."""
     if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -109,7 +109,7 @@ def _facts(effect_class: type[Effect]) -> EffectFacts:
         source=effect_class.source,
         forms=forms,
         parameters=tuple(parameter for form in forms for parameter in form.parameters),
-        equations=slot_equations(forms[0].fill(Slots())),
+        equations=slot_equations(forms[0].fill(Slots()), forms[0].parameters),
         leaves_in_the_residual=effect_class.residual,
         hard_to_tell_from=effect_class.confusable,
     )

@@ -6,17 +6,34 @@ One traversal of the SymPy expressions serves both. Factors and terms stand in t
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import sympy as sp
+from sympy.core.function import AppliedUndef
 from sympy.printing.pretty.pretty_symbology import greek_unicode
 
-from bwbn_bayes.elements.law import Definition, Slots, StoreyLaw, rate_of
+from bwbn_bayes.elements.law import (
+    Definition,
+    SensorLaw,
+    Slots,
+    StoreyLaw,
+    rate_of,
+    sensor_law,
+    surroundings,
+)
 from bwbn_bayes.elements.notation import MathmlNotation, Notation, UnicodeNotation
+from bwbn_bayes.parameters import Parameter
 
-READING_ORDER = ("kappa", "nu", "h", "s", "a", "f", "epsilon", "u", "z", "v")
+READING_ORDER = (
+    "kappa", "nu", "h", "s", "a", "f", "epsilon", "u", "d", "z", "chi", "v",
+    "m_i", "M_i", "w_i", "x_b", "v_b", "y_t", "v_t", "a_i", "a_rec", "a_g", "F_1",
+)  # fmt: skip
 """Steps and states as they follow each other in a product; parameters come before them."""
+
+Raised = Literal["in time", "at a storey"]
+"""How an increment sets a parameter apart."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,11 +46,11 @@ class WrittenEquation:
 
 
 class _Writer:
-    """Writes SymPy expressions in one notation; ``changing`` parameters are shown as functions of time."""
+    """Writes SymPy expressions in one notation; ``raised`` parameters change in time or differ at a storey."""
 
-    def __init__(self, notation: Notation, changing: frozenset[sp.Symbol] = frozenset()) -> None:
+    def __init__(self, notation: Notation, raised: Mapping[sp.Symbol, Raised] | None = None) -> None:
         self.notation = notation
-        self.changing = changing
+        self.raised = raised or {}
 
     def write(self, expression: sp.Expr) -> str:
         """The expression in the notation."""
@@ -52,9 +69,13 @@ class _Writer:
         return self._call(expression)
 
     def symbol(self, symbol: sp.Symbol) -> str:
-        """A symbol; Greek letters, subscripts, ``Δ`` for a jump and ``t`` for its time."""
-        written = self.name(symbol.name)
-        return self.notation.row((written, self.of_time())) if symbol in self.changing else written
+        """A symbol; Greek letters, subscripts, ``Δ`` for a jump, ``t`` for its time and ``T`` for its duration."""
+        return self.raised_name(symbol.name, self.raised.get(symbol))
+
+    def raised_name(self, name: str, raised: Raised | None) -> str:
+        """A symbol by name, ``k(t)`` where it changes in time, ``α_i`` where it differs at storey i."""
+        written = self.name(f"{name}_i" if raised == "at a storey" else name)
+        return self.notation.row((written, self.of_time())) if raised == "in time" else written
 
     def of_time(self) -> str:
         """``(t)``."""
@@ -66,6 +87,8 @@ class _Writer:
             return self.notation.row((self.notation.identifier("Δ", ""), self.name(name.removesuffix("_jump"))))
         if name.endswith("_time"):
             return self.notation.identifier("t", "_".join(_letters(name.removesuffix("_time"))))
+        if name.endswith("_duration"):
+            return self.notation.identifier("T", "_".join(_letters(name.removesuffix("_duration"))))
         letter, *below = _letters(name)
         return self.notation.identifier(letter, " ".join(below))
 
@@ -118,10 +141,13 @@ class _Writer:
     def _call(self, expression: sp.Expr) -> str:
         if isinstance(expression, sp.Abs):
             return self.notation.fence("|", self.write(expression.args[0]), "|")
+        if isinstance(expression, AppliedUndef):
+            inner = self.notation.row(self._separated([self.write(argument) for argument in expression.args]))
+            return self.notation.row((self.name(expression.func.__name__), self.notation.fence("(", inner, ")")))
         name = {"sign": "sgn", "Heaviside": "H", "Max": "max", "Min": "min"}.get(
             expression.func.__name__, expression.func.__name__
         )
-        arguments = expression.args[:1] if name == "H" else expression.args
+        arguments = expression.args[:1] if name == "H" else sorted(expression.args, key=lambda a: a.is_number)
         inner = self.notation.row(self._separated([self.write(argument) for argument in arguments]))
         return self.notation.function(name, inner, bare=name == "sgn" and not arguments[0].args)
 
@@ -189,18 +215,20 @@ def law_equations(law: StoreyLaw) -> tuple[WrittenEquation, ...]:
         Parameters that jump, steps, rates, force, in the order in which they are evaluated.
     """
     moments = {event.indicator: event.time for event in law.events}
-    changing = frozenset(base for base, _ in law.increments)
-    jumps = tuple(_jump(base, increment, moments) for base, increment in law.increments)
-    return jumps + tuple(_written(definition, changing) for definition in law.definitions)
+    raised = {base: _raised(increment, law.parameters) for base, increment in law.increments}
+    changes = tuple(_change(base, increment, moments, raised[base]) for base, increment in law.increments)
+    return changes + tuple(_written(definition, moments, raised) for definition in law.definitions)
 
 
-def slot_equations(slots: Slots) -> tuple[WrittenEquation, ...]:
+def slot_equations(slots: Slots, parameters: tuple[Parameter, ...]) -> tuple[WrittenEquation, ...]:
     """What an effect fills into neutral slots: its own steps, then each slot it changes.
 
     Parameters
     ----------
     slots : Slots
         ``effect.fill(Slots())``.
+    parameters : tuple of Parameter
+        Those of the effect.
 
     Returns
     -------
@@ -209,13 +237,23 @@ def slot_equations(slots: Slots) -> tuple[WrittenEquation, ...]:
     """
     neutral = Slots()
     moments = {event.indicator: event.time for event in slots.events}
-    result = [_jump(base, increment, moments) for base, increment in slots.increments.items()]
-    result += [_written(definition) for definition in slots.steps]
+    result = [
+        _change(base, increment, moments, _raised(increment, parameters))
+        for base, increment in slots.increments.items()
+    ]
+    result += [_written(definition, moments) for definition in slots.steps]
     for name, caption, subject in _SLOTS:
         value = getattr(slots, name)
         if value != getattr(neutral, name):
             result.append(_equation(caption, lambda writer, s=subject: writer.name(s), value))  # type: ignore[misc]
-    return (*result, *(_written(_rate(added.state, added.rate)) for added in slots.added_states))
+    added = tuple(_rate(added.state, added.rate) for added in slots.added_states)
+    around = (*surroundings(slots), *sensor_law(slots, parameters).definitions)
+    return (*result, *(_written(definition, moments) for definition in (*added, *around)))
+
+
+def sensor_equations(law: SensorLaw) -> tuple[WrittenEquation, ...]:
+    """What the accelerometers show, where it is not the acceleration itself."""
+    return tuple(_written(definition, {}) for definition in law.definitions)
 
 
 _SLOTS = (
@@ -225,6 +263,8 @@ _SLOTS = (
     ("shape_bracket", "added to the shape bracket", "b"),
     ("rate_multiplier", "multiplies the rate of the hysteretic displacement", "h"),
     ("slip_compliance", "slip per unit of hysteretic displacement", "du_2/dz"),
+    ("drift_taken_up", "drift taken up before the springs", "u_p"),
+    ("drift_rate_share", "share of the drift rate that reaches the springs", "chi"),
     ("added_force", "added to the storey force", "F_added"),
 )
 
@@ -233,20 +273,41 @@ def _rate(state: sp.Symbol, rate: sp.Expr) -> Definition:
     return Definition(caption=f"rate of {state}", subject=rate_of(state), expression=rate)
 
 
-def _jump(base: sp.Symbol, increment: sp.Expr, moments: dict[sp.Symbol, sp.Symbol]) -> WrittenEquation:
-    """A parameter that steps; H is the unit step."""
-    t = sp.Symbol("t")
-    steps = {indicator: sp.Heaviside(t - moment) for indicator, moment in moments.items()}
-
-    def subject(writer: _Writer) -> str:
-        return writer.notation.row((writer.name(base.name), writer.of_time()))
-
-    return _equation("sudden change, H the unit step", subject, base + increment.xreplace(steps))
+def _raised(increment: sp.Expr, parameters: tuple[Parameter, ...]) -> Raised:
+    """Whether an increment holds more than parameters, and so changes in time."""
+    known = {parameter.symbol for parameter in parameters}
+    return "at a storey" if {s.name for s in increment.free_symbols} <= known else "in time"
 
 
-def _written(definition: Definition, changing: frozenset[sp.Symbol] = frozenset()) -> WrittenEquation:
+def _change(
+    base: sp.Symbol, increment: sp.Expr, moments: Mapping[sp.Symbol, sp.Symbol], raised: Raised
+) -> WrittenEquation:
+    """A parameter that changes or differs; H is the unit step."""
+    after = increment.xreplace(_unit_steps(moments))
+    steps = after.has(sp.Heaviside)
+    caption = "differs at this storey" if raised == "at a storey" else "sudden change, H the unit step"
     return _equation(
-        definition.caption, lambda writer: _subject(writer, definition.subject.name), definition.expression, changing
+        caption if steps or raised == "at a storey" else "gradual change",
+        lambda writer: writer.raised_name(base.name, raised),
+        base + after,
+    )
+
+
+def _unit_steps(moments: Mapping[sp.Symbol, sp.Symbol]) -> dict[sp.Symbol, sp.Expr]:
+    t = sp.Symbol("t")
+    return {indicator: sp.Heaviside(t - moment) for indicator, moment in moments.items()}
+
+
+def _written(
+    definition: Definition,
+    moments: Mapping[sp.Symbol, sp.Symbol],
+    raised: Mapping[sp.Symbol, Raised] | None = None,
+) -> WrittenEquation:
+    return _equation(
+        definition.caption,
+        lambda writer: _subject(writer, definition.subject.name),
+        definition.expression.xreplace(_unit_steps(moments)),
+        raised,
     )
 
 
@@ -262,10 +323,10 @@ def _subject(writer: _Writer, name: str) -> str:
 
 
 def _equation(
-    caption: str, subject: Callable[[_Writer], str], value: sp.Expr, changing: frozenset[sp.Symbol] = frozenset()
+    caption: str, subject: Callable[[_Writer], str], value: sp.Expr, raised: Mapping[sp.Symbol, Raised] | None = None
 ) -> WrittenEquation:
     sides = []
     for notation in (UnicodeNotation(), MathmlNotation()):
-        writer = _Writer(notation, changing)
+        writer = _Writer(notation, raised)
         sides.append(notation.row((subject(writer), notation.operator("="), writer.write(value))))
     return WrittenEquation(caption=caption, text=sides[0], mathml=sides[1])

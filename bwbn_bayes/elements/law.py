@@ -16,16 +16,28 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar, Protocol, Self
 
 import sympy as sp
 
+from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Parameter, Value
 
 DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, ENERGY = sp.symbols("u v z epsilon", real=True)
+
+FLOOR_VELOCITY, FLOOR_ACCELERATION = sp.symbols("w_i a_i", real=True)
+"""Of the floor above the storey: velocity relative to the ground [m/s], total acceleration [m/s^2]."""
+MASS = sp.Symbol("m_i", positive=True)
+"""Mass of the floor, its error included. [kg]"""
+FORCE_BELOW, FORCE_ABOVE, FIRST_FORCE = sp.symbols("F_i F_above F_1", real=True)
+"""Forces of the storeys below and above a floor, and of the first storey, which stands on the base. [N]"""
+GROUND_ACCELERATION, RECORDED_ACCELERATION = sp.symbols("a_g a_rec", real=True)
+"""Of the ground, and as the record has it: the same unless an effect says otherwise. [m/s^2]"""
+FLOOR_INPUTS = (FORCE_ABOVE, FORCE_BELOW)
+"""What the law of a floor takes from the storeys around it."""
 
 
 def symbol(name: str) -> sp.Symbol:
@@ -35,6 +47,10 @@ def symbol(name: str) -> sp.Symbol:
 
 FORCE = sp.Symbol("F", finite=True)
 """Subject of the storey force in a law's definitions."""
+
+
+FLOOR_MASS, FLOOR_FORCE, READING = (sp.Symbol(name, finite=True) for name in ("M_i", "G_i", "y_i"))
+"""Subjects of a floor's mass, of the further force on it and of its accelerometer's reading, in definitions."""
 
 
 def rate_of(state: sp.Symbol) -> sp.Symbol:
@@ -96,16 +112,37 @@ class Slots:
     """Multiplies the Bouc-Wen rate before the slip."""
     slip_compliance: sp.Expr = sp.S.Zero
     """Slip per unit of hysteretic displacement, ``s a(z)``."""
+    drift_taken_up: sp.Expr = sp.S.Zero
+    """Drift lost in series with the springs, which see ``u`` less this. [m]"""
+    drift_rate_share: sp.Expr = sp.S.One
+    """Share of the drift rate that reaches the springs: one less the rate of ``drift_taken_up`` over ``v``."""
     added_force: sp.Expr = sp.S.Zero
     added_states: tuple[AddedState, ...] = ()
     increments: Mapping[sp.Symbol, sp.Expr] = field(default_factory=dict)
-    """Added to a parameter wherever it stands in the law."""
+    """Added to a parameter wherever it stands in the law, joint admissibility conditions included."""
     events: tuple[Event, ...] = ()
     sharp_features: tuple[SharpFeature, ...] = ()
     constraints: tuple[sp.Basic, ...] = ()
     """Joint admissibility conditions on parameters, each monotone in every parameter."""
     steps: tuple[Definition, ...] = ()
     """Named steps that the other slots refer to by symbol (:func:`step`)."""
+    mass_factor: sp.Expr = sp.S.One
+    """Multiplies the mass of the floor."""
+    floor_force: sp.Expr = sp.S.Zero
+    """Added to the forces on the floor, of :data:`MASS`, :data:`FLOOR_VELOCITY`, floor states; linear in the mass."""
+    floor_states: tuple[AddedState, ...] = ()
+    """States of the floor; their rates may use :data:`FLOOR_ACCELERATION` and :data:`GROUND_ACCELERATION` too."""
+    ground_factor: sp.Expr = sp.S.One
+    """Multiplies the recorded ground acceleration."""
+    base_states: tuple[AddedState, ...] = ()
+    """States of what the building stands on, its displacement relative to the ground first; their rates are of these
+    states, :data:`FIRST_FORCE` and :data:`GROUND_ACCELERATION`."""
+    base_acceleration: sp.Expr = sp.S.Zero
+    """Acceleration of the base relative to the ground."""
+    sensor_gain: sp.Expr = sp.S.One
+    sensor_bias: sp.Expr = sp.S.Zero
+    sensor_lag: sp.Expr = sp.S.Zero
+    """A floor's accelerometer shows ``gain a(t - lag) + bias``."""
 
 
 class Effect(Protocol):
@@ -148,9 +185,60 @@ class Effect(Protocol):
             raise NotImplementedError(f"{cls.__name__} computes its parameters: it must list its neutral forms itself")
         return (cls(**{parameter.symbol: parameter.neutral for parameter in declared}),)
 
+    @property
+    def form(self) -> str:
+        """Which form of the effect this is, in a few words; empty where there is only one."""
+        return ""
+
+    @classmethod
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        """The effect with the priors that discovery gives it, once for each form worth trying.
+
+        An amplitude has a prior of one sign or both (half-normal, normal) that is centred on its neutral value and as
+        wide as the sizes to expect, so that it can be made wider and narrower; what vanishes at neutral (a width, a
+        time, a gap) has a bounded prior.
+        """
+        raise NotImplementedError(f"{cls.__name__} does not say what sizes to expect: it takes no part in discovery")
+
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        """Values of each identified parameter from which fits start; discovery tries every combination."""
+        raise NotImplementedError(f"{type(self).__name__} does not say where to start: it takes no part in discovery")
+
     def fill(self, slots: Slots) -> Slots:
         """The slots with this effect added to them."""
         ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseLaw:
+    """What the first storey stands on, as expressions of base states, parameters and :data:`FIRST_FORCE`.
+
+    ``acceleration`` is its total acceleration; it and the ``rates`` of the ``states`` also use
+    :data:`RECORDED_ACCELERATION`. The first state is the displacement relative to the ground.
+    """
+
+    states: tuple[sp.Symbol, ...]
+    rates: tuple[sp.Expr, ...]
+    acceleration: sp.Expr
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorLaw:
+    """What a floor's accelerometer shows: ``gain a(t - lag) + bias``, expressions of the parameters."""
+
+    parameters: tuple[Parameter, ...]
+    gain: sp.Expr
+    bias: sp.Expr
+    lag: sp.Expr
+
+    @property
+    def definitions(self) -> tuple[Definition, ...]:
+        """The reading of the accelerometer, for printing; nothing where it shows the acceleration itself."""
+        late = sp.Function(FLOOR_ACCELERATION.name)(sp.Symbol("t") - self.lag)
+        reading = self.gain * (late if self.lag != 0 else FLOOR_ACCELERATION) + self.bias
+        if reading == FLOOR_ACCELERATION:
+            return ()
+        return (Definition(caption="shown by the accelerometer of a floor", subject=READING, expression=reading),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,6 +248,10 @@ class StoreyLaw:
     ``rates`` belong to ``states`` in order: hysteretic displacement, energy, then added states. ``force`` holds the
     damping force too. ``definitions`` are the same law in named steps, for printing; the subjects :data:`FORCE` and
     :func:`rate_of` a state stand for the outputs. ``increments`` says which parameters change, and by how much.
+
+    The last ``n_floor_states`` states belong to the floor above the storey. Their rates, and the floor's total
+    ``acceleration`` where it is not ``(F_above - F_i) / m_i``, may also use :data:`FLOOR_INPUTS`, :data:`MASS` and
+    :data:`RECORDED_ACCELERATION`. ``base`` is left out where the first storey stands on the recorded ground.
     """
 
     parameters: tuple[Parameter, ...]
@@ -171,6 +263,19 @@ class StoreyLaw:
     constraints: tuple[sp.Basic, ...]
     definitions: tuple[Definition, ...]
     increments: tuple[tuple[sp.Symbol, sp.Expr], ...]
+    n_floor_states: int = 0
+    acceleration: sp.Expr | None = None
+    base: BaseLaw | None = None
+
+    @property
+    def n_storey_states(self) -> int:
+        """States of the storey itself."""
+        return len(self.states) - self.n_floor_states
+
+    @property
+    def base_states(self) -> tuple[sp.Symbol, ...]:
+        """States of the base, none where it is rigid."""
+        return self.base.states if self.base is not None else ()
 
     @cached_property
     def symbols(self) -> tuple[sp.Symbol, ...]:
@@ -204,23 +309,103 @@ def combine(
     for effect in effects:
         slots = effect.fill(slots)
         parameters = parameters + effect.parameters
-    definitions = _definitions(slots)
+    slots = _with_floor_velocity(slots)
+    definitions = (*_definitions(slots), *surroundings(slots))
     outputs = expanded(definitions)
     f, eta, slip = outputs[step("f")], slots.eta.xreplace(outputs), slots.slip_compliance.xreplace(outputs)
     # The same rate as f v / (1 + slip f), with one division.
-    outputs[rate_of(HYSTERETIC_DISPLACEMENT)] = f * eta * DRIFT_RATE / (eta + slip * f * eta)
+    rate = DRIFT_RATE * slots.drift_rate_share.xreplace(outputs)
+    outputs[rate_of(HYSTERETIC_DISPLACEMENT)] = f * eta * rate / (eta + slip * f * eta)
     raised = {old: old + increment for old, increment in slots.increments.items()}
-    states = (HYSTERETIC_DISPLACEMENT, ENERGY, *(added.state for added in slots.added_states))
+    before_events = dict.fromkeys((*(e.indicator for e in slots.events), *(a.state for a in slots.added_states)), 0)
+    offsets = {old: old + increment.subs(before_events) for old, increment in slots.increments.items()}
+    own = (HYSTERETIC_DISPLACEMENT, ENERGY, *(added.state for added in slots.added_states))
+    outputs.setdefault(GROUND_ACCELERATION, RECORDED_ACCELERATION)
+    acceleration = _floor_acceleration(slots, outputs)
     return StoreyLaw(
         parameters=parameters,
-        states=states,
+        states=(*own, *(added.state for added in slots.floor_states)),
         force=outputs[FORCE].subs(raised),
-        rates=tuple(outputs[rate_of(state)].subs(raised) for state in states),
+        rates=(*(outputs[rate_of(state)].subs(raised) for state in own), *_floor_rates(slots, acceleration, outputs)),
         events=slots.events,
         sharp_features=slots.sharp_features,
-        constraints=constraints + slots.constraints,
+        constraints=tuple(constraint.subs(offsets) for constraint in constraints + slots.constraints),
         definitions=definitions,
         increments=tuple(slots.increments.items()),
+        n_floor_states=len(slots.floor_states),
+        acceleration=acceleration,
+        base=_base_law(slots, outputs),
+    )
+
+
+def combine_sensors(effects: tuple[Effect, ...]) -> SensorLaw:
+    """Combine the effects that act on the measured accelerations."""
+    slots = Slots()
+    for effect in effects:
+        slots = effect.fill(slots)
+    return sensor_law(slots, tuple(parameter for effect in effects for parameter in effect.parameters))
+
+
+def sensor_law(slots: Slots, parameters: tuple[Parameter, ...]) -> SensorLaw:
+    """What the slots say of the accelerometers."""
+    return SensorLaw(parameters=parameters, gain=slots.sensor_gain, bias=slots.sensor_bias, lag=slots.sensor_lag)
+
+
+def _with_floor_velocity(slots: Slots) -> Slots:
+    """The floor's velocity as a state of its own, where something depends on it: so storeys stay independent."""
+    wanted = [slots.floor_force, *(added.rate for added in slots.floor_states)]
+    if not any(FLOOR_VELOCITY in expression.free_symbols for expression in wanted):
+        return slots
+    velocity = AddedState(state=FLOOR_VELOCITY, rate=FLOOR_ACCELERATION - GROUND_ACCELERATION)
+    return replace(slots, floor_states=(velocity, *slots.floor_states))
+
+
+_Steps = dict[sp.Symbol, sp.Expr]
+
+
+def _floor_acceleration(slots: Slots, steps: _Steps) -> sp.Expr | None:
+    """Total acceleration of a floor, None where it is ``(F_above - F_i) / m_i`` and no floor state needs it."""
+    if slots.mass_factor == 1 and slots.floor_force == 0 and not slots.floor_states:
+        return None
+    forces = (FORCE_ABOVE - FORCE_BELOW, *sp.Add.make_args(slots.floor_force))
+    # Term by term: the mass cancels where a force is proportional to it.
+    per_mass = sp.Add(*(force / MASS for force in forces))
+    return per_mass.xreplace({MASS: MASS * slots.mass_factor}).xreplace(steps)
+
+
+def _floor_rates(slots: Slots, acceleration: sp.Expr | None, steps: _Steps) -> tuple[sp.Expr, ...]:
+    resolved = steps if acceleration is None else {**steps, FLOOR_ACCELERATION: acceleration}
+    return tuple(added.rate.xreplace(resolved) for added in slots.floor_states)
+
+
+def _base_law(slots: Slots, steps: _Steps) -> BaseLaw | None:
+    if not slots.base_states and slots.ground_factor == 1:
+        return None
+    return BaseLaw(
+        states=tuple(added.state for added in slots.base_states),
+        rates=tuple(added.rate.xreplace(steps) for added in slots.base_states),
+        acceleration=(slots.base_acceleration + GROUND_ACCELERATION).xreplace(steps),
+    )
+
+
+def surroundings(slots: Slots) -> tuple[Definition, ...]:
+    """The laws of floor, base and ground in named steps, for printing; the motion of the floor is written apart."""
+    steps = []
+    if slots.ground_factor != 1:
+        recorded = slots.ground_factor * RECORDED_ACCELERATION
+        steps.append(Definition(caption="ground, from the record", subject=GROUND_ACCELERATION, expression=recorded))
+    if slots.mass_factor != 1:
+        steps.append(Definition(caption="mass of the floor", subject=FLOOR_MASS, expression=MASS * slots.mass_factor))
+    if slots.floor_force != 0:
+        mass = FLOOR_MASS if slots.mass_factor != 1 else MASS
+        force = slots.floor_force.xreplace({MASS: mass})
+        steps.append(Definition(caption="further force on the floor", subject=FLOOR_FORCE, expression=force))
+    return (
+        *steps,
+        *(
+            Definition(caption=f"rate of {added.state}", subject=rate_of(added.state), expression=added.rate)
+            for added in (*slots.floor_states, *slots.base_states)
+        ),
     )
 
 
@@ -236,7 +421,7 @@ def expanded(definitions: tuple[Definition, ...]) -> dict[sp.Symbol, sp.Expr]:
 
 def _definitions(slots: Slots) -> tuple[Definition, ...]:
     """The law in named steps; a slot that no effect fills leaves no step."""
-    u, v, z = DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT
+    v, z = DRIFT_RATE, HYSTERETIC_DISPLACEMENT
     k, c, alpha, A, beta, gamma, n = (symbol(s) for s in ("k", "c", "alpha", "A", "beta", "gamma", "n"))
     steps = list(slots.steps)
 
@@ -250,11 +435,13 @@ def _definitions(slots: Slots) -> tuple[Definition, ...]:
     nu = named("nu", "strength degradation", slots.nu)
     eta = named("eta", "stiffness degradation", slots.eta)
     multiplier = named("h", "pinching", slots.rate_multiplier)
+    u = DRIFT - named("u_p", "drift taken up before the springs", slots.drift_taken_up)
+    rate = v * named("chi", "share of the drift rate that reaches the springs", slots.drift_rate_share)
     bracket = beta * sp.sign(z * v) + gamma + slots.shape_bracket
     f = named("f", "slope of the hysteretic displacement", multiplier * (A - nu * sp.Abs(z) ** n * bracket) / eta)
     outputs = [
-        ("rate of the hysteretic displacement", rate_of(z), f * v / (1 + slots.slip_compliance * f)),
-        ("rate of the work on the hysteretic spring", rate_of(ENERGY), (1 - alpha) * stiffness * z * v),
+        ("rate of the hysteretic displacement", rate_of(z), f * rate / (1 + slots.slip_compliance * f)),
+        ("rate of the work on the hysteretic spring", rate_of(ENERGY), (1 - alpha) * stiffness * z * rate),
         *((f"rate of {added.state}", rate_of(added.state), added.rate) for added in slots.added_states),
         ("storey force", FORCE, alpha * stiffness * u + (1 - alpha) * stiffness * z + c * v + slots.added_force),
     ]

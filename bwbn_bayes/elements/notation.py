@@ -70,7 +70,7 @@ class UnicodeNotation:
 
     def operator(self, sign: str) -> str:
         """Between spaces."""
-        return f" {sign} "
+        return f"{sign} " if sign == "," else f" {sign} "
 
     def minus(self, operand: str) -> str:
         """``−x``."""

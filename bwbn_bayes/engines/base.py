@@ -33,6 +33,10 @@ OBSERVED_KINDS = (
 """Rows every engine can observe at each storey or floor; measured channels are linear combinations of them."""
 
 
+BASE_DISPLACEMENT = "base_displacement"
+"""Channel: displacement of what the building stands on, relative to the ground; zero where it is rigid."""
+
+
 class Status(IntEnum):
     """What became of a draw."""
 
@@ -123,7 +127,8 @@ class ChannelMap:
     """Channels as linear combinations of observed rows.
 
     ``row[starts[c]:starts[c+1]]`` and ``coefficient`` are the terms of channel c; ``ground`` multiplies the excitation.
-    Row ``kind * n_storeys + storey`` counts kinds as in :data:`OBSERVED_KINDS`.
+    Row ``kind * n_storeys + storey`` counts kinds as in :data:`OBSERVED_KINDS`; the row after all of them is the
+    displacement of a base that can move.
     """
 
     names: tuple[str, ...]
@@ -156,6 +161,8 @@ def channel_map(model: Structure, names: Sequence[str]) -> ChannelMap:
     for name in names:
         kind, storey = _split(name, n)
         terms, base = _terms(kind, storey, n, name)
+        if kind in ("displacement", BASE_DISPLACEMENT) and model.law.base_states:
+            terms.append((len(OBSERVED_KINDS) * n, 1.0))
         rows += [row for row, _ in terms]
         coefficients += [coefficient for _, coefficient in terms]
         starts.append(len(rows))
@@ -170,8 +177,8 @@ def channel_map(model: Structure, names: Sequence[str]) -> ChannelMap:
 
 
 def _split(name: str, n_storeys: int) -> tuple[str, int]:
-    if name == "force":
-        return "force", 1
+    if name in ("force", BASE_DISPLACEMENT):
+        return name, 1
     match = re.fullmatch(r"([a-z_]+)_(\d+)", name)
     if match is None:
         raise UserError(f"channel {name!r} is not known: write a quantity and a floor or storey, e.g. acceleration_1")
@@ -186,6 +193,8 @@ def _terms(kind: str, storey: int, n: int, name: str) -> tuple[list[tuple[int, f
         return [(OBSERVED_KINDS.index(kind) * n + storey - 1, 1.0)], 0.0
     if kind == "force":
         return [(OBSERVED_KINDS.index("restoring_force") * n + storey - 1, 1.0)], 0.0
+    if kind == BASE_DISPLACEMENT:
+        return [], 0.0
     if kind == "relative_acceleration":
         return [(OBSERVED_KINDS.index("acceleration") * n + storey - 1, 1.0)], -1.0
     if kind == "displacement":

@@ -15,7 +15,20 @@ import sympy as sp
 from sympy.codegen.cfunctions import exp2, log2
 from sympy.printing.pycode import PythonCodePrinter
 
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Event, SharpFeature, StoreyLaw
+from bwbn_bayes.elements.law import (
+    DRIFT,
+    DRIFT_RATE,
+    FIRST_FORCE,
+    FLOOR_INPUTS,
+    FORCE_ABOVE,
+    FORCE_BELOW,
+    MASS,
+    RECORDED_ACCELERATION,
+    BaseLaw,
+    Event,
+    SharpFeature,
+    StoreyLaw,
+)
 from bwbn_bayes.errors import UserError
 
 
@@ -54,6 +67,8 @@ class _NumbaPrinter(PythonCodePrinter):
     _print_Integer = _print_Rational
     _print_Half = _print_Rational
     _print_NumberSymbol = _print_Rational
+    _print_Pi = _print_Rational
+    _print_Exp1 = _print_Rational
 
     def _print_Pow(self, expr: sp.Expr, rational: bool = False) -> str:
         if expr.is_number:
@@ -162,54 +177,147 @@ def _lift(expression: sp.Expr, constants: frozenset[sp.Symbol], hoisted: dict[sp
     return expression.func(*(_lift(a, constants, hoisted) for a in arguments))
 
 
-@dataclass(frozen=True, kw_only=True)
-class LawPrograms:
-    """The programs of one storey law.
+INVERSE_MASS = sp.Symbol("inverse_mass__", real=True)
+"""One over the mass that the model gives a floor, as kernels keep it. [1/kg]"""
 
-    ``rates`` computes the force and the rates of the states; ``tangent`` computes the same and then, row by row, their
-    partial derivatives with respect to ``variables`` (drift, drift rate, states, then parameters).
+INPUT_NAMES = {
+    FORCE_ABOVE: "force_above__",
+    FORCE_BELOW: "force_below__",
+    RECORDED_ACCELERATION: "recorded__",
+}
+"""What the laws of floors and base take from around them, as kernels call it; the force above the base is F_1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Some outputs of a law and their derivatives as code.
+
+    ``rates`` computes the outputs; ``tangent`` computes the same and then their nonzero partial derivatives, which are
+    listed by (row, column) in ``partials``. ``rows`` are the outputs' rows in the table of partial derivatives; columns
+    count the law's variables. Hoisted values of ``rates`` and ``tangent`` stand at ``first_rates`` and
+    ``first_tangent`` among those of the whole law.
     """
 
     rates: Program
     tangent: Program
-    variables: tuple[sp.Symbol, ...]
+    rows: tuple[int, ...]
     partials: tuple[tuple[int, int], ...]
-    """(output, variable) of each nonzero partial, in the order of ``tangent.outputs`` after the outputs themselves."""
+    first_rates: int
+    first_tangent: int
+
+    @property
+    def end(self) -> int:
+        """Where the hoisted values of the next part begin."""
+        return self.first_tangent + len(self.tangent.hoisted)
+
+    @property
+    def slopes(self) -> tuple[str, ...]:
+        """Source of each partial derivative."""
+        return self.tangent.outputs[len(self.rows) :]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LawPrograms:
+    """A law as code: the storey, its floor, the base under the first storey.
+
+    The storey's outputs are the force (row 0) and the rates of its own states. A floor's are its acceleration (last
+    row) and the rates of its states; None where the acceleration is ``(F_above - F_i) / m_i``. The base's are its
+    acceleration (row 0 of a table of its own) and the rates of its states, which are its first variables; its other
+    variables are numbered as the storey's are.
+    """
+
+    storey: Part
+    floor: Part | None
+    base: Part | None
+    variables: tuple[sp.Symbol, ...]
+    """Columns: drift, drift rate, states, parameters, then what floors take from the storeys around them."""
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """Those there are."""
+        return tuple(part for part in (self.storey, self.floor, self.base) if part is not None)
+
+    @property
+    def n_hoisted(self) -> int:
+        """Number of hoisted values."""
+        return self.parts[-1].end
+
+    @property
+    def n_rows(self) -> int:
+        """Rows of the table of partial derivatives."""
+        return 1 + max(row for part in self.parts for row in part.rows)
 
 
 def spelled(law: StoreyLaw) -> StoreyLaw:
     """The same law with names that no variable of a kernel has: parameters are written ``p_`` and so on."""
-    old = (*law.states, *law.symbols, *(event.indicator for event in law.events))
+    old = (*law.states, *law.base_states, *law.symbols, *(event.indicator for event in law.events))
     new = {s: sp.Symbol(f"{s.name}_", **s.assumptions0) for s in old}
+    inputs: dict[sp.Expr, sp.Expr] = {s: sp.Symbol(name, real=True) for s, name in INPUT_NAMES.items()}
+    around = {**new, **inputs, FIRST_FORCE: inputs[FORCE_ABOVE], MASS: 1 / INVERSE_MASS}
     return replace(
         law,
         parameters=tuple(replace(p, symbol=f"{p.symbol}_") for p in law.parameters),
         states=tuple(new[s] for s in law.states),
         force=law.force.xreplace(new),
-        rates=tuple(rate.xreplace(new) for rate in law.rates),
+        rates=tuple(rate.xreplace(around) for rate in law.rates),
         events=tuple(Event(time=new[e.time], indicator=new[e.indicator]) for e in law.events),
         sharp_features=tuple(
             SharpFeature(state=new.get(f.state, f.state), width=f.width.xreplace(new)) for f in law.sharp_features
+        ),
+        acceleration=None if law.acceleration is None else law.acceleration.xreplace(around),
+        base=None
+        if law.base is None
+        else BaseLaw(
+            states=tuple(new[s] for s in law.base.states),
+            rates=tuple(rate.xreplace(around) for rate in law.base.rates),
+            acceleration=law.base.acceleration.xreplace(around),
         ),
     )
 
 
 def law_programs(law: StoreyLaw) -> LawPrograms:
-    """Generate the programs of a storey law and of its derivatives."""
-    outputs = (law.force, *law.rates)
-    variables = (DRIFT, DRIFT_RATE, *law.states, *law.symbols)
-    constants = frozenset(law.symbols) | {event.indicator for event in law.events}
+    """Generate the programs of a law that :func:`spelled` has named, and of its derivatives."""
+    own = (DRIFT, DRIFT_RATE, *law.states)
+    inputs = tuple(sp.Symbol(INPUT_NAMES[s], real=True) for s in FLOOR_INPUTS)
+    has_floor, has_base = law.acceleration is not None, law.base is not None
+    variables = (*own, *law.symbols, *(inputs if has_floor or has_base else ()))
+    constants = frozenset({*law.symbols, INVERSE_MASS, *(event.indicator for event in law.events)})
+    n = law.n_storey_states
+    storey = _part((law.force, *law.rates[:n]), tuple(range(1 + n)), variables, constants, 0)
+    floor = base = None
+    if law.acceleration is not None:
+        last = 1 + len(law.states)
+        outputs = (law.acceleration, *law.rates[n:])
+        floor = _part(outputs, (last, *range(1 + n, last)), variables, constants, storey.end)
+    if law.base is not None:
+        base_outputs = (law.base.acceleration, *law.base.rates)
+        columns = (*law.base.states, *own[len(law.base.states) :], *variables[len(own) :])
+        first = (floor or storey).end
+        base = _part(base_outputs, tuple(range(len(base_outputs))), columns, constants, first)
+    return LawPrograms(storey=storey, floor=floor, base=base, variables=variables)
+
+
+def _part(
+    outputs: tuple[sp.Expr, ...],
+    rows: tuple[int, ...],
+    variables: tuple[sp.Symbol, ...],
+    constants: frozenset[sp.Symbol],
+    first: int,
+) -> Part:
     partials: list[tuple[int, int]] = []
     expressions: list[sp.Expr] = []
-    for row, output in enumerate(outputs):
+    for row, output in zip(rows, outputs, strict=True):
         for column, variable in enumerate(variables):
-            slope = derivative(output, variable)
+            slope = derivative(output, variable) if variable in output.free_symbols else sp.S.Zero
             if slope != 0:
                 partials.append((row, column))
                 expressions.append(slope)
-    return LawPrograms(
-        rates=compile_expressions(outputs, constants),
+    rates = compile_expressions(outputs, constants)
+    return Part(
+        rates=rates,
         tangent=compile_expressions((*outputs, *expressions), constants),
-        variables=variables,
+        rows=rows,
         partials=tuple(partials),
+        first_rates=first,
+        first_tangent=first + len(rates.hoisted),
     )

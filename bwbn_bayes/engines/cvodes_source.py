@@ -85,7 +85,7 @@ def _addresses_at(typing_context, address):
 
 def _rates_callback(t, y, dy, data_address):
     data = carray(_floats_at(data_address), ({head} + 1,))
-    n = int(data[0]) * {n_rows}
+    n = int(data[0]) * {n_rows} + {n_base_rows}
     data = carray(_floats_at(data_address), (int(data[0]) * ({block} + int(data[3])) + int(data[2]) + {head},))
     return rhs(t, carray(_floats_at(N_VGetArrayPointer(y)), (n,)), carray(_floats_at(N_VGetArrayPointer(dy)), (n,)),
                data)
@@ -93,7 +93,7 @@ def _rates_callback(t, y, dy, data_address):
 
 def _jacobian_callback(t, y, dy, matrix, data_address, room_1, room_2, room_3):
     data = carray(_floats_at(data_address), ({head} + 1,))
-    n = int(data[0]) * {n_rows}
+    n = int(data[0]) * {n_rows} + {n_base_rows}
     data = carray(_floats_at(data_address), (int(data[0]) * ({block} + int(data[3])) + int(data[2]) + {head},))
     jacobian(carray(_floats_at(N_VGetArrayPointer(y)), (n,)), carray(_floats_at(SUNDenseMatrix_Data(matrix)), (n, n)),
              data)
@@ -102,9 +102,9 @@ def _jacobian_callback(t, y, dy, matrix, data_address, room_1, room_2, room_3):
 
 def _tangents_callback(n_directions, t, y, dy, tangents, rates_of_tangents, data_address, room_1, room_2):
     data = carray(_floats_at(data_address), ({head} + 1,))
-    n = int(data[0]) * {n_rows}
+    n = int(data[0]) * {n_rows} + {n_base_rows}
     data = carray(_floats_at(data_address), (int(data[0]) * ({block} + int(data[3])) + int(data[2]) + {head},))
-    slopes(carray(_floats_at(N_VGetArrayPointer(y)), (n,)), data)
+    slopes(carray(_floats_at(N_VGetArrayPointer(y)), (n,)), ground_at(t, data), data)
     inward = carray(_addresses_at(tangents), (n_directions,))
     outward = carray(_addresses_at(rates_of_tangents), (n_directions,))
     for k in range(n_directions):
@@ -188,7 +188,7 @@ def run_cvodes(stiff, rtol, atol, max_steps, scales, rates_address, jacobian_add
                starts, row, coefficient, ground_part, data, out):
     """Solve one draw; every object of the library is made and freed here. Returns a flag of CVODES."""
     n_directions = int(data[3])
-    n = int(data[0]) * {n_rows}
+    n = int(data[0]) * {n_rows} + {n_base_rows}
     y = np.zeros(n)
     tangents = np.zeros((n_directions, n))
     pointers = np.zeros(max(n_directions, 1), dtype=np.int64)
@@ -252,6 +252,7 @@ def cvodes_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         "head": HEAD,
         "block": place.block,
         "n_rows": place.n_rows,
+        "n_base_rows": place.n_base_rows,
         "driven": str(driven),
     }
     added = "".join(part.format(**fields) for part in (_CALLBACKS, _SOLVE))

@@ -1,7 +1,8 @@
 """The source of a lane kernel: sixteen draws advance together, one per lane of flat arrays.
 
 A row is ``LANES`` numbers, one per draw, so that the innermost loops vectorise. All that a storey needs stands in one
-block of rows of the array ``w``; blocks run from the roof down: an empty one above the roof, the storeys, the ground.
+block of rows of the array ``w``; blocks run from the roof down: an empty one above the roof, the storeys, the ground,
+which holds the states of the base where there is one.
 The distance between rows is a constant, so that the compiler needs no check for overlap. Derivatives stand in ``t``,
 one building of smaller blocks per direction. Each stage of a Runge-Kutta scheme uses the rates of the stage before
 only: state ``y + share * step * rate``, result ``y + sum(weight * step * rate)``.
@@ -15,8 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, StoreyLaw
-from bwbn_bayes.engines.codegen import LawPrograms, Program, print_expression
+from bwbn_bayes.elements.law import (
+    DRIFT,
+    DRIFT_RATE,
+    FORCE_ABOVE,
+    FORCE_BELOW,
+    RECORDED_ACCELERATION,
+    StoreyLaw,
+)
+from bwbn_bayes.engines.codegen import INPUT_NAMES, INVERSE_MASS, LawPrograms, Part, Program, print_expression
 from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
 
 LANES = 16
@@ -58,8 +66,11 @@ class LaneLayout:
         return self.acceleration + 1
 
     def observed(self, kind: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Row of each observed kind, numbered as in :data:`~bwbn_bayes.engines.base.OBSERVED_KINDS`."""
-        return np.array([0, 1, 2, 3, self.force, self.acceleration])[kind]
+        """Row of each observed kind, numbered as in :data:`~bwbn_bayes.engines.base.OBSERVED_KINDS`.
+
+        One more is the displacement of the base, in the ground's block.
+        """
+        return np.array([0, 1, 2, 3, self.force, self.acceleration, 0])[kind]
 
 
 def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
@@ -67,7 +78,7 @@ def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
     n_states = 2 + len(law.states)
     parameters = 3 * n_states + 3
     derived = parameters + len(law.parameters)
-    happened = derived + len(programs.rates.hoisted) + len(programs.tangent.hoisted)
+    happened = derived + programs.n_hoisted
     sharpness = happened + len(law.events)
     before = sharpness + len(law.sharp_features)
     n_columns = len(programs.variables) + 1
@@ -83,7 +94,7 @@ def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
         sharpness=sharpness,
         before=before,
         slope=before + n_states,
-        block=before + n_states + (1 + len(law.states)) * n_columns,
+        block=before + n_states + programs.n_rows * n_columns,
     )
 
 
@@ -170,9 +181,7 @@ def {name}(n_storeys, n_directions, weight, share, step, ground, seed, w, t):
         a = i * BLOCK
         for l in range(LANES):
 {law}
-    first = w[n_storeys * BLOCK:]
-    for l in range(LANES):
-        first[{acceleration_of_drift} * LANES + l] = {ground_drift}
+{base}
 
 
 @njit({flags})
@@ -186,14 +195,37 @@ def {name}_with_tangents(n_storeys, n_directions, weight, share, step, ground, s
             moved = w[a + seed[k * n_storeys + i] * LANES:]
             for l in range(LANES):
 {chain}
+{tangent_base}
+"""
+
+_ON_GROUND = """\
     first = w[n_storeys * BLOCK:]
     for l in range(LANES):
-        first[{acceleration_of_drift} * LANES + l] = {ground_drift}
+        first[{acceleration_of_drift} * LANES + l] = {ground_drift}"""
+
+_ON_GROUND_TANGENT = (
+    _ON_GROUND
+    + """
     for k in range(n_directions):
         first = t[(k * (n_storeys + 2) + n_storeys) * TANGENT_BLOCK:]
         for l in range(LANES):
-            first[{acceleration_of_drift} * LANES + l] = {ground_drift_tangent}
-"""
+            first[{acceleration_of_drift} * LANES + l] = {ground_drift_tangent}"""
+)
+
+_ON_BASE = """\
+    a = n_storeys * BLOCK
+    for l in range(LANES):
+{base_law}"""
+
+_ON_BASE_TANGENT = (
+    _ON_BASE
+    + """
+    for k in range(n_directions):
+        o = (k * (n_storeys + 2) + n_storeys) * TANGENT_BLOCK
+        moved = w[a + seed[(k + 1) * n_storeys - 1] * LANES:]
+        for l in range(LANES):
+{base_chain}"""
+)
 
 _ADVANCE = """
 
@@ -277,7 +309,7 @@ def strike(n_storeys, n_directions, until, position, step, flipped, ground, seed
 def flip(n_storeys, n_directions, storey, event, column, step, flipped, ground, seed, w, t):
     for l in range(LANES):
         step[l] = 0.0
-    for i in range(n_storeys):
+    for i in range({n_blocks}):
         a = (i + 1) * BLOCK
         for r in range({n_states} * LANES):
             w[a + {before} * LANES + r] = w[a + {n_states} * LANES + r]
@@ -288,7 +320,7 @@ def flip(n_storeys, n_directions, storey, event, column, step, flipped, ground, 
     close(n_storeys, n_directions, 0.0, step, ground, seed, w, t)
     for k in range(n_directions):
         if seed[k * n_storeys + storey] == column:
-            for i in range(n_storeys):
+            for i in range({n_blocks}):
                 a = (i + 1) * BLOCK
                 o = (k * (n_storeys + 2) + i + 1) * TANGENT_BLOCK
                 for r in range({n_states}):
@@ -408,6 +440,7 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         "happened": place.happened,
         "acceleration_of_drift": n + 1,
         "prepare": _prepare(law, programs, place),
+        "n_blocks": "n_storeys + 1" if law.base_states else "n_storeys",
         "ground_drift": "0.0" if driven else f"first[{place.acceleration} * LANES + l] - ground[l]",
         "ground_drift_tangent": "0.0" if driven else f"first[{place.acceleration} * LANES + l]",
         "refine": _refine(law, place),
@@ -420,10 +453,11 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
     stages = "".join(
         _STAGE.format(
             name=name,
-            law=_law(law, programs.rates, place, 0, head),
-            tangent_law=_law(law, programs.tangent, place, len(programs.rates.hoisted), head)
-            + _slopes(law, programs, place),
+            law=_indent(_law(law, programs, place, head, with_slopes=False), 3),
+            tangent_law=_indent(_law(law, programs, place, head, with_slopes=True), 3),
             chain=_chain(programs, place, head),
+            base=_base(law, programs, place, head, fields, with_slopes=False),
+            tangent_base=_base(law, programs, place, head, fields, with_slopes=True),
             **fields,
         )
         for name, head in (("inside", _INSIDE), ("at_end", _AT_END))
@@ -470,77 +504,153 @@ def _states(names: list[str], array: str, first: str, place: LaneLayout, head: t
     ]
 
 
-def _constants(law: StoreyLaw, program: Program, place: LaneLayout, first_derived: int, lines: list[str]) -> list[str]:
+def _constants(
+    law: StoreyLaw, program: Program, place: LaneLayout, first_derived: int, lines: list[str], block: str = "a + BLOCK"
+) -> list[str]:
     """Lines that load the parameters, hoisted values and event indicators that the given lines use."""
     rows = {str(s): place.parameters + i for i, s in enumerate(law.symbols)}
     rows |= {name: place.derived + first_derived + i for i, (name, _) in enumerate(program.hoisted)}
     rows |= {str(event.indicator): place.happened + i for i, event in enumerate(law.events)}
-    return [f"{name} = w[a + BLOCK + {rows[name]} * LANES + l]" for name in _used(list(rows), lines)]
+    rows |= {str(INVERSE_MASS): place.inverse_mass}
+    return [f"{name} = w[{block} + {rows[name]} * LANES + l]" for name in _used(list(rows), lines)]
 
 
-def _law(law: StoreyLaw, program: Program, place: LaneLayout, first_derived: int, head: tuple[str, ...]) -> str:
+def _code(
+    law: StoreyLaw,
+    part: Part,
+    place: LaneLayout,
+    outputs: list[str],
+    end: list[str],
+    block: str = "a + BLOCK",
+    *,
+    with_slopes: bool,
+) -> list[str]:
+    """A part of a law: its lines, what becomes of its outputs (``target = {}``), then its partial derivatives."""
+    program, first = (part.tangent, part.first_tangent) if with_slopes else (part.rates, part.first_rates)
+    body = [f"{name} = {source}" for name, source in program.lines]
+    body += [line.format(source) for line, source in zip(outputs, program.outputs[: len(part.rows)], strict=True)]
+    body += end
+    lines = _constants(law, program, place, first, body, block) + body
+    return lines + (_slopes(law, part, place, block) if with_slopes else [])
+
+
+def _law(
+    law: StoreyLaw, programs: LawPrograms, place: LaneLayout, head: tuple[str, ...], *, with_slopes: bool
+) -> list[str]:
     """Rates of one storey; it completes those of the storey above, whose acceleration is now known from below."""
     names = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
-    body = [f"{name} = {source}" for name, source in program.lines]
-    ends = [f"force = {program.outputs[0]}"]
-    ends += [
-        f"w[a + BLOCK + {place.n_states + 2 + i} * LANES + l] = {source}"
-        for i, source in enumerate(program.outputs[1 : 1 + len(law.states)])
-    ]
-    ends += [
+    rates = [f"w[a + BLOCK + {place.n_states + 2 + i} * LANES + l] = {{}}" for i in range(len(law.states))]
+    own = [
         f"w[a + BLOCK + {place.n_states} * LANES + l] = v",
         f"w[a + BLOCK + {place.force} * LANES + l] = force",
-        f"acceleration = (w[a + {place.force} * LANES + l] - force) * w[a + BLOCK + {place.inverse_mass} * LANES + l]",
+    ]
+    above = f"w[a + {place.force} * LANES + l]"
+    plain = f"acceleration = ({above} - force) * w[a + BLOCK + {place.inverse_mass} * LANES + l]"
+    joined = [
         f"w[a + BLOCK + {place.acceleration} * LANES + l] = acceleration",
         f"w[a + {place.n_states + 1} * LANES + l] = w[a + {place.acceleration} * LANES + l] - acceleration",
     ]
-    loads = _constants(law, program, place, first_derived, body + ends)
-    return _indent(_states(names, "w", "a + BLOCK", place, head) + loads + body + ends, 3)
+    storey = ["force = {}", *rates[: law.n_storey_states]]
+    end = own if programs.floor is not None else [*own, plain, *joined]
+    lines = _states(names, "w", "a + BLOCK", place, head)
+    lines += _code(law, programs.storey, place, storey, end, with_slopes=with_slopes)
+    if programs.floor is not None:
+        lines += [f"{INPUT_NAMES[FORCE_ABOVE]} = {above}", f"{INPUT_NAMES[FORCE_BELOW]} = force", _RECORDED]
+        floor = ["acceleration = {}", *rates[law.n_storey_states :]]
+        lines += _code(law, programs.floor, place, floor, joined, with_slopes=with_slopes)
+    return lines
+
+
+_RECORDED = f"{INPUT_NAMES[RECORDED_ACCELERATION]} = ground[l]"
+
+
+def _base(
+    law: StoreyLaw,
+    programs: LawPrograms,
+    place: LaneLayout,
+    head: tuple[str, ...],
+    fields: dict[str, object],
+    *,
+    with_slopes: bool,
+) -> str:
+    """What the first storey stands on: it completes the rate of that storey's drift rate."""
+    if programs.base is None:
+        return (_ON_GROUND_TANGENT if with_slopes else _ON_GROUND).format(**fields)
+    n, base_states = place.n_states, [str(s) for s in law.base_states]
+    lines = _states(base_states, "w", "a + BLOCK", place, head)
+    lines += [f"{INPUT_NAMES[FORCE_ABOVE]} = w[a + {place.force} * LANES + l]", _RECORDED]
+    rates = [f"w[a + BLOCK + {n + r} * LANES + l] = {{}}" for r in range(len(base_states))]
+    end = [f"w[a + {n + 1} * LANES + l] = w[a + {place.acceleration} * LANES + l] - below"]
+    lines += _code(law, programs.base, place, ["below = {}", *rates], end, "a", with_slopes=with_slopes)
+    chain = _states([f"t{r}" for r in range(len(base_states))], "t", "o + TANGENT_BLOCK", place, head)
+    tangents = {r: f"t{r}" for r in range(len(base_states))}
+    tangents[len(programs.variables) - 2] = f"t[o + {place.force} * LANES + l]"
+    chain += [f"below = {_slope(programs.base, 0, place, tangents)}"]
+    chain += [
+        f"t[o + TANGENT_BLOCK + {n + r} * LANES + l] = {_slope(programs.base, 1 + r, place, tangents)}"
+        for r in range(len(base_states))
+    ]
+    chain += [f"t[o + {n + 1} * LANES + l] = t[o + {place.acceleration} * LANES + l] - below"]
+    template = _ON_BASE_TANGENT if with_slopes else _ON_BASE
+    return template.format(base_law=_indent(lines, 2), base_chain=_indent(chain, 3))
 
 
 def _prepare(law: StoreyLaw, programs: LawPrograms, place: LaneLayout) -> str:
     lines: list[str] = []
-    first = 0
-    for program in (programs.rates, programs.tangent):
-        lines += _constants(law, program, place, first, [source for _, source in program.hoisted])
-        for position, (name, source) in enumerate(program.hoisted):
-            row = place.derived + first + position
-            lines += [f"{name} = {source}", f"w[a + BLOCK + {row} * LANES + l] = {name}"]
-        first = len(program.hoisted)
+    for part in programs.parts:
+        for program, first in ((part.rates, part.first_rates), (part.tangent, part.first_tangent)):
+            lines += _constants(law, program, place, first, [source for _, source in program.hoisted])
+            for position, (name, source) in enumerate(program.hoisted):
+                row = place.derived + first + position
+                lines += [f"{name} = {source}", f"w[a + BLOCK + {row} * LANES + l] = {name}"]
     for position, feature in enumerate(law.sharp_features):
         width = print_expression(feature.width)
-        lines += _constants(law, programs.rates, place, 0, [width])
+        lines += _constants(law, programs.storey.rates, place, 0, [width])
         lines.append(f"w[a + BLOCK + {place.sharpness + position} * LANES + l] = 1.0 / ({width})")
     return _indent(lines, 3)
 
 
-def _slopes(law: StoreyLaw, programs: LawPrograms, place: LaneLayout) -> str:
-    sources = programs.tangent.outputs[1 + len(law.states) :]
+def _slopes(law: StoreyLaw, part: Part, place: LaneLayout, block: str) -> list[str]:
     lines = [
         f"w[a + BLOCK + {place.slope + output * place.n_columns + variable} * LANES + l] = {source}"
-        for (output, variable), source in zip(programs.partials, sources, strict=True)
+        for (output, variable), source in zip(part.partials, part.slopes, strict=True)
     ]
-    loads = _constants(law, programs.tangent, place, len(programs.rates.hoisted), lines)
-    return "\n" + _indent(loads + lines, 3)
+    return _constants(law, part.tangent, place, part.first_tangent, lines, block) + lines
+
+
+def _slope(part: Part, row: int, place: LaneLayout, tangents: dict[int, str]) -> str:
+    """Derivative of one output in the direction at hand, given those of the variables it is a function of."""
+    first = place.slope + row * place.n_columns
+    terms = [f"moved[BLOCK + {first} * LANES + l]"]
+    terms += [
+        f"w[a + BLOCK + {first + variable} * LANES + l] * {tangents[variable]}"
+        for output, variable in part.partials
+        if output == row and variable in tangents
+    ]
+    return " + ".join(terms)
 
 
 def _chain(programs: LawPrograms, place: LaneLayout, head: tuple[str, ...]) -> str:
     n = place.n_states
     lines = _states([f"t{r}" for r in range(n)], "t", "o + TANGENT_BLOCK", place, head)
-    for output in range(n - 1):
-        slopes = place.slope + output * place.n_columns
-        terms = [f"moved[BLOCK + {slopes} * LANES + l]"]
-        terms += [
-            f"w[a + BLOCK + {slopes + variable} * LANES + l] * t{variable}"
-            for row, variable in programs.partials
-            if row == output and variable < n
-        ]
-        target = "force" if output == 0 else f"t[o + TANGENT_BLOCK + {n + 1 + output} * LANES + l]"
-        lines.append(f"{target} = {' + '.join(terms)}")
+    tangents = {r: f"t{r}" for r in range(n)}
+    targets = [
+        "force",
+        *(f"t[o + TANGENT_BLOCK + {n + 1 + row} * LANES + l]" for row in range(1, n - 1)),
+        "acceleration",
+    ]
+    lines += [f"{targets[row]} = {_slope(programs.storey, row, place, tangents)}" for row in programs.storey.rows]
     lines += [
         f"t[o + TANGENT_BLOCK + {n} * LANES + l] = t1",
         f"t[o + TANGENT_BLOCK + {place.force} * LANES + l] = force",
-        f"acceleration = (t[o + {place.force} * LANES + l] - force) * w[a + BLOCK + {place.inverse_mass} * LANES + l]",
+    ]
+    above = f"t[o + {place.force} * LANES + l]"
+    if programs.floor is None:
+        lines.append(f"acceleration = ({above} - force) * w[a + BLOCK + {place.inverse_mass} * LANES + l]")
+    else:
+        tangents |= {len(programs.variables) - 2: above, len(programs.variables) - 1: "force"}
+        lines += [f"{targets[row]} = {_slope(programs.floor, row, place, tangents)}" for row in programs.floor.rows]
+    lines += [
         f"t[o + TANGENT_BLOCK + {place.acceleration} * LANES + l] = acceleration",
         f"t[o + {n + 1} * LANES + l] = t[o + {place.acceleration} * LANES + l] - acceleration",
     ]

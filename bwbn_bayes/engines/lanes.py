@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.base import (
+    OBSERVED_KINDS,
     ChannelMap,
     NormalEquations,
     Response,
@@ -29,6 +30,7 @@ from bwbn_bayes.engines.base import (
 )
 from bwbn_bayes.engines.kernel_cache import load_kernel
 from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_source
+from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.scalar import programs_of
 from bwbn_bayes.engines.step_rules import steps_in_words
 from bwbn_bayes.parameters import Floats
@@ -84,6 +86,10 @@ class Lanes:
         result = np.empty((len(draws), len(record.channels)))
 
         def solve(block: _Block) -> None:
+            if problem.sensors is not None:
+                values, _ = problem.solve(self, block)
+                result[block.rows] = np.sum((problem.measured - values) ** 2, axis=2)
+                return
             outcome = problem.run(self, block.parameters, store=False)
             result[block.rows] = outcome.misfit.reshape(-1, LANES).T[: block.n_draws]
 
@@ -91,13 +97,20 @@ class Lanes:
         return np.where(np.isfinite(result), result, np.inf)
 
     def normal_equations(self, model: Structure, draws: Floats, record: Record) -> NormalEquations:
-        """Least squares in summary over the measured channels, summed inside the kernel."""
+        """Least squares in summary over the measured channels, summed inside the kernel.
+
+        Sensors that distort stand after the kernel: then the response of one block at a time is stored and summed.
+        """
         problem = _Problem.build(model, record, tuple(record.channels), with_tangents=True)
         n, c, d = len(draws), len(record.channels), model.space.n_dim
         misfit, gradient, information = np.empty((n, c)), np.empty((n, c, d)), np.empty((n, c, d, d))
         left, right = np.tril_indices(d)
 
         def solve(block: _Block) -> None:
+            if problem.sensors is not None:
+                summed = problem.summed(self, block)
+                misfit[block.rows], gradient[block.rows], information[block.rows] = summed
+                return
             outcome = problem.run(self, block.parameters, store=False)
             misfit[block.rows] = outcome.misfit.reshape(c, LANES).T[: block.n_draws]
             gram = np.moveaxis(outcome.gram.reshape(c, -1, LANES), 2, 0)[: block.n_draws]
@@ -121,10 +134,7 @@ class Lanes:
         slopes = np.empty((len(draws), d, len(names), record.n_times))
 
         def solve(block: _Block) -> None:
-            stored = problem.run(self, block.parameters, store=True).stored
-            table = np.moveaxis(stored.reshape(record.n_times, 1 + d, len(names), LANES), (0, 3), (3, 0))
-            values[block.rows] = table[: block.n_draws, 0]
-            slopes[block.rows] = table[: block.n_draws, 1:]
+            values[block.rows], slopes[block.rows] = problem.solve(self, block)
 
         self._over_blocks(problem, model, draws, solve)
         return values, slopes
@@ -133,7 +143,7 @@ class Lanes:
         local = model.table.local(np.asarray(draws, dtype=np.float64))
         # A draw with one value that is not finite fails as a whole: in fast code a comparison could hide it.
         local[~np.all(np.isfinite(local), axis=(1, 2))] = np.nan
-        blocks = [_Block.of(local, start) for start in range(0, len(draws), LANES)]
+        blocks = [_Block.of(local, len(model.law.parameters), start) for start in range(0, len(draws), LANES)]
         if self.n_threads == 1 or len(blocks) == 1:
             for block in blocks:
                 solve(block)
@@ -146,13 +156,19 @@ class _Block:
     rows: slice
     n_draws: int
     parameters: Floats
+    sensor_parameters: Floats
 
     @classmethod
-    def of(cls, local: Floats, start: int) -> _Block:
+    def of(cls, local: Floats, n_law: int, start: int) -> _Block:
         """Sixteen draws from ``start``, ``(n_storeys, n_law, LANES)``; a short last block repeats its last draw."""
         chosen = np.minimum(np.arange(start, start + LANES), len(local) - 1)
-        n_draws = min(LANES, len(local) - start)
-        return cls(rows=slice(start, start + n_draws), n_draws=n_draws, parameters=np.moveaxis(local[chosen], 0, 2))
+        rows = slice(start, start + min(LANES, len(local) - start))
+        return cls(
+            rows=rows,
+            n_draws=rows.stop - start,
+            parameters=np.moveaxis(local[chosen, :, :n_law], 0, 2),
+            sensor_parameters=local[rows, :, n_law:],
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,6 +196,7 @@ class _Problem:
     seed: NDArray[np.int64]
     channels: ChannelMap
     measured: Floats
+    sensors: Sensors | None
 
     @classmethod
     def build(cls, model: Structure, record: Record, names: tuple[str, ...], *, with_tangents: bool) -> _Problem:
@@ -197,6 +214,28 @@ class _Problem:
             seed=_seed(model, layout) if with_tangents else np.zeros(1, dtype=np.int64),
             channels=channel_map(model, names),
             measured=measured_matrix(record, names) if known else np.zeros((len(names), record.n_times)),
+            sensors=sensors_of(model, record, names),
+        )
+
+    def solve(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats]:
+        """Channels ``(n_draws, n_channels, n_times)`` of a block as sensors show them, and their derivatives."""
+        shape = len(self.excitation), 1 + self.n_directions, len(self.channels.names), LANES
+        stored = self.run(engine, block.parameters, store=True).stored.reshape(shape)
+        table = np.ascontiguousarray(np.moveaxis(stored, (0, 3), (3, 0))[: block.n_draws])
+        values, slopes = table[:, 0], table[:, 1:]
+        if self.sensors is not None:
+            self.sensors.read(block.sensor_parameters, values, slopes)
+        return values, slopes
+
+    def summed(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats, Floats]:
+        """Misfit, gradient and information of a block from its stored response."""
+        values, slopes = self.solve(engine, block)
+        residual = self.measured - values
+        by_channel = np.moveaxis(slopes, 1, 2)
+        return (
+            np.sum(residual**2, axis=2),
+            np.matmul(by_channel, residual[..., None])[..., 0],
+            np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)),
         )
 
     def run(self, engine: Lanes, parameters: Floats, *, store: bool) -> _Outcome:
@@ -211,6 +250,8 @@ class _Problem:
         storeys[:, place.parameters : place.parameters + parameters.shape[1]] = parameters
         storeys[:, place.inverse_mass] = self.inverse_masses[:, None]
         kind, storey = np.divmod(self.channels.row, n)
+        # The base stands one block below the storeys.
+        below = kind == len(OBSERVED_KINDS)
         self.kernel.run(
             n,
             d,
@@ -224,7 +265,7 @@ class _Problem:
             engine.substeps,
             float(engine.resolution),
             self.channels.starts,
-            n - storey,
+            n - storey + below,
             place.observed(kind),
             self.channels.coefficient,
             self.channels.ground,
@@ -252,7 +293,7 @@ def _seed(model: Structure, place: LaneLayout) -> NDArray[np.int64]:
     first = 2 + len(model.law.states)
     seed = np.full((model.space.n_dim, model.n_storeys), place.n_columns - 1, dtype=np.int64)
     for storey, row in enumerate(model.table.index):
-        for column, parameter in enumerate(row):
+        for column, parameter in enumerate(row[: len(model.law.parameters)]):
             if parameter >= 0:
                 seed[parameter, model.n_storeys - 1 - storey] = first + column
     return seed.ravel()

@@ -151,8 +151,8 @@ class _RestartedDop853:
     def __init__(self, *, rates: Callable[[float, Floats], Floats], engine: Reference, problem: ScalarProblem) -> None:
         self.rates = rates
         self.engine = engine
-        rows = np.arange(problem.n_states).reshape(problem.n_storeys, -1)
-        self.watched = rows[:, 1:3].ravel()
+        rows = problem.place.n_rows * np.arange(problem.n_storeys)
+        self.watched = np.stack([rows + 1, rows + 2], axis=1).ravel()
         self.shortest = _SLACK * problem.time_step
         self.step = problem.time_step
 

@@ -26,6 +26,7 @@ from bwbn_bayes.engines.base import (
 )
 from bwbn_bayes.engines.codegen import LawPrograms, law_programs, spelled
 from bwbn_bayes.engines.kernel_cache import load_kernel
+from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
 from bwbn_bayes.engines.step_rules import steps_in_words
@@ -56,6 +57,10 @@ class ScalarProblem:
         What is asked for.
     local : (n_draws, n_storeys, n_law) array
         Law parameters of each draw.
+    sensors : Sensors or None
+        What stands between the floors and the channels.
+    sensor_parameters : (n_draws, n_storeys, n_sensor_parameters) array
+        Of each draw.
     """
 
     kernel: ModuleType
@@ -69,6 +74,8 @@ class ScalarProblem:
     template: Floats
     channels: ChannelMap
     local: Floats
+    sensors: Sensors | None
+    sensor_parameters: Floats
 
     def data(self, draw: int) -> Floats:
         """The flat array of one draw, its own copy."""
@@ -129,18 +136,21 @@ def scalar_problem(
     if d:
         template[place.seed(n) : place.excitation(n, d)] = _columns(model, place).ravel()
     template[place.excitation(n, d) :] = record.excitation
+    local, n_law = model.table.local(np.asarray(draws, dtype=np.float64)), len(model.law.parameters)
     return ScalarProblem(
         kernel=(load or scalar_kernel)(model.law, driven),
         place=place,
         n_storeys=n,
-        n_states=n * place.n_rows,
+        n_states=place.n_states(n),
         n_directions=d,
         n_times=record.n_times,
         time_step=record.time_step,
         driven=driven,
         template=template,
         channels=channel_map(model, names),
-        local=model.table.local(np.asarray(draws, dtype=np.float64)),
+        local=local[..., :n_law],
+        sensors=sensors_of(model, record, names),
+        sensor_parameters=local[..., n_law:],
     )
 
 
@@ -149,7 +159,7 @@ def _columns(model: Structure, place: Layout) -> Floats:
     first = 2 + len(model.law.states)
     columns = np.full((model.n_storeys, model.space.n_dim), place.n_columns - 1, dtype=np.float64)
     for storey, row in enumerate(model.table.index):
-        for column, parameter in enumerate(row):
+        for column, parameter in enumerate(row[: len(model.law.parameters)]):
             if parameter >= 0:
                 columns[storey, parameter] = first + column
     return columns
@@ -205,6 +215,11 @@ def solve_each(problem: ScalarProblem, solve: SolveOne, n_threads: int = 1) -> t
     else:
         with ThreadPoolExecutor(n_threads) as pool:
             list(pool.map(one, range(n_draws)))
+    if problem.sensors is not None:
+        problem.sensors.read(problem.sensor_parameters, values, slopes)
+        failed = ~np.all(np.isfinite(values), axis=(1, 2))
+        status[failed & (status == Status.OK)] = Status.NON_FINITE
+        values[failed], slopes[failed] = np.nan, np.nan
     return Response(channels=names, values=values, status=status), slopes
 
 

@@ -2,18 +2,26 @@
 
 All functions share one flat array ``data``: a head (number of storeys, time step, number of samples, number of
 directions), then a block per storey (law parameters, values derived from them, event indicators, inverse mass, force,
-acceleration, their derivatives in the direction at hand, partial derivatives of the law), then the direction of each
-identified parameter, then the excitation. One array is what a C callback can carry. State rows are, storey by storey,
-drift, drift rate, hysteretic displacement, energy, added states.
+acceleration, their derivatives in the direction at hand, partial derivatives of the law, room for those of the base),
+then the direction of each identified parameter, then the excitation. One array is what a C callback can carry. State
+rows are, storey by storey, drift, drift rate, hysteretic displacement, energy, added states; then those of the base.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, StoreyLaw
-from bwbn_bayes.engines.codegen import LawPrograms, Program, print_expression
+from bwbn_bayes.elements.law import (
+    DRIFT,
+    DRIFT_RATE,
+    FORCE_ABOVE,
+    FORCE_BELOW,
+    RECORDED_ACCELERATION,
+    StoreyLaw,
+)
+from bwbn_bayes.engines.codegen import INPUT_NAMES, INVERSE_MASS, LawPrograms, Part, Program, print_expression
 from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
 
 HEAD = 4
@@ -28,13 +36,19 @@ class Layout:
     ----------
     n_rows : int
         State rows of a storey.
+    n_base_rows : int
+        State rows of the base.
     n_columns : int
         Columns of the table of partial derivatives: the law's variables, and one of zeros.
-    derived, happened, inverse_mass, force, acceleration, force_slope, acceleration_slope, slope, block : int
-        Offsets in a storey's block; ``block`` is its length. Parameters come first.
+    derived, happened, inverse_mass, force, acceleration, force_slope, acceleration_slope : int
+        Offsets in a storey's block, where parameters come first.
+    slope, base_slope, block : int
+        Likewise the tables of partial derivatives of storey and floor, and of the base, which stands in the block of
+        storey 1; length of a block.
     """
 
     n_rows: int
+    n_base_rows: int
     n_columns: int
     derived: int
     happened: int
@@ -44,7 +58,12 @@ class Layout:
     force_slope: int
     acceleration_slope: int
     slope: int
+    base_slope: int
     block: int
+
+    def n_states(self, n_storeys: int) -> int:
+        """State rows of a building."""
+        return n_storeys * self.n_rows + self.n_base_rows
 
     def seed(self, n_storeys: int) -> int:
         """Where the columns that each direction moves begin, storey by storey."""
@@ -58,12 +77,14 @@ class Layout:
 def layout(law: StoreyLaw, programs: LawPrograms) -> Layout:
     """Lay out ``data`` for one storey law."""
     derived = len(law.parameters)
-    happened = derived + len(programs.rates.hoisted) + len(programs.tangent.hoisted)
+    happened = derived + programs.n_hoisted
     inverse_mass = happened + len(law.events)
     n_columns = len(programs.variables) + 1
     slope = inverse_mass + 5
+    base_slope = slope + programs.n_rows * n_columns
     return Layout(
         n_rows=2 + len(law.states),
+        n_base_rows=len(law.base_states),
         n_columns=n_columns,
         derived=derived,
         happened=happened,
@@ -73,7 +94,8 @@ def layout(law: StoreyLaw, programs: LawPrograms) -> Layout:
         force_slope=inverse_mass + 3,
         acceleration_slope=inverse_mass + 4,
         slope=slope,
-        block=slope + (1 + len(law.states)) * n_columns,
+        base_slope=base_slope,
+        block=base_slope + (len(programs.base.rows) * n_columns if programs.base is not None else 0),
     )
 
 
@@ -98,39 +120,46 @@ def rates(y, ground, dy, data):
         base = i * {n_rows}
         here = {head} + i * {block}
 {rates}
-    below = ground
+{below}
     for i in range(n_storeys):
+        base = i * {n_rows}
         here = {head} + i * {block}
         above = data[here + {block} + {force}] if i + 1 < n_storeys else 0.0
-        acceleration = (above - data[here + {force}]) * data[here + {inverse_mass}]
+{floor}
         data[here + {acceleration}] = acceleration
         dy[i * {n_rows} + 1] = {drift_rate_rate}
         below = acceleration
 
 
 @njit({flags})
-def slopes(y, data):
-    for i in range(int(data[0])):
+def slopes(y, ground, data):
+    n_storeys = int(data[0])
+    for i in range(n_storeys):
         base = i * {n_rows}
         here = {head} + i * {block}
 {slopes}
+{around_slopes}
 
 
 @njit({flags})
 def direction(k, t, dt_, data):
-    """Derivative of the rates in direction k, once ``slopes`` has filled the table of partial derivatives."""
+    """Derivative of the rates in direction k, once ``slopes`` has filled the table of partial derivatives.
+
+    In direction -1 the parameters stay as they are.
+    """
     n_storeys = int(data[0])
     n_directions = int(data[3])
     for i in range(n_storeys):
         base = i * {n_rows}
         here = {head} + i * {block}
-        moved = here + int(data[{head} + n_storeys * {block} + i * n_directions + k])
+{moved}
 {chain}
-    below = 0.0
+{below_slope}
     for i in range(n_storeys):
+        base = i * {n_rows}
         here = {head} + i * {block}
         above = data[here + {block} + {force_slope}] if i + 1 < n_storeys else 0.0
-        acceleration = (above - data[here + {force_slope}]) * data[here + {inverse_mass}]
+{floor_slope}
         data[here + {acceleration_slope}] = acceleration
         dt_[i * {n_rows} + 1] = {drift_rate_rate}
         below = acceleration
@@ -139,14 +168,12 @@ def direction(k, t, dt_, data):
 @njit({flags})
 def jacobian(y, matrix, data):
     """Derivative of the rates with respect to the states: ``matrix[column, row]``."""
-    n_storeys = int(data[0])
-    matrix[:, :] = 0.0
-    slopes(y, data)
-    for i in range(n_storeys):
-        base = i * {n_rows}
-        here = {head} + i * {block}
-        matrix[base + 1, base] = 1.0
-{jacobian}
+    slopes(y, 0.0, data)
+    unit = np.zeros_like(y)
+    for column in range(y.shape[0]):
+        unit[column] = 1.0
+        direction(-1, unit, matrix[column], data)
+        unit[column] = 0.0
 
 
 @njit({flags})
@@ -213,7 +240,7 @@ def observe(j, y, tangents, starts, row, coefficient, ground_part, data, out):
     o = {head} + n_storeys * ({block} + n_directions)
     channels(y, {force}, {acceleration}, data[o + j], starts, row, coefficient, ground_part, data, out[0])
     if n_directions > 0:
-        slopes(y, data)
+        slopes(y, data[o + j], data)
         rate = np.empty_like(y)
         for k in range(n_directions):
             direction(k, tangents[k], rate, data)
@@ -232,6 +259,8 @@ def channels(y, force, acceleration, ground, starts, row, coefficient, ground_pa
             here = {head} + storey * {block}
             if kind < 4:
                 value = y[storey * {n_rows} + kind]
+            elif kind == 6:
+                value = y[n_storeys * {n_rows}]
             elif kind == 4:
                 value = data[here + force]
             else:
@@ -247,7 +276,7 @@ def all_rates(y, ground, dy, data):
     """Rates of the state ``y[0]`` and of its derivatives ``y[1:]``."""
     rates(y[0], ground, dy[0], data)
     if y.shape[0] > 1:
-        slopes(y[0], data)
+        slopes(y[0], ground, data)
         for k in range(y.shape[0] - 1):
             direction(k, y[k + 1], dy[k + 1], data)
 
@@ -294,10 +323,10 @@ def turned(h, y, dy, data):
 @njit({flags})
 def run_rk4(substeps, resolution, starts, row, coefficient, ground_part, data, out):
     n_storeys, dt, n_times, n_directions = int(data[0]), data[1], int(data[2]), int(data[3])
-    shape = (1 + n_directions, n_storeys * {n_rows})
+    shape = (1 + n_directions, n_storeys * {n_rows} + {n_base_rows})
     y, dy, trial, total = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    before = np.zeros(n_storeys * {n_rows})
-    after = np.zeros(n_storeys * {n_rows})
+    before = np.zeros(shape[1])
+    after = np.zeros(shape[1])
     tolerance = 1e-9 * dt
     prepare(data)
     strike(tolerance, 0.0, y[0], y[:0], before, after, data)
@@ -338,12 +367,13 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         True for a specimen whose displacement is given, False for a base-excited building.
     """
     place = layout(law, programs)
-    tangent_derived = place.derived + len(programs.rates.hoisted)
     fields = {
         "flags": FLAGS,
         "head": HEAD,
         "block": place.block,
         "n_rows": place.n_rows,
+        "n_base_rows": place.n_base_rows,
+        "moved": _indent(_moved(place, "i")),
         "inverse_mass": place.inverse_mass,
         "force": place.force,
         "acceleration": place.acceleration,
@@ -351,14 +381,15 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         "acceleration_slope": place.acceleration_slope,
         "driven": str(driven),
         "drift_rate_rate": "0.0" if driven else "acceleration - below",
-        "prepare": _indent(
-            _prepare(law, place, programs.rates, place.derived)
-            + _prepare(law, place, programs.tangent, tangent_derived)
-        ),
-        "rates": _indent(_rates(law, programs.rates, place)),
-        "slopes": _indent(_slopes(law, programs, place, tangent_derived)),
-        "chain": _indent(_chain(law, programs, place)),
-        "jacobian": _indent(_jacobian(programs, place, driven)),
+        "prepare": _indent(_prepare(law, place, programs)),
+        "rates": _indent([*_rates(law, programs.storey, place, _storey_targets(law, place)), "dy[base] = v"]),
+        "below": _below(law, programs, place),
+        "floor": _indent(_floor(law, programs, place)),
+        "slopes": _indent(_slopes(law, programs.storey, place, place.slope, [f"data[here + {place.force}]"])),
+        "around_slopes": _around_slopes(law, programs, place),
+        "chain": _indent(_chain(programs, place)),
+        "below_slope": _below_slope(programs, place),
+        "floor_slope": _indent(_floor_slope(programs, place)),
         "next_event": _indent(_next_event(law, place)),
         "strike": _indent(_strike(law, place)),
         "refine": _indent(_refine(law)),
@@ -371,79 +402,137 @@ def _indent(lines: list[str]) -> str:
     return "\n".join("        " + line for line in lines or ["pass"])
 
 
-def _loads(law: StoreyLaw, place: Layout, program: Program, first_derived: int, lines: list[str]) -> list[str]:
+def _loads(law: StoreyLaw, place: Layout, program: Program, first: int, lines: list[str]) -> list[str]:
+    """Lines that load what the given lines use; ``first`` is the position of the program's first hoisted value."""
     words = set(re.findall(r"[A-Za-z_]\w*", "\n".join(lines)))
     sources = {str(symbol): f"y[base + {row}]" for row, symbol in enumerate((DRIFT, DRIFT_RATE, *law.states))}
+    sources |= {str(symbol): f"y[n_storeys * {place.n_rows} + {r}]" for r, symbol in enumerate(law.base_states)}
     sources |= {str(symbol): f"data[here + {column}]" for column, symbol in enumerate(law.symbols)}
-    sources |= {name: f"data[here + {first_derived + column}]" for column, (name, _) in enumerate(program.hoisted)}
+    hoisted = enumerate(program.hoisted)
+    sources |= {name: f"data[here + {place.derived + first + column}]" for column, (name, _) in hoisted}
     sources |= {str(event.indicator): f"data[here + {place.happened + e}]" for e, event in enumerate(law.events)}
+    sources |= {str(INVERSE_MASS): f"data[here + {place.inverse_mass}]", INPUT_NAMES[RECORDED_ACCELERATION]: "ground"}
+    sources |= {INPUT_NAMES[FORCE_ABOVE]: "above", INPUT_NAMES[FORCE_BELOW]: f"data[here + {place.force}]"}
     return [f"{name} = {source}" for name, source in sources.items() if name in words]
 
 
-def _prepare(law: StoreyLaw, place: Layout, program: Program, first: int) -> list[str]:
-    lines = _loads(law, place, program, first, [source for _, source in program.hoisted])
-    for position, (name, source) in enumerate(program.hoisted):
-        lines += [f"{name} = {source}", f"data[here + {first + position}] = {name}"]
+def _prepare(law: StoreyLaw, place: Layout, programs: LawPrograms) -> list[str]:
+    lines: list[str] = []
+    for part in programs.parts:
+        for program, first in ((part.rates, part.first_rates), (part.tangent, part.first_tangent)):
+            lines += _loads(law, place, program, first, [source for _, source in program.hoisted])
+            for position, (name, source) in enumerate(program.hoisted):
+                lines += [f"{name} = {source}", f"data[here + {place.derived + first + position}] = {name}"]
     return lines
 
 
-def _rates(law: StoreyLaw, program: Program, place: Layout) -> list[str]:
-    body = [f"{name} = {source}" for name, source in program.lines]
-    body += [f"data[here + {place.force}] = {program.outputs[0]}", "dy[base] = v"]
-    body += [f"dy[base + {2 + i}] = {source}" for i, source in enumerate(program.outputs[1:])]
-    return _loads(law, place, program, place.derived, body) + body
+def _storey_targets(law: StoreyLaw, place: Layout) -> list[str]:
+    return [f"data[here + {place.force}]", *(f"dy[base + {2 + i}]" for i in range(law.n_storey_states))]
 
 
-def _slopes(law: StoreyLaw, programs: LawPrograms, place: Layout, first_derived: int) -> list[str]:
-    program = programs.tangent
+def _rates(law: StoreyLaw, part: Part, place: Layout, targets: list[str]) -> list[str]:
+    program = part.rates
     body = [f"{name} = {source}" for name, source in program.lines]
+    body += [f"{target} = {source}" for target, source in zip(targets, program.outputs, strict=True)]
+    return _loads(law, place, program, part.first_rates, body) + body
+
+
+def _floor(law: StoreyLaw, programs: LawPrograms, place: Layout) -> list[str]:
+    if programs.floor is None:
+        return [f"acceleration = (above - data[here + {place.force}]) * data[here + {place.inverse_mass}]"]
+    rates = [f"dy[base + {2 + i}]" for i in range(law.n_storey_states, len(law.states))]
+    return _rates(law, programs.floor, place, ["acceleration", *rates])
+
+
+def _below(law: StoreyLaw, programs: LawPrograms, place: Layout) -> str:
+    """Acceleration of what storey 1 stands on."""
+    if programs.base is None:
+        return "    below = ground"
+    rates = [f"dy[n_storeys * {place.n_rows} + {r}]" for r in range(place.n_base_rows)]
+    return _first_storey(place.force, _rates(law, programs.base, place, ["below", *rates]))
+
+
+def _first_storey(force: int, lines: list[str]) -> str:
+    """Lines about the base: ``here`` is the block of storey 1, ``above`` its force."""
+    return "\n".join("    " + line for line in [f"here = {HEAD}", f"above = data[here + {force}]", *lines])
+
+
+def _slopes(law: StoreyLaw, part: Part, place: Layout, table: int, kept: Sequence[str] = ()) -> list[str]:
+    """Partial derivatives of a part into its table; the first outputs go to ``kept``."""
+    body = [f"{name} = {source}" for name, source in part.tangent.lines]
+    body += [f"{target} = {source}" for target, source in zip(kept, part.tangent.outputs, strict=False)]
     body += [
-        f"data[here + {place.slope + output * place.n_columns + variable}] = {source}"
-        for (output, variable), source in zip(programs.partials, program.outputs[1 + len(law.states) :], strict=True)
+        f"data[here + {table + output * place.n_columns + variable}] = {source}"
+        for (output, variable), source in zip(part.partials, part.slopes, strict=True)
     ]
-    return _loads(law, place, program, first_derived, body) + body
+    return _loads(law, place, part.tangent, part.first_tangent, body) + body
 
 
-def _chain(law: StoreyLaw, programs: LawPrograms, place: Layout) -> list[str]:
-    lines = ["dt_[base] = t[base + 1]"]
-    for output in range(1 + len(law.states)):
-        first = place.slope + output * place.n_columns
-        terms = [f"data[moved + {first}]"]
-        terms += [
-            f"data[here + {first + variable}] * t[base + {variable}]"
-            for row, variable in programs.partials
-            if row == output and variable < place.n_rows
-        ]
-        target = f"data[here + {place.force_slope}]" if output == 0 else f"dt_[base + {1 + output}]"
-        lines.append(f"{target} = {' + '.join(terms)}")
-    return lines
+def _around_slopes(law: StoreyLaw, programs: LawPrograms, place: Layout) -> str:
+    """Partial derivatives of floors and base, from the forces that the storeys' programs have just left."""
+    lines: list[str] = []
+    if programs.floor is not None:
+        lines += ["    for i in range(n_storeys):", f"        base = i * {place.n_rows}"]
+        lines += [f"        here = {HEAD} + i * {place.block}"]
+        lines += [f"        above = data[here + {place.block} + {place.force}] if i + 1 < n_storeys else 0.0"]
+        lines += [_indent(_slopes(law, programs.floor, place, place.slope))]
+    if programs.base is not None:
+        lines += [_first_storey(place.force, _slopes(law, programs.base, place, place.base_slope))]
+    return "\n".join(lines)
 
 
-def _jacobian(programs: LawPrograms, place: Layout, driven: bool) -> list[str]:
-    """Each partial of the force pushes its own floor back and the floor below forward."""
-    own = [(output, variable) for output, variable in programs.partials if variable < place.n_rows]
-    lines = [
-        f"matrix[base + {variable}, base + {1 + row}] = data[here + {place.slope + row * place.n_columns + variable}]"
-        for row, variable in own
-        if row > 0
+def _slope(part: Part, row: int, first: int, tangents: dict[int, str]) -> str:
+    """Derivative of one output in the direction at hand, given those of the variables it is a function of."""
+    terms = [f"data[moved + {first}]"]
+    terms += [
+        f"data[here + {first + variable}] * {tangents[variable]}"
+        for output, variable in part.partials
+        if output == row and variable in tangents
     ]
-    if driven:
-        return lines
-    lines += [
-        f"inverse_mass = data[here + {place.inverse_mass}]",
-        f"below = data[here - {place.block} + {place.inverse_mass}] if i > 0 else 0.0",
+    return " + ".join(terms)
+
+
+def _moved(place: Layout, storey: str) -> list[str]:
+    """Lines that find the column of the table that direction k moves at a storey."""
+    return [
+        f"moved = here + {place.n_columns - 1}",
+        "if k >= 0:",
+        f"    moved = here + int(data[{HEAD} + n_storeys * {place.block} + {storey} * n_directions + k])",
     ]
-    for output, variable in own:
-        if output == 0:
-            lines += [
-                f"slope = data[here + {place.slope + variable}]",
-                f"matrix[base + {variable}, base + 1] = -slope * (inverse_mass + below)",
-                "if i > 0:",
-                f"    matrix[base + {variable}, base + 1 - {place.n_rows}] = slope * below",
-                "if i + 1 < n_storeys:",
-                f"    matrix[base + {variable}, base + 1 + {place.n_rows}] = slope * inverse_mass",
-            ]
-    return lines
+
+
+def _chain(programs: LawPrograms, place: Layout) -> list[str]:
+    tangents = {row: f"t[base + {row}]" for row in range(place.n_rows)}
+    targets = [f"data[here + {place.force_slope}]", *(f"dt_[base + {1 + row}]" for row in range(1, place.n_rows - 1))]
+    return ["dt_[base] = t[base + 1]"] + [
+        f"{targets[row]} = {_slope(programs.storey, row, place.slope + row * place.n_columns, tangents)}"
+        for row in programs.storey.rows
+    ]
+
+
+def _floor_slope(programs: LawPrograms, place: Layout) -> list[str]:
+    if programs.floor is None:
+        return [f"acceleration = (above - data[here + {place.force_slope}]) * data[here + {place.inverse_mass}]"]
+    tangents = {row: f"t[base + {row}]" for row in range(place.n_rows)}
+    inputs = {len(programs.variables) - 2: "above", len(programs.variables) - 1: f"data[here + {place.force_slope}]"}
+    targets = [*(f"dt_[base + {1 + row}]" for row in range(place.n_rows - 1)), "acceleration"]
+    return _moved(place, "i") + [
+        f"{targets[row]} = {_slope(programs.floor, row, place.slope + row * place.n_columns, tangents | inputs)}"
+        for row in programs.floor.rows
+    ]
+
+
+def _below_slope(programs: LawPrograms, place: Layout) -> str:
+    if programs.base is None:
+        return "    below = 0.0"
+    own = range(place.n_base_rows)
+    tangents = {r: f"t[n_storeys * {place.n_rows} + {r}]" for r in own} | {len(programs.variables) - 2: "above"}
+    targets = ["below", *(f"dt_[n_storeys * {place.n_rows} + {r}]" for r in own)]
+    lines = _moved(place, "0") + [
+        f"{targets[row]} = {_slope(programs.base, row, place.base_slope + row * place.n_columns, tangents)}"
+        for row in programs.base.rows
+    ]
+    return _first_storey(place.force_slope, lines)
 
 
 def _next_event(law: StoreyLaw, place: Layout) -> list[str]:

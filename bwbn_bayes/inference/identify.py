@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -35,12 +35,14 @@ from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.inference.tmcmc.target import Reference, Target
 from bwbn_bayes.inference.transported import Transported
 from bwbn_bayes.inference.truncated import TruncatedStudent
+from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check, Result, StageFacts
 from bwbn_bayes.structures.structure import Structure
 
-Method = Literal["importance", "tmcmc"]
+Method = Literal["importance", "tmcmc", "ga", "ipv"]
 METHODS: tuple[Method, ...] = ("importance", "tmcmc")
+"""Roads to a posterior; :mod:`bwbn_bayes.baselines.methods` adds ``ga`` and ``ipv``, which give none."""
 Listener = Callable[[str, StageFacts | None], None]
 """Called with what is being done and, after each step of it, that step's facts."""
 
@@ -135,6 +137,8 @@ def identify(
         If nothing is to be identified, the record measures nothing, or record and model do not belong together.
     """
     settings = settings or Settings()
+    if settings.method not in METHODS:
+        raise ValueError(f"method {settings.method!r} gives no posterior: call bwbn_bayes.identify")
     if model.space.n_dim == 0:
         raise UserError(
             f"model {name!r} identifies no parameter: give at least one of them a prior instead of a number"
@@ -153,7 +157,58 @@ def identify(
     )
     streams = np.random.SeedSequence(settings.seed).spawn(N_ATTEMPTS + 2)
     posterior, modes, discretisation, checks = _fit(posterior, streams[:N_ATTEMPTS], history)
-    rng = np.random.default_rng(streams[-1])
+    fitted = _Fitted(posterior, modes, discretisation, checks)
+    return _sampled(fitted, settings, np.random.default_rng(streams[-1]), history, name, assumptions)
+
+
+def identify_from(
+    posterior: Posterior,
+    points: Floats,
+    *,
+    settings: Settings | None = None,
+    name: str = "model",
+    assumptions: Sequence[str] = (),
+    listener: Listener | None = None,
+) -> Result:
+    """Sample a posterior whose optima are known already.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model, record and noise; its engine gives way to the scheme that is fine enough.
+    points : (n, n_dim) array
+        Optima in the unit cube, best first.
+    settings, name, assumptions, listener
+        As for :func:`identify`.
+
+    Returns
+    -------
+    Result
+        Posterior, checks and facts.
+    """
+    settings = settings or Settings()
+    history = _History(listener, time.perf_counter(), [])
+    fitted = _Fitted(*_finish(posterior, points))
+    return _sampled(fitted, settings, np.random.default_rng(settings.seed), history, name, assumptions)
+
+
+class _Fitted(NamedTuple):
+    posterior: Posterior
+    modes: tuple[Mode, ...]
+    discretisation: Discretisation | None
+    checks: tuple[Check, ...]
+
+
+def _sampled(
+    fitted: _Fitted,
+    settings: Settings,
+    rng: np.random.Generator,
+    history: _History,
+    name: str,
+    assumptions: Sequence[str],
+) -> Result:
+    """The posterior by the road asked for, and by TMCMC where importance sampling fails its check."""
+    posterior, modes, discretisation, checks = fitted
     roads: dict[str, tuple[float, float]] = {}
     method: str = settings.method
     draws: Draws | None = None
@@ -187,7 +242,7 @@ def identify(
         discretisation=discretisation,
         stages=tuple(history.stages),
         evidences=roads,
-        elapsed=lambda: time.perf_counter() - began,
+        elapsed=lambda: time.perf_counter() - history.began,
         rng=rng,
     )
 
@@ -203,8 +258,6 @@ def _fit(
 ) -> tuple[Posterior, tuple[Mode, ...], Discretisation | None, tuple[Check, ...]]:
     """Modes at the final scheme; searched again from new and more starts while the residual is not noise."""
     modes: tuple[Mode, ...] = ()
-    discretisation = None
-    view = posterior
     for attempt, stream in enumerate(streams):
         rng = np.random.default_rng(stream)
         history.say(
@@ -213,15 +266,24 @@ def _fit(
         found = find_modes(
             posterior, rng, n_starts=1024 * 4**attempt, progress=lambda facts: _tell_window(history, posterior, facts)
         )
-        if isinstance(posterior.engine, Lanes):
-            scheme, discretisation = choose_scheme(posterior, found[0].point, posterior.engine)
-            view = posterior.with_engine(scheme)
-        points, local = polish(view, np.array([mode.point for mode in (*found, *modes)]), n_iterations=20)
-        modes = distinct(points, local)
-        checks = residual_checks(view, modes[0].point)
+        points = np.array([mode.point for mode in (*found, *modes)])
+        view, modes, discretisation, checks = _finish(posterior, points)
         if all(check.passed for check in checks):
             break
     return view, modes, discretisation, checks
+
+
+def _finish(
+    posterior: Posterior, points: Floats
+) -> tuple[Posterior, tuple[Mode, ...], Discretisation | None, tuple[Check, ...]]:
+    """Choose the scheme at the first point and polish all of them under it."""
+    view, discretisation = posterior, None
+    if isinstance(posterior.engine, Lanes):
+        scheme, discretisation = choose_scheme(posterior, points[0], posterior.engine)
+        view = posterior.with_engine(scheme)
+    points, local = polish(view, points, n_iterations=20)
+    modes = distinct(points, local)
+    return view, modes, discretisation, residual_checks(view, modes[0].point)
 
 
 def _tell_window(history: _History, posterior: Posterior, facts: WindowFacts) -> None:

@@ -112,6 +112,11 @@ def laplace_mixture(modes: Sequence[Mode], *, within: float = 30.0) -> Mixture:
     return Mixture(weights=tuple(weights), components=tuple(components))
 
 
+def laplace_log_evidence(modes: Sequence[Mode]) -> float:
+    """Laplace's approximation of the log evidence, summed over the modes, for a prior of density one."""
+    return float(logsumexp([_laplace_mass(mode) for mode in modes]))
+
+
 def _laplace_mass(mode: Mode) -> float:
     values = np.maximum(np.linalg.eigvalsh(mode.information), 12.0)
     return mode.log_likelihood + 0.5 * float(len(values) * np.log(2.0 * np.pi) - np.sum(np.log(values)))
@@ -147,16 +152,11 @@ def sample_importance(
     batch = int(1.1 * effective) // 16 * 16 + 16
     while True:
         new = proposal.sample(rng, batch)
-        log_prior = target.log_prior(new)
-        inside = np.isfinite(log_prior)
-        value = np.full(len(new), -np.inf)
-        value[inside] = target.log_likelihood(new[inside])
+        value, ratio = log_ratios(target, proposal, new)
         points = np.concatenate([points, new])
         log_likelihood = np.concatenate([log_likelihood, value])
-        log_ratio = np.concatenate(
-            [log_ratio, np.where(inside, value + log_prior, -np.inf) - proposal.log_density(new)]
-        )
-        reached = _effective(log_ratio)
+        log_ratio = np.concatenate([log_ratio, ratio])
+        reached = effective_draws(log_ratio)
         if progress is not None:
             progress(reached, len(points))
         short = effective - reached
@@ -165,7 +165,17 @@ def sample_importance(
         batch = int(min(1.1 * short * len(points) / reached, most - len(points))) // 16 * 16 + 16
 
 
-def _effective(log_ratio: Floats) -> float:
+def log_ratios(target: Target, proposal: Proposal, points: Floats) -> tuple[Floats, Floats]:
+    """Log likelihood and log of posterior over proposal density, ``(n,)`` each, of draws ``(n, n_dim)``."""
+    log_prior = target.log_prior(points)
+    inside = np.isfinite(log_prior)
+    value = np.full(len(points), -np.inf)
+    value[inside] = target.log_likelihood(points[inside])
+    return value, np.where(inside, value + log_prior, -np.inf) - proposal.log_density(points)
+
+
+def effective_draws(log_ratio: Floats) -> float:
+    """Kish's effective number of draws behind log weights ``(n,)`` that need not be normalised."""
     return float(np.exp(2.0 * logsumexp(log_ratio) - logsumexp(2.0 * log_ratio)))
 
 

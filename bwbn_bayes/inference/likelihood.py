@@ -202,6 +202,10 @@ class Posterior:
         """The posterior given the record's first seconds only."""
         return replace(self, record=self.record.until(time))
 
+    def with_model(self, model: Structure) -> Posterior:
+        """The posterior of another model given the same record, noise priors and engine."""
+        return replace(self, model=model)
+
     def with_engine(self, engine: Engine) -> Posterior:
         """The same posterior solved by another engine or scheme."""
         return replace(self, engine=engine)

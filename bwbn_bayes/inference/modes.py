@@ -136,8 +136,8 @@ def polish(
         Starts in the unit cube.
     n_iterations : int
         Largest number of steps; stops when no candidate gains more than 0.01 nat.
-    held : (n_dim,) boolean array, optional
-        Coordinates that keep their values.
+    held : (n_dim,) or (n, n_dim) boolean array, optional
+        Coordinates that keep their values, of every candidate or of each.
     reach : float
         Candidates further below the best do not keep the others waiting. [nat]
 
@@ -149,6 +149,7 @@ def polish(
     """
     local = view.linearise(points)
     scale = np.ones(len(points))
+    held = np.broadcast_to(False if held is None else held, points.shape)
     for _ in range(n_iterations):
         trials = np.stack([_steps(points, local, damping * scale, held) for damping in _DAMPINGS], axis=1)
         flat = trials.reshape(-1, trials.shape[-1])
@@ -171,13 +172,11 @@ def polish(
     return points, local
 
 
-def _steps(points: Floats, local: Linearisation, damping: Floats, held: Booleans | None) -> Floats:
+def _steps(points: Floats, local: Linearisation, damping: Floats, held: Booleans) -> Floats:
     """One damped Gauss-Newton step of every candidate inside the cube, coordinates held at bounds they press on."""
     trials = points.copy()
     for i, (point, gradient, information) in enumerate(zip(points, local.gradient, local.information, strict=True)):
-        free = ~_pressing(point, gradient)
-        if held is not None:
-            free &= ~held
+        free = ~_pressing(point, gradient) & ~held[i]
         for _ in range(3):
             if not np.any(free):
                 break

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from scipy.stats import chi2
+from scipy.linalg import solve_toeplitz
+from scipy.stats import chi2, levene
 
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
@@ -11,6 +14,8 @@ from bwbn_bayes.records.noise import model_free_noise_sd
 from bwbn_bayes.results import Check
 
 N_LAGS = 20
+MAX_ORDER = 4
+N_STRETCHES = 12
 LEAST_PROBABILITY = 1e-5
 LARGEST_RATIO = 1.25
 
@@ -34,18 +39,75 @@ def whiteness_probability(residual: Floats) -> float:
     return float(chi2.sf(statistic, lags))
 
 
+class ColouredNoise(NamedTuple):
+    """Autoregressive noise fitted to a residual."""
+
+    coefficients: Floats
+    """``(order,)``; none where white noise is the better account."""
+    gain: float
+    """Log evidence over white noise. [nat]"""
+
+    def innovations(self, residual: Floats) -> Floats:
+        """What of a residual ``(n_times,)`` its past does not tell, ``(n_times - order,)``."""
+        whitening = np.concatenate([[1.0], -self.coefficients])
+        return np.convolve(residual, whitening, mode="valid")
+
+
+def coloured_noise(residual: Floats) -> ColouredNoise:
+    """Fit autoregressive noise of order 0 to 4 to a residual ``(n_times,)``; the order is chosen by evidence.
+
+    Coefficients by the Yule-Walker equations, evidence by Schwarz's approximation.
+
+    References
+    ----------
+    .. [1] G. Schwarz, "Estimating the Dimension of a Model", Annals of Statistics 6(2), 1978,
+       doi:10.1214/aos/1176344136.
+    """
+    n = len(residual)
+    centred = residual - np.mean(residual)
+    covariance = np.array([centred[lag:] @ centred[: n - lag] for lag in range(MAX_ORDER + 1)]) / n
+    best = ColouredNoise(np.empty(0), 0.0)
+    if covariance[0] == 0.0:
+        return best
+    for order in range(1, MAX_ORDER + 1):
+        coefficients = solve_toeplitz(covariance[:order], covariance[1 : order + 1])
+        innovation = max(float(covariance[0] - coefficients @ covariance[1 : order + 1]), 1e-300)
+        gain = 0.5 * n * float(np.log(covariance[0] / innovation)) - 0.5 * order * float(np.log(n))
+        if gain > best.gain:
+            best = ColouredNoise(coefficients, gain)
+    return best
+
+
+def is_noise(residual: Floats) -> bool:
+    """Whether a residual ``(n_times,)`` could be stationary noise, white or autoregressive.
+
+    Its innovations must be white (Ljung and Box) and equally strong throughout (Levene's test over twelve stretches):
+    what a model lacks comes and goes with the motion.
+    """
+    innovations = coloured_noise(residual).innovations(residual)
+    stretches = np.array_split(innovations, N_STRETCHES)
+    steady = float(levene(*stretches, center="mean").pvalue)
+    return min(whiteness_probability(innovations), steady) > LEAST_PROBABILITY
+
+
+def residual_of(posterior: Posterior, point: Floats) -> Floats:
+    """Measured minus modelled channels ``(n_channels, n_times)`` at a point ``(n_dim,)`` of the unit cube."""
+    values, _ = posterior.split(point[None])
+    posterior.solves.total += 1
+    response = posterior.engine.simulate(posterior.model, values, posterior.record).values[0]
+    return np.stack(list(posterior.record.channels.values())) - response
+
+
+def noise_floor(signal: Floats) -> float:
+    """Model-free noise level of a channel; at least a thousandth of its rms, where a record has no noise."""
+    return max(model_free_noise_sd(signal), 1e-3 * float(np.std(signal)))
+
+
 def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     """Noise level and whiteness of the residual at a point ``(n_dim,)`` of the unit cube, worst channel of each."""
     record = posterior.record
-    values, _ = posterior.split(point[None])
-    response = posterior.engine.simulate(posterior.model, values, record).values[0]
-    posterior.solves.total += 1
-    residual = {name: signal - response[i] for i, (name, signal) in enumerate(record.channels.items())}
-    ratios = {}
-    for name, rest in residual.items():
-        # A record without noise has an estimate near zero: no ratio is asked below a thousandth of its rms.
-        floor = max(model_free_noise_sd(record.channels[name]), 1e-3 * float(np.std(record.channels[name])))
-        ratios[name] = float(np.std(rest)) / floor
+    residual = dict(zip(record.channels, residual_of(posterior, point), strict=True))
+    ratios = {name: float(np.std(rest)) / noise_floor(record.channels[name]) for name, rest in residual.items()}
     white = {name: whiteness_probability(rest) for name, rest in residual.items()}
     loudest, reddest = max(ratios, key=lambda name: ratios[name]), min(white, key=lambda name: white[name])
     return (

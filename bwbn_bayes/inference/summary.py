@@ -13,7 +13,7 @@ import arviz_stats.base as arviz_base
 import numpy as np
 import xarray as xr
 
-from bwbn_bayes.engines.base import OBSERVED_KINDS, Engine, channel_map, masses
+from bwbn_bayes.engines.base import BASE_DISPLACEMENT, OBSERVED_KINDS, Engine, channel_map, masses
 from bwbn_bayes.inference.accuracy import Discretisation
 from bwbn_bayes.inference.identifiability import describe, flag
 from bwbn_bayes.inference.importance import WeightedDraws
@@ -112,10 +112,10 @@ def build_result(
     chosen = np.linspace(0, len(draws.points) - 1, min(N_RESPONSES, len(draws.points))).astype(np.int64)
     values, noise_values = posterior.split(draws.points[chosen])
     rows = observe(posterior.engine, model, values, record)
-    signals = _channels(model, record, rows)
+    signals = predicted_channels(model, record, rows)
     misfit = np.sum(np.square(np.stack(list(record.channels.values())) - signals), axis=2)
     noise_sd = posterior.noise.draw_sd(rng, misfit, record.n_times, noise_values)
-    truth = _truth(model, record)
+    truth = true_histories(model, record)
     tree = _tree(posterior, draws, values, rows, signals, noise_sd, truth, rng)
     log_evidence, log_evidence_se = evidences["tmcmc (bridge)" if method == "tmcmc" else method]
     facts = Facts(
@@ -127,7 +127,7 @@ def build_result(
         parameters=parameters,
         log_evidence=log_evidence,
         log_evidence_se=log_evidence_se,
-        nrmse=_fit_error(record, signals),
+        nrmse=fit_error(record, signals),
         noise_sd=dict(zip(record.channels, np.mean(noise_sd, axis=0).tolist(), strict=True)),
         n_solves=posterior.solves.total,
         n_stages=len(stages),
@@ -139,31 +139,34 @@ def build_result(
         checks=checks,
         stages=stages,
         equations=tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model)),
-        assumptions=(*assumptions, *model.warnings, posterior.noise.describe(), *_conventions(model)),
+        assumptions=(*assumptions, *model.warnings, posterior.noise.describe(), *conventions(model)),
         discretisation=discretisation.as_mapping() if discretisation else {"scheme": posterior.engine.scheme},
-        restoring_force=_force_agreement(rows, truth, model.n_storeys),
+        restoring_force=force_agreement(rows, truth, model.n_storeys),
         evidences=evidences,
-        provenance=_provenance(record, seed, posterior.engine),
+        provenance=provenance_of(record, seed, posterior.engine),
     )
     return Result(tree=tree, facts=facts)
 
 
 def observe(engine: Engine, model: Structure, values: Floats, record: Record) -> dict[str, Floats]:
-    """Every observable history ``(n_draws, n_storeys, n_times)`` by kind."""
+    """Every observable history ``(n_draws, n_storeys, n_times)`` by kind; of a base that can move, one row."""
     names = [f"{kind}_{storey}" for kind in OBSERVED_KINDS for storey in range(1, model.n_storeys + 1)]
+    names += [BASE_DISPLACEMENT] if model.law.base_states else []
     response = engine.simulate(model, values, record, names).values
-    shaped = response.reshape(len(values), len(OBSERVED_KINDS), model.n_storeys, record.n_times)
-    return {kind: shaped[:, i] for i, kind in enumerate(OBSERVED_KINDS)}
+    n_rows = len(OBSERVED_KINDS) * model.n_storeys
+    shaped = response[:, :n_rows].reshape(len(values), len(OBSERVED_KINDS), model.n_storeys, record.n_times)
+    rows = {kind: shaped[:, i] for i, kind in enumerate(OBSERVED_KINDS)}
+    return rows | ({BASE_DISPLACEMENT: response[:, n_rows:]} if model.law.base_states else {})
 
 
-def _channels(model: Structure, record: Record, rows: Mapping[str, Floats]) -> Floats:
+def predicted_channels(model: Structure, record: Record, rows: Mapping[str, Floats]) -> Floats:
     """Measured channels ``(n_draws, n_channels, n_times)`` from histories already solved."""
     return channel_map(model, tuple(record.channels)).apply(
-        np.concatenate([rows[kind] for kind in OBSERVED_KINDS], axis=1), record.excitation
+        np.concatenate(list(rows.values()), axis=1), record.excitation
     )
 
 
-def _truth(model: Structure, record: Record) -> dict[str, Floats] | None:
+def true_histories(model: Structure, record: Record) -> dict[str, Floats] | None:
     """The noise-free response at the true parameters, solved by the reference engine, where they are all known."""
     if not all(name in record.truth for name in model.space.names):
         return None
@@ -217,15 +220,15 @@ def _tree(
         {p.symbol: (("draw", "storey"), local[:, :, i]) for i, p in enumerate(model.law.parameters)},
         coords={"storey": storeys},
     )
-    response = _response_dataset(rows, times, storeys)
+    response = response_dataset(rows, times, storeys)
     groups = {
-        "posterior": _parameter_dataset(space.parameters, space.from_unit(draws.points), model.n_storeys),
-        "prior": _parameter_dataset(space.parameters, prior, model.n_storeys),
+        "posterior": parameter_dataset(space.parameters, space.from_unit(draws.points), model.n_storeys),
+        "prior": parameter_dataset(space.parameters, prior, model.n_storeys),
         "sample_stats": xr.Dataset({"log_likelihood": (("chain", "draw"), draws.log_likelihood[None])}),
         "observed_data": xr.Dataset(
             {name: ("time", np.array(signal)) for name, signal in record.channels.items()}, coords={"time": times}
         ),
-        "constant_data": _constant_dataset(model, record, storeys),
+        "constant_data": constant_dataset(model, record, storeys),
         "posterior_predictive": xr.Dataset(
             {
                 name: (("chain", "draw", "time"), noisy[None, :, i].astype(np.float32))
@@ -239,19 +242,20 @@ def _tree(
     if isinstance(model, ShearBuilding):
         groups["quantities"] = engineering_quantities(response, by_storey, masses(model))
     if truth is not None:
-        groups["true_response"] = _response_dataset(truth, times, storeys).isel(draw=0)
+        groups["true_response"] = response_dataset(truth, times, storeys).isel(draw=0)
     return xr.DataTree.from_dict(groups)
 
 
-def _response_dataset(rows: Mapping[str, Floats], times: Floats, storeys: list[int]) -> xr.Dataset:
-    place = {kind: "floor" if kind == "acceleration" else "storey" for kind in rows}
+def response_dataset(rows: Mapping[str, Floats], times: Floats, storeys: list[int]) -> xr.Dataset:
+    """Histories ``(n_draws, n_storeys, n_times)`` by kind, with the names of storeys, floors and times."""
+    place = {kind: {"acceleration": "floor", BASE_DISPLACEMENT: "base"}.get(kind, "storey") for kind in rows}
     return xr.Dataset(
         {kind: (("draw", place[kind], "time"), values.astype(np.float32)) for kind, values in rows.items()},
         coords={"storey": storeys, "floor": storeys, "time": times},
     )
 
 
-def _parameter_dataset(parameters: Sequence[FreeParameter], values: Floats, n_storeys: int) -> xr.Dataset:
+def parameter_dataset(parameters: Sequence[FreeParameter], values: Floats, n_storeys: int) -> xr.Dataset:
     """One variable per symbol; per-storey parameters get a storey dimension of their own where not all have one."""
     variables: dict[str, tuple[tuple[str, ...], Floats]] = {}
     coords: dict[str, list[int]] = {}
@@ -271,7 +275,8 @@ def _parameter_dataset(parameters: Sequence[FreeParameter], values: Floats, n_st
     return xr.Dataset(variables, coords=coords)
 
 
-def _constant_dataset(model: Structure, record: Record, storeys: list[int]) -> xr.Dataset:
+def constant_dataset(model: Structure, record: Record, storeys: list[int]) -> xr.Dataset:
+    """The excitation and, where masses and sensors allow, the measured storey forces."""
     dataset = xr.Dataset({record.excitation_kind: ("time", np.array(record.excitation))}, coords={"time": record.times})
     if isinstance(model, ShearBuilding) and set(storeys) <= set(record.floors):
         forces = record.storey_forces(masses(model))
@@ -279,7 +284,8 @@ def _constant_dataset(model: Structure, record: Record, storeys: list[int]) -> x
     return dataset
 
 
-def _fit_error(record: Record, signals: Floats) -> dict[str, float]:
+def fit_error(record: Record, signals: Floats) -> dict[str, float]:
+    """Rms of measured minus mean predicted channels ``(n_draws, n_channels, n_times)`` over the measured rms."""
     mean = np.mean(signals, axis=0)
     return {
         name: float(np.sqrt(np.mean(np.square(signal - mean[i])) / np.mean(np.square(signal))))
@@ -287,7 +293,7 @@ def _fit_error(record: Record, signals: Floats) -> dict[str, float]:
     }
 
 
-def _force_agreement(
+def force_agreement(
     rows: Mapping[str, Floats], truth: Mapping[str, Floats] | None, n_storeys: int
 ) -> dict[str, dict[str, float]]:
     """Posterior mean restoring force against the noise-free truth, in time and along the drift path."""
@@ -340,7 +346,8 @@ def _verdict(
     return first, second
 
 
-def _conventions(model: Structure) -> tuple[str, ...]:
+def conventions(model: Structure) -> tuple[str, ...]:
+    """What every identification of a model takes for granted, in sentences."""
     lines = ["Energy is the work on the hysteretic spring in joules; delta_nu, delta_eta and delta_s are per joule."]
     if isinstance(model, ShearBuilding):
         lines.append("The structure starts at rest; the ground acceleration is linear between samples.")
@@ -356,7 +363,8 @@ def _conventions(model: Structure) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _provenance(record: Record, seed: int, engine: Engine) -> dict[str, str]:
+def provenance_of(record: Record, seed: int, engine: Engine) -> dict[str, str]:
+    """Seed, data hash, versions and processor of a run: label to text."""
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _LIBRARIES)
     return {
         "seed": str(seed),

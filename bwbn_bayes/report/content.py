@@ -153,6 +153,8 @@ class Content:
     modal_quantities: tuple[Quantity, ...]
     period: Period | None
     n_chains: int
+    has_bands: bool
+    """Whether there are posterior draws; a point estimate has no bands and no intervals."""
 
 
 def gather(result: Result) -> Content:
@@ -161,7 +163,7 @@ def gather(result: Result) -> Content:
     Parameters
     ----------
     result : Result
-        Its groups are read as :mod:`bwbn_bayes.results` describes; every group but ``posterior`` may be missing.
+        Its groups are read as :mod:`bwbn_bayes.results` describes; any group may be missing.
 
     Returns
     -------
@@ -183,6 +185,7 @@ def gather(result: Result) -> Content:
         modal_quantities=_quantities(quantities, "mode"),
         period=_period(quantities),
         n_chains=_group(tree, "posterior").sizes.get("chain", 1),
+        has_bands="posterior" in tree.children,
     )
 
 
@@ -234,6 +237,8 @@ def _band(draws: Floats) -> Band:
 
 def _traces(tree: xr.DataTree, facts: Facts) -> tuple[ChannelTrace, ...]:
     observed, predictive = _group(tree, "observed_data"), _group(tree, "posterior_predictive")
+    if "prediction" in tree.children:  # a point estimate: one history, a band of no width
+        predictive = _group(tree, "prediction").expand_dims(chain=1, draw=1)
     response = _group(tree, "response")
     names = [str(name) for name in observed if name in predictive]
     chosen = [names[i - 1] for i in shown(range(1, len(names) + 1))]

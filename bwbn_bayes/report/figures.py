@@ -58,9 +58,9 @@ def draw_all(content: Content) -> tuple[Drawing, ...]:
     """
     with mpl.rc_context(STYLE):
         drawings = [
-            *_acceleration_drawings(content.traces),
-            _hysteresis(content.loops),
-            _drift(content.histories),
+            *_acceleration_drawings(content.traces, with_bands=content.has_bands),
+            _hysteresis(content.loops, with_bands=content.has_bands),
+            _drift(content.histories, with_bands=content.has_bands),
             _quantities(content),
             draw_posterior(content.marginals),
             draw_learned(content.marginals),
@@ -72,11 +72,12 @@ def draw_all(content: Content) -> tuple[Drawing, ...]:
 
 
 def _draw_band(axis: Axes, x: Floats, band: Band, colour: str, *, mean: str, label: str = "") -> None:
-    axis.fill_between(x, band.lower, band.upper, color=colour, alpha=0.25, linewidth=0, label=label)
+    if np.any(band.lower < band.upper):
+        axis.fill_between(x, band.lower, band.upper, color=colour, alpha=0.25, linewidth=0, label=label)
     axis.plot(x, band.middle, color=colour, linewidth=1.1, label=mean)
 
 
-def _acceleration_drawings(traces: tuple[ChannelTrace, ...]) -> list[Drawing]:
+def _acceleration_drawings(traces: tuple[ChannelTrace, ...], *, with_bands: bool) -> list[Drawing]:
     if not traces:
         return []
     start, end = strongest_window(traces[0].time, [trace.measured for trace in traces])
@@ -84,11 +85,13 @@ def _acceleration_drawings(traces: tuple[ChannelTrace, ...]) -> list[Drawing]:
     zoom = _panels(traces, lambda axis, trace: _zoomed(axis, trace, start, end))
     residual = _panels(traces, _residual)
     places = ", ".join(trace.title.lower() for trace in traces)
+    predicted = "the posterior mean with its 90 % predictive band" if with_bands else "the identified response"
+    estimate = "posterior mean" if with_bands else "identified"
     return [
         finished(
             whole,
             "acceleration.png",
-            "The whole record: measured, and the posterior mean with its 90 % predictive band.",
+            f"The whole record: measured, and {predicted}.",
             f"Measured and predicted response against time, whole record: {places}.",
         ),
         finished(
@@ -100,7 +103,7 @@ def _acceleration_drawings(traces: tuple[ChannelTrace, ...]) -> list[Drawing]:
         finished(
             residual,
             "residual.png",
-            "Measured minus posterior mean. The band is 1.64 identified noise sd: nine points in ten belong inside.",
+            f"Measured minus {estimate}. The band is 1.64 identified noise sd: nine points in ten belong inside.",
             f"Residuals against time with the band of the noise: {places}.",
         ),
     ]
@@ -142,7 +145,7 @@ def _residual(axis: Axes, trace: ChannelTrace) -> None:
     axis.plot(trace.time[index], residual[index], color="#4a4a4a", linewidth=0.7, label="residual")
 
 
-def _hysteresis(loops: tuple[StoreyLoop, ...]) -> Drawing | None:
+def _hysteresis(loops: tuple[StoreyLoop, ...], *, with_bands: bool) -> Drawing | None:
     if not loops:
         return None
     n_columns = 1 if len(loops) == 1 else 2
@@ -160,7 +163,8 @@ def _hysteresis(loops: tuple[StoreyLoop, ...]) -> Drawing | None:
         figure,
         "hysteresis.png",
         (measured if loops[0].measured_force is not None else "")
-        + "Blue: the posterior mean, over the loops of single draws. Measured forces stand against the mean drift.",
+        + ("Blue: the posterior mean, over the loops of single draws. " if with_bands else "Blue: identified. ")
+        + "Measured forces stand against the identified drift.",
         "Storey force against drift for storeys " + ", ".join(str(loop.storey) for loop in loops) + ".",
     )
 
@@ -179,7 +183,7 @@ def _loop(axis: Axes, loop: StoreyLoop, length: Scale, strength: Scale) -> None:
     axis.xaxis.set_major_locator(MaxNLocator(4))
 
 
-def _drift(histories: tuple[StoreyHistory, ...]) -> Drawing | None:
+def _drift(histories: tuple[StoreyHistory, ...], *, with_bands: bool) -> Drawing | None:
     if not histories:
         return None
     figure, axes = canvas(len(histories), 0.6 + 1.2 * len(histories))
@@ -198,8 +202,8 @@ def _drift(histories: tuple[StoreyHistory, ...]) -> Drawing | None:
     return finished(
         figure,
         "drift.png",
-        "Storey drifts as the model sees them: posterior mean and 90 % band, without noise.",
-        "Identified storey drift against time with its band.",
+        f"Storey drifts as the model sees them{': posterior mean and 90 % band' if with_bands else ''}, without noise.",
+        "Identified storey drift against time.",
     )
 
 
@@ -219,7 +223,7 @@ def _quantities(content: Content) -> Drawing | None:
         figure,
         "quantities.png",
         "Damage as it grows: the first period of the building vibrating gently about rest, and the work done on each "
-        "storey's hysteretic spring (stored and dissipated). Means with 90 % bands.",
+        f"storey's hysteretic spring (stored and dissipated).{' Means with 90 % bands.' if content.has_bands else ''}",
         "First period and hysteretic energy against time with their bands.",
     )
 

@@ -6,7 +6,7 @@ import base64
 from dataclasses import dataclass
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from bwbn_bayes.report import tables
@@ -67,18 +67,11 @@ def render(content: Content, drawings: tuple[Drawing, ...]) -> str:
         HTML with inline style and figures; every text of the result is escaped, equations are MathML.
     """
     facts = content.facts
-    environment = Environment(
-        loader=PackageLoader("bwbn_bayes.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html.j2").render(
+    return template("report.html.j2").render(
         facts=facts,
         method=tables.method_in_words(facts.method),
         figures={drawing.name: drawing for drawing in drawings},
-        data_address=_data_address,
+        data_address=data_address,
         key_figures=tables.key_figures(facts),
         parameters=[tables.parameter_row(parameter) for parameter in facts.parameters],
         truth_known=any(parameter.true is not None for parameter in facts.parameters),
@@ -89,18 +82,33 @@ def render(content: Content, drawings: tuple[Drawing, ...]) -> str:
         stages=tables.stage_table(facts),
         evidences=tables.evidence_table(facts),
         checks=[(check, *tables.check_texts(check)) for check in facts.checks],
-        equations=[(equation.caption, _mathml(equation)) for equation in facts.equations],
+        equations=[(equation.caption, mathml_of(equation)) for equation in facts.equations],
         provenance=tables.provenance_table(content),
+        has_bands=content.has_bands,
+        estimate="posterior mean" if content.has_bands else "identified response",
         channels_left_out=content.n_channels - len(content.traces),
         storeys_left_out=facts.storeys - len(content.loops) if content.loops else 0,
     )
 
 
-def _data_address(drawing: Drawing) -> str:
+def template(name: str) -> Template:
+    """One of the report's templates; every text put into it is escaped."""
+    environment = Environment(
+        loader=PackageLoader("bwbn_bayes.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(name)
+
+
+def data_address(drawing: Drawing) -> str:
+    """A figure as text inside the page."""
     return "data:image/png;base64," + base64.b64encode(drawing.png).decode("ascii")
 
 
-def _mathml(equation: Equation) -> Markup:
+def mathml_of(equation: Equation) -> Markup:
     """The equation in one ``math`` element; our own printer wrote it, so it is not escaped."""
     inner = equation.mathml.strip()
     whole = inner if inner.startswith("<math") else f'<math display="block">{inner}</math>'

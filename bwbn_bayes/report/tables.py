@@ -26,6 +26,8 @@ _METHODS = {
     "tmcmc": "transitional Markov chain Monte Carlo",
     "smc": "sequential Monte Carlo",
     "nuts": "the no-U-turn sampler",
+    "ga": "a genetic algorithm (one point, no posterior)",
+    "ipv": "intelligent parameter varying (radial basis networks, forces only)",
 }
 _DISCRETISATION = {
     "scheme": "scheme",
@@ -104,8 +106,13 @@ def key_figures(facts: Facts) -> tuple[KeyFigure, ...]:
     figures = [
         KeyFigure(value=str(len(facts.parameters)), label="parameters to identify"),
         KeyFigure(value=percent(worst), label="largest misfit, rms over rms"),
-        KeyFigure(value=evidence, label=f"log evidence, ± {error} nat"),
-        KeyFigure(value=significant(facts.effective_sample_size, 3), label="effective draws"),
+    ]
+    if np.isfinite(facts.log_evidence):
+        figures += [
+            KeyFigure(value=evidence, label=f"log evidence, ± {error} nat"),
+            KeyFigure(value=significant(facts.effective_sample_size, 3), label="effective draws"),
+        ]
+    figures += [
         KeyFigure(value=duration(facts.elapsed_s), label=f"{facts.n_solves:,} solves".replace(",", "\N{THIN SPACE}")),
     ]
     if facts.checks:
@@ -191,8 +198,8 @@ def _quantity_cells(quantity: Quantity) -> tuple[Markup, list[Markup]]:
     cells = []
     for values in zip(factor * band.middle, factor * band.lower, factor * band.upper, strict=True):
         middle, low, high = with_uncertainty(values, (values[2] - values[1]) / (2.0 * _NORMAL_95))
-        interval = _interval(low, high)
-        cells.append(Markup('{}<span class="band">{}</span>').format(middle, interval))
+        band_text = Markup('<span class="band">{}</span>').format(_interval(low, high)) if low != high else ""
+        cells.append(Markup("{}{}").format(middle, band_text))
     heading = Markup("{} [{}]").format(quantity.name, html_unit(unit)) if unit else Markup(quantity.name)
     return heading, cells
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bwbn_bayes.elements.equations import WrittenEquation, law_equations
+from bwbn_bayes.elements.equations import WrittenEquation, law_equations, sensor_equations
+from bwbn_bayes.elements.law import FLOOR_FORCE, FLOOR_MASS
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
@@ -22,8 +23,8 @@ def structure_equations(model: Structure) -> tuple[WrittenEquation, ...]:
     tuple of WrittenEquation
         With one storey the subscripts are left out.
     """
-    motion = _building(model.n_storeys) if isinstance(model, ShearBuilding) else (_SPECIMEN,)
-    return motion + law_equations(model.law)
+    motion = _building(model) if isinstance(model, ShearBuilding) else (_SPECIMEN,)
+    return motion + law_equations(model.law) + sensor_equations(model.sensors)
 
 
 _SPECIMEN = WrittenEquation(
@@ -34,16 +35,29 @@ _SPECIMEN = WrittenEquation(
 )
 
 
-def _building(n_storeys: int) -> tuple[WrittenEquation, ...]:
-    many = n_storeys > 1
-    m, x, u, force, measured = (_indexed(letter, "i" if many else "") for letter in ("m", "x", "u", "F", "a"))
+def _building(model: ShearBuilding) -> tuple[WrittenEquation, ...]:
+    n_storeys, law = model.n_storeys, model.law
+    subjects = {definition.subject for definition in law.definitions}
+    # With one storey the indices are left out, unless floor or base have laws of their own, which write them.
+    many = n_storeys > 1 or law.acceleration is not None or law.base is not None
+    mass = FLOOR_MASS.name[0] if FLOOR_MASS in subjects else "m"
+    m, x, u, force, measured = (_indexed(letter, "i" if many else "") for letter in (mass, "x", "u", "F", "a"))
+    further = _indexed(FLOOR_FORCE.name[0], "i")
+    further_text, further_mathml = (f" + {further[0]}", _then("+", further[1])) if FLOOR_FORCE in subjects else ("", "")
     acceleration = _sum(f"<mover>{x[1]}<mo>¨</mo></mover>", _GROUND)
     second = "ẍ_i" if many else "ẍ"
     above, below = _indexed("F", "i+1"), _indexed("x", "i−1")
     last, ground = _indexed("F", f"{n_storeys + 1}"), _indexed("x", "0")
-    upper_text, upper = (f" + {above[0]}, {last[0]} = 0", _then("+", above[1]) + _zero(last[1])) if many else ("", "")
+    upper_text, upper = (
+        (f" + {above[0]}{further_text}, {last[0]} = 0", _then("+", above[1]) + further_mathml + _zero(last[1]))
+        if many
+        else ("", "")
+    )
+    base = _indexed("x", "b") if law.base_states else ("0", "<mn>0</mn>")
     lower_text, lower = (
-        (f" − {below[0]}, {ground[0]} = 0", _then("−", below[1]) + _zero(ground[1])) if many else ("", "")
+        (f" − {below[0]}, {ground[0]} = {base[0]}", _then("−", below[1]) + _equal(ground[1], base[1]))
+        if many
+        else ("", "")
     )
     return (
         WrittenEquation(
@@ -59,7 +73,7 @@ def _building(n_storeys: int) -> tuple[WrittenEquation, ...]:
             mathml=_row(u[1], "<mo>=</mo>", x[1], lower),
         ),
         WrittenEquation(
-            caption="measured total acceleration",
+            caption="total acceleration of a floor" if model.sensors.definitions else "measured total acceleration",
             text=f"{measured[0]} = {second} + a_g",
             mathml=_row(measured[1], "<mo>=</mo>", acceleration),
         ),
@@ -91,4 +105,8 @@ def _then(sign: str, operand: str) -> str:
 
 
 def _zero(symbol: str) -> str:
-    return f"<mo>,</mo><mspace width='1em'/>{symbol}<mo>=</mo><mn>0</mn>"
+    return _equal(symbol, "<mn>0</mn>")
+
+
+def _equal(symbol: str, other: str) -> str:
+    return f"<mo>,</mo><mspace width='1em'/>{symbol}<mo>=</mo>{other}"

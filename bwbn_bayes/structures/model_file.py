@@ -1,7 +1,8 @@
 """Model files: Python a user copies and edits, run with the user's rights.
 
-A model file defines ``model``, and may define ``excitation`` (a Record), ``truth`` (parameter values), ``snr_db`` (dB)
-and ``assumptions`` (sentences); with ``excitation`` and ``truth`` it can make its own record.
+A model file defines ``model``, and may define ``record`` and ``held_out`` (measured Records), ``excitation`` (a
+Record), ``truth`` (parameter values), ``snr_db`` (dB) and ``assumptions`` (sentences); with ``excitation`` and
+``truth`` it can make its own record.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ class ModelFile:
     name : str
         The file's stem.
     model : Structure
+    record : Record, optional
+        What was measured.
+    held_out : Record, optional
+        A second measurement, to be predicted.
     excitation : Record, optional
         For a synthetic record.
     truth : mapping of str to float
@@ -38,6 +43,8 @@ class ModelFile:
 
     name: str
     model: Structure
+    record: Record | None = None
+    held_out: Record | None = None
     excitation: Record | None = None
     truth: Mapping[str, float] = field(default_factory=dict)
     snr_db: float | None = None
@@ -73,6 +80,8 @@ def load_model_file(path: Path) -> ModelFile:
     return ModelFile(
         name=path.stem,
         model=model,
+        record=_measured(names, "record", path),
+        held_out=_measured(names, "held_out", path),
         excitation=excitation,
         truth=_truth(names.get("truth"), model, path),
         snr_db=_snr(names.get("snr_db"), path),
@@ -91,6 +100,20 @@ def _run(path: Path) -> dict[str, object]:
         where = f"{path}, line {line}" if line is not None else f"{path}"
         what = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
         raise UserError(f"{where}: {what}") from error
+
+
+def _measured(names: Mapping[str, object], name: str, path: Path) -> Record | None:
+    record = names.get(name)
+    if record is None:
+        return None
+    if not isinstance(record, Record):
+        raise UserError(f"{path}: `{name}` must be a Record, such as read_record(...) returns")
+    if not record.channels:
+        raise UserError(
+            f"{path}: `{name}` measures nothing: give it at least one channel, or call it `excitation` if it is only a "
+            "ground motion"
+        )
+    return record
 
 
 def _truth(values: object, model: Structure, path: Path) -> dict[str, float]:

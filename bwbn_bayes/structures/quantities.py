@@ -147,7 +147,7 @@ def modes(stiffness: Floats, damping: Floats, masses: Floats) -> tuple[Floats, F
         Storey stiffnesses. [N/m]
     damping : (..., n_storeys) array
         Storey damping coefficients. [N s/m]
-    masses : (n_storeys,) array
+    masses : (..., n_storeys) array
         Floor masses. [kg]
 
     Returns
@@ -162,9 +162,9 @@ def modes(stiffness: Floats, damping: Floats, masses: Floats) -> tuple[Floats, F
     .. [1] A. K. Chopra, "Dynamics of Structures", 4th ed., 2012, sections 10.2 and 10.10.
     """
     root = np.sqrt(masses)
-    squares, vectors = np.linalg.eigh(storey_matrix(stiffness) / (root[:, None] * root))
+    squares, vectors = np.linalg.eigh(storey_matrix(stiffness) / (root[..., :, None] * root[..., None, :]))
     omega = np.sqrt(squares)
-    shapes = vectors / root[:, None]
+    shapes = vectors / root[..., :, None]
     modal_damping = np.einsum("...im,...ij,...jm->...m", shapes, storey_matrix(damping), shapes)
     return 2.0 * np.pi / omega, modal_damping / (2.0 * omega)
 
@@ -182,7 +182,8 @@ def engineering_quantities(
     storey_parameters : Dataset (draw, storey)
         Every parameter of the storey law by symbol; effects that are absent cost nothing.
     masses : (n_storeys,) array
-        Floor masses. [kg]
+        Floor masses. [kg] An identified error of a mass, and damping in proportion to the masses, are taken from
+        ``storey_parameters``; periods are those on a rigid base and without appendages.
 
     Returns
     -------
@@ -248,14 +249,21 @@ def _modal_quantities(energy: xr.DataArray, parameters: xr.Dataset, masses: Floa
     sampled = energy.isel(time=chosen).rename(time="time_point")
     time = sampled["time_point"]
     stiffness = tangent_stiffness(parameters, sampled, time).transpose("draw", "time_point", "storey")
-    periods, _ = modes(stiffness.values, np.zeros_like(stiffness.values), masses)
+    if "e_m" in parameters:
+        masses = masses * (1.0 + parameters["e_m"].transpose("draw", "storey").values)
+    else:
+        masses = np.broadcast_to(masses, stiffness.values[:, 0].shape)
+    periods, _ = modes(stiffness.values, np.zeros_like(stiffness.values), masses[:, None])
     damping = at_time(parameters, "c", float(time[0])).transpose("draw", "storey").values
     modal_period, damping_ratio = modes(stiffness.values[:, 0], damping, masses)
+    if "c_m" in parameters:
+        # Of c_m M each mode gains c_m / (2 omega): the same in every storey's row.
+        damping_ratio = damping_ratio + parameters["c_m"].isel(storey=[0]).values * modal_period / (4.0 * np.pi)
     return xr.Dataset(
         {
             "modal_period": (("draw", "mode"), modal_period),
             "modal_damping_ratio": (("draw", "mode"), damping_ratio),
             "period": (("draw", "time_point"), periods[..., 0]),
         },
-        coords={"mode": np.arange(1, len(masses) + 1), "time": ("time_point", time.values)},
+        coords={"mode": np.arange(1, stiffness.sizes["storey"] + 1), "time": ("time_point", time.values)},
     )

@@ -13,7 +13,20 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.law import Effect, StoreyLaw, combine
+from bwbn_bayes.elements.law import (
+    DRIFT,
+    DRIFT_RATE,
+    FIRST_FORCE,
+    FLOOR_INPUTS,
+    MASS,
+    RECORDED_ACCELERATION,
+    Effect,
+    SensorLaw,
+    StoreyLaw,
+    combine,
+    combine_sensors,
+    symbol,
+)
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import (
     Booleans,
@@ -30,7 +43,7 @@ from bwbn_bayes.parameters import (
 
 @dataclass(frozen=True, kw_only=True)
 class PlacedEffect:
-    """An effect and the storeys (from 1) it acts on."""
+    """An effect and the storeys (or floors, from 1) it acts on; none where it acts on the whole building."""
 
     effect: Effect
     storeys: tuple[int, ...]
@@ -42,9 +55,10 @@ class ParameterTable:
 
     Attributes
     ----------
-    fixed : (n_storeys, n_law) array
-        Known values; neutral where an effect does not act.
-    index : (n_storeys, n_law) integer array
+    fixed : (n_storeys, n_columns) array
+        Known values; neutral where an effect does not act. Columns are the parameters of the law, then those of the
+        sensors; a parameter of the whole building stands in every row.
+    index : (n_storeys, n_columns) integer array
         Position among the identified parameters, -1 where the value is known.
     """
 
@@ -52,7 +66,7 @@ class ParameterTable:
     index: NDArray[np.int64]
 
     def local(self, draws: Floats) -> Floats:
-        """Law parameters ``(n_draws, n_storeys, n_law)`` of draws ``(n_draws, n_parameters)``."""
+        """Parameters ``(n_draws, n_storeys, n_columns)`` of draws ``(n_draws, n_parameters)``."""
         if draws.shape[1] == 0:
             return np.broadcast_to(self.fixed, (len(draws), *self.fixed.shape)).copy()
         return np.where(self.index >= 0, draws[:, np.maximum(self.index, 0)], self.fixed)
@@ -60,10 +74,15 @@ class ParameterTable:
 
 @dataclass(frozen=True, kw_only=True)
 class Structure:
-    """Base of all structures: the same Bouc-Wen element at every storey, effects where they were placed."""
+    """Base of all structures: the same Bouc-Wen element at every storey, effects where they were placed.
+
+    ``carried`` are kinds of effects that the law has although none may be placed: they stay neutral and bring no
+    identified parameter. Models with the same kinds, placed or carried, share one law and one compiled kernel.
+    """
 
     storey: BoucWen
     effects: tuple[PlacedEffect, ...] = ()
+    carried: tuple[Effect, ...] = ()
 
     excitation_kind: ClassVar[str]
 
@@ -77,40 +96,75 @@ class Structure:
         raise NotImplementedError
 
     def with_effect(self, effect: Effect, storeys: Sequence[int] | None = None) -> Self:
-        """A new structure with an effect at the given storeys (from 1; all of them by default)."""
+        """A new structure with an effect at the given storeys or floors (from 1; all of them by default).
+
+        Raises
+        ------
+        UserError
+            If a storey does not exist or has the effect already, if storeys are given for an effect of the whole
+            building, or if the structure has nothing for the effect to act on.
+        """
+        symbols = {p.symbol for p in effect.parameters}
+        others = [other for other in self.effects if symbols & {p.symbol for p in other.effect.parameters}]
+        if effect.level in WHOLE_BUILDING:
+            if storeys is not None:
+                raise UserError(f"{effect.name} acts on the whole building: leave storeys out")
+            if others:
+                raise UserError(f"{effect.name} already acts on the building: place it once")
+            return replace(self, effects=(*self.effects, PlacedEffect(effect=effect, storeys=())))
         placed = tuple(storeys) if storeys is not None else tuple(range(1, self.n_storeys + 1))
         wrong = [s for s in placed if not 1 <= s <= self.n_storeys]
         if wrong or not placed or any(b <= a for a, b in pairwise(placed)):
             raise UserError(
                 f"{effect.name}: storeys {list(placed)} must be numbers from 1 to {self.n_storeys} in increasing order"
             )
-        symbols = {p.symbol for p in effect.parameters}
-        for other in self.effects:
-            if symbols & {p.symbol for p in other.effect.parameters} and set(placed) & set(other.storeys):
-                shared = sorted(set(placed) & set(other.storeys))
+        for other in others:
+            shared = sorted(set(placed) & set(other.storeys))
+            if shared:
                 raise UserError(f"{effect.name} already acts on storey {shared}: place each effect once per storey")
         return replace(self, effects=(*self.effects, PlacedEffect(effect=effect, storeys=placed)))
 
+    def _kinds(self, effects: tuple[Effect, ...], *, of_sensors: bool) -> tuple[Effect, ...]:
+        """One effect of each kind, in an order that does not depend on how they came."""
+        kinds: dict[tuple[str, ...], Effect] = {}
+        for effect in effects:
+            if self.excitation_kind == "displacement" and effect.level != "link":
+                raise UserError(
+                    f"{effect.name} acts on floors, their sensors or the ground, which a specimen does not have: "
+                    "use a ShearBuilding or leave it out"
+                )
+            if (effect.level == "observation") == of_sensors:
+                kinds.setdefault(tuple(p.symbol for p in effect.parameters), effect)
+        return tuple(kinds[key] for key in sorted(kinds))
+
+    @property
+    def _all_effects(self) -> tuple[Effect, ...]:
+        return (*(placed.effect for placed in self.effects), *self.carried)
+
     @cached_property
     def law(self) -> StoreyLaw:
-        """The storey law with every kind of effect that acts anywhere in the structure."""
-        kinds: dict[tuple[str, ...], Effect] = {}
-        for placed in self.effects:
-            kinds.setdefault(tuple(p.symbol for p in placed.effect.parameters), placed.effect)
-        law = combine(self.storey.parameters, self.storey.constraints, tuple(kinds[key] for key in sorted(kinds)))
-        names = [s.name for s in law.symbols]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise UserError(f"two parts of the storey law bring a parameter {', '.join(twice)}: rename one of them")
-        known = {*law.symbols, *law.states, *(event.indicator for event in law.events)}
-        for expression in (law.force, *law.rates, *(base for base, _ in law.increments)):
-            missing = {s.name for s in expression.free_symbols} - {s.name for s in known} - {"u", "v"}
-            if missing:
-                raise UserError(
-                    f"an effect refers to {', '.join(sorted(missing))}, which nothing in the model brings: "
-                    "add the effect that does first"
-                )
+        """The storey law with every kind of effect that acts anywhere in the structure, or is carried."""
+        law = combine(self.storey.parameters, self.storey.constraints, self._kinds(self._all_effects, of_sensors=False))
+        _check_symbols(law, self.sensors)
         return law
+
+    @cached_property
+    def sensors(self) -> SensorLaw:
+        """What the accelerometers show of the floors' accelerations."""
+        return combine_sensors(self._kinds(self._all_effects, of_sensors=True))
+
+    @cached_property
+    def conditions(self) -> tuple[sp.Basic, ...]:
+        """Joint admissibility conditions of the element and the placed effects; what is carried brings none."""
+        if not self.carried:
+            return self.law.constraints
+        placed = self._kinds(tuple(placed.effect for placed in self.effects), of_sensors=False)
+        return combine(self.storey.parameters, self.storey.constraints, placed).constraints
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The columns of the table: parameters of the law, then of the sensors."""
+        return self.law.parameters + self.sensors.parameters
 
     @cached_property
     def _assembly(self) -> tuple[ParameterTable, tuple[FreeParameter, ...]]:
@@ -125,7 +179,7 @@ class Structure:
     def space(self) -> ParameterSpace:
         """The identified parameters with their joint prior."""
         table, free = self._assembly
-        return ParameterSpace(parameters=free, constraints=_constraints(self.law, table, free))
+        return ParameterSpace(parameters=free, constraints=_constraints(self, table, free))
 
     def draws(self, values: Mapping[str, float]) -> Floats:
         """One draw ``(1, n_parameters)`` from named values, e.g. ``{"k[1]": 20.0, "alpha": 0.01}``."""
@@ -160,10 +214,41 @@ class Structure:
         return ()
 
 
+WHOLE_BUILDING = ("structure", "excitation")
+"""Levels of effects that have no place among storeys and floors."""
+
+
+def _check_symbols(law: StoreyLaw, sensors: SensorLaw) -> None:
+    """Every parameter has one owner, and every symbol of the law stands for something."""
+    names = [p.symbol for p in (*law.parameters, *sensors.parameters)]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise UserError(f"two parts of the storey law bring a parameter {', '.join(twice)}: rename one of them")
+    common = {*law.symbols, *(event.indicator for event in law.events)}
+    own = {*common, DRIFT, DRIFT_RATE, *law.states[: law.n_storey_states]}
+    floor = {*common, *law.states[law.n_storey_states :], *FLOOR_INPUTS, MASS, RECORDED_ACCELERATION}
+    base = {*common, *law.base_states, FIRST_FORCE, RECORDED_ACCELERATION}
+    n = law.n_storey_states
+    parts = [
+        (own, (law.force, *law.rates[:n], *(changed for changed, _ in law.increments))),
+        (floor, (*law.rates[n:], *([law.acceleration] if law.acceleration is not None else []))),
+        (base, (law.base.acceleration, *law.base.rates) if law.base is not None else ()),
+        ({symbol(p.symbol) for p in sensors.parameters}, (sensors.gain, sensors.bias, sensors.lag)),
+    ]
+    for known, expressions in parts:
+        for expression in expressions:
+            missing = {s.name for s in expression.free_symbols} - {s.name for s in known}
+            if missing:
+                raise UserError(
+                    f"an effect refers to {', '.join(sorted(missing))}, which nothing in the model brings: "
+                    "add the effect that does first"
+                )
+
+
 def _assemble(structure: Structure) -> tuple[ParameterTable, tuple[FreeParameter, ...]]:
-    law, n_storeys = structure.law, structure.n_storeys
-    symbols = [p.symbol for p in law.parameters]
-    fixed = np.tile([p.neutral for p in law.parameters], (n_storeys, 1))
+    n_storeys = structure.n_storeys
+    symbols = [p.symbol for p in structure.parameters]
+    fixed = np.tile([p.neutral for p in structure.parameters], (n_storeys, 1))
     index = np.full(fixed.shape, -1, dtype=np.int64)
     free: list[FreeParameter] = []
     everywhere = tuple(range(1, n_storeys + 1))
@@ -173,7 +258,7 @@ def _assemble(structure: Structure) -> tuple[ParameterTable, tuple[FreeParameter
     for parameter, value, storeys in entries:
         column = symbols.index(parameter.symbol)
         for name, one, where in _spread(parameter, value, storeys, n_storeys):
-            rows = [s - 1 for s in where]
+            rows = [s - 1 for s in where or everywhere]
             if isinstance(one, Prior):
                 prior = one.truncated(parameter.lower, parameter.upper)
                 index[rows, column] = len(free)
@@ -190,11 +275,13 @@ def _spread(
 ) -> list[tuple[str, float | Prior, tuple[int, ...]]]:
     """Label, value and storeys of each separate parameter behind one field of a model."""
     symbol = parameter.symbol
+    if isinstance(value, PerStorey) and not storeys:
+        raise UserError(f"{symbol} belongs to the whole building: give one number or prior, not PerStorey")
     if isinstance(value, PerStorey):
         return [(f"{symbol}[{s}]", value.at(i, len(storeys)), (s,)) for i, s in enumerate(storeys)]
     if not isinstance(value, (int, float, Prior)):
         raise UserError(f"{symbol} is {value!r}: give a number, a prior, or PerStorey of either")
-    label = symbol if len(storeys) == n_storeys else f"{symbol}[{','.join(map(str, storeys))}]"
+    label = symbol if len(storeys) in (0, n_storeys) else f"{symbol}[{','.join(map(str, storeys))}]"
     return [(label, value, storeys)]
 
 
@@ -214,10 +301,13 @@ def _never_cuts(
     return all(bool(function(*corner)) for corner in product(*ends))
 
 
-def _constraints(law: StoreyLaw, table: ParameterTable, free: tuple[FreeParameter, ...]) -> tuple[Constraint, ...]:
+def _constraints(
+    structure: Structure, table: ParameterTable, free: tuple[FreeParameter, ...]
+) -> tuple[Constraint, ...]:
     """The law's joint conditions that cut the prior at a storey; an error where known values already break one."""
+    law = structure.law
     result: dict[tuple[int, ...], Constraint] = {}
-    for number, relation in enumerate(law.constraints):
+    for number, relation in enumerate(structure.conditions):
         columns = [i for i, s in enumerate(law.symbols) if s in relation.free_symbols]
         function = sp.lambdify([law.symbols[i] for i in columns], relation, "numpy")
         for row, (fixed, index) in enumerate(zip(table.fixed[:, columns], table.index[:, columns], strict=True)):

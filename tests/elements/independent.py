@@ -16,14 +16,26 @@ PLAIN = {
     "k": 10.0, "c": 0.05, "alpha": 0.01, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 1.5,
     "delta_nu": 0.0, "delta_eta": 0.0, "delta_s": 0.0, "sigma": 1.0,
     "zeta_s": 0.0, "p": 1.0, "q": 0.0, "psi_0": 1.0, "delta_psi": 0.0, "lambda_": 1.0,
+    "phi": 0.0, "phi_uv": 0.0, "u_uv": 1.0, "phi_u": 0.0, "u_u": 1.0, "k3": 0.0, "c2": 0.0,
+    "F_c": 0.0, "v0": 1.0, "F_ratio": 0.0, "v_ratio": 1.0, "F_root": 0.0, "v_root": 1.0,
+    "k_g": 0.0, "g": 1.0, "k_gp": 0.0, "g_p": 1.0, "k_gn": 0.0, "g_n": 1.0,
+    "k_m": 0.0, "tau": 1.0, "b": 0.0, "w": 1.0, "k_ramp": 0.0, "k_ramp_time": 0.0, "k_ramp_duration": 1.0,
 }  # fmt: skip
 
 
-def storey(p: dict[str, float], u: float, v: float, z: float, eps: float) -> tuple[float, float, float]:
-    """Storey force with damping, dz/dt and d eps/dt."""
+def storey(
+    p: dict[str, float], u: float, v: float, z: float, eps: float, q: float, d: float
+) -> tuple[float, float, float, float, float]:
+    """Storey force with damping, and the rates of z, eps, a Maxwell branch's force q and the place d in a play."""
+    beside = parallel_force(p, u, v) + q + p["c"] * v
+    q_rate = p["k_m"] * v - q / p["tau"]
+    d_rate = v * min(max((p["b"] - d * np.sign(v)) / p["w"], 0.0), 1.0)
+    u_turn = {width: math.tanh(u / p[width]) for width in ("u_uv", "u_u")}
+    u, v = u - d, v - d_rate
     nu = 1.0 + p["delta_nu"] * eps
     eta = 1.0 + p["delta_eta"] * eps
-    shape = p["beta"] * np.sign(z * v) + p["gamma"]
+    shape = p["beta"] * np.sign(z * v) + p["gamma"] + p["phi"] * (np.sign(z) + np.sign(v))
+    shape += p["phi_uv"] * u_turn["u_uv"] * np.sign(v) + p["phi_u"] * u_turn["u_u"]
     f = (p["A"] - nu * abs(z) ** p["n"] * shape) / eta
     z1 = p["zeta_s"] * (1.0 - math.exp(-p["p"] * eps))
     if z1 != 0.0:
@@ -32,31 +44,52 @@ def storey(p: dict[str, float], u: float, v: float, z: float, eps: float) -> tup
         f *= 1.0 - z1 * math.exp(-((z * np.sign(v) - p["q"] * z_u) ** 2) / z2**2)
     slip = p["delta_s"] * eps * math.sqrt(2.0 / math.pi) / p["sigma"] * math.exp(-0.5 * (z / p["sigma"]) ** 2)
     spring = (1.0 - p["alpha"]) * p["k"] * z
-    return p["alpha"] * p["k"] * u + spring + p["c"] * v, f * v / (1.0 + slip * f), spring * v
+    return p["alpha"] * p["k"] * u + spring + beside, f * v / (1.0 + slip * f), spring * v, q_rate, d_rate
+
+
+def parallel_force(p: dict[str, float], u: float, v: float) -> float:
+    """What stands beside the springs: hardening, quadratic damping, friction, stops."""
+    friction = p["F_c"] * math.tanh(v / p["v0"])
+    friction += p["F_ratio"] * v / (abs(v) + p["v_ratio"]) + p["F_root"] * v / math.hypot(v, p["v_root"])
+    stops = p["k_g"] * max(abs(u) - p["g"], 0.0) * np.sign(u)
+    stops += p["k_gp"] * max(u - p["g_p"], 0.0) - p["k_gn"] * max(-u - p["g_n"], 0.0)
+    return float(p["k3"] * u**3 + p["c2"] * v * abs(v) + friction + stops)
+
+
+def at(p: dict[str, float], t: float) -> dict[str, float]:
+    """Parameters at a time: a ramp of k has gone so far."""
+    share = min(max((t - p["k_ramp_time"]) / p["k_ramp_duration"], 0.0), 1.0)
+    return {**p, "k": p["k"] + share * p["k_ramp"]}
 
 
 def respond(
     storeys: list[dict[str, float]], masses: list[float], ground: np.ndarray, dt: float, jump_time: float = math.inf
 ) -> dict[str, np.ndarray]:
-    """Floor accelerations, drifts, z and eps at the samples; ``X_jump`` is added to X from ``jump_time`` on."""
-    before = [{**PLAIN, **{k: v for k, v in p.items() if not k.endswith("_jump")}} for p in storeys]
+    """Floor accelerations, drifts, z and eps at the samples; ``X_jump`` is added to X from ``jump_time`` on.
+
+    ``X_offset`` is added to X throughout.
+    """
+    own = [{**p, **{k: PLAIN[k] + p.get(f"{k}_offset", 0.0) for k in PLAIN if f"{k}_offset" in p}} for p in storeys]
+    before = [{**PLAIN, **{k: v for k, v in p.items() if k in PLAIN}} for p in own]
     after = [{k: v + p.get(f"{k}_jump", 0.0) for k, v in b.items()} for b, p in zip(before, storeys, strict=True)]
     m, n = np.asarray(masses), len(masses)
 
     def rates(t: float, y: np.ndarray, parameters: list[dict[str, float]]) -> tuple[np.ndarray, np.ndarray]:
-        x, w, z, eps = y.reshape(4, n)
+        x, w, *others = y.reshape(6, n)
         u, v = np.diff(x, prepend=0.0), np.diff(w, prepend=0.0)
-        parts = [storey(p, *state) for p, *state in zip(parameters, u, v, z, eps, strict=True)]
-        force, dz, deps = (np.array(part) for part in zip(*parts, strict=True))
+        parts = [storey(at(p, t), *state) for p, *state in zip(parameters, u, v, *others, strict=True)]
+        force, *inner_rates = (np.array(part) for part in zip(*parts, strict=True))
         total = (np.append(force[1:], 0.0) - force) / m
         relative = total - np.interp(t, dt * np.arange(len(ground)), ground)
-        return np.concatenate([w, relative, dz, deps]), total
+        return np.concatenate([w, relative, *inner_rates]), total
 
-    y = np.zeros(4 * n)
+    ends = [p["k_ramp_time"] + share * p["k_ramp_duration"] for p in before if p["k_ramp"] for share in (0.0, 1.0)]
+    breaks = sorted({jump_time, *ends})
+    y = np.zeros(6 * n)
     states, accelerations = [y], [rates(0.0, y, before)[1]]
     for j in range(len(ground) - 1):
         start, end = j * dt, (j + 1) * dt
-        inner = [jump_time] if start < jump_time < end else []
+        inner = [t for t in breaks if start < t < end]
         for left, right in pairwise([start, *inner, end]):
             now = after if left >= jump_time else before
             piece = solve_ivp(
@@ -65,7 +98,7 @@ def respond(
             y = piece.y[:, -1]
         states.append(y)
         accelerations.append(rates(end, y, after if end >= jump_time else before)[1])
-    table = np.array(states).reshape(-1, 4, n)
+    table = np.array(states).reshape(-1, 6, n)
     return {
         "acceleration": np.array(accelerations).T,
         "drift": np.diff(table[:, 0], prepend=0.0, axis=1).T,

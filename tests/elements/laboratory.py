@@ -1,30 +1,75 @@
 """Models and records shared by the tests of the storey law.
 
-Every model carries every registered effect, at its neutral values unless said otherwise: one compiled kernel for
-buildings and one for specimens serve all tests, and contract 1 (neutral values change nothing) is tested beside them.
+Every model carries the effects that degrade a storey, or those of :data:`OTHER_FORMS`, at their neutral values unless
+said otherwise: few compiled kernels serve all tests, and contract 1 (neutral values change nothing) is tested beside
+them.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Mapping
+from dataclasses import fields, replace
 
 import numpy as np
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import (
+    Asymmetry,
+    Backlash,
+    CoulombFriction,
+    CubicStiffness,
     FolientePinching,
+    GapImpact,
+    MaxwellBranch,
+    QuadraticDamping,
     SlipLock,
     StiffnessDegradation,
+    StoreyParameter,
     StrengthDegradation,
     SuddenDamage,
 )
+from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.parameters import Value
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 from bwbn_bayes.structures.structure import Structure
 
 NO_DRAW = np.zeros((1, 0))
+
+OTHER_FORMS: tuple[Effect, ...] = (
+    *(
+        form
+        for effect_class in (
+            Asymmetry,
+            Backlash,
+            CoulombFriction,
+            CubicStiffness,
+            GapImpact,
+            MaxwellBranch,
+            QuadraticDamping,
+            StoreyParameter,
+        )
+        for form in effect_class.neutral_forms()
+    ),
+    SuddenDamage(parameter="k", jump=0.0, time=0.0, duration=1.0),
+)
+"""Every form of the storey's effects that :func:`with_everything` leaves out."""
+
+
+def having(form: Effect, values: Mapping[str, Value]) -> Effect:
+    """The form with ``values`` by symbol, neutral elsewhere."""
+    sizes = [f.name for f in fields(form) if isinstance(getattr(form, f.name), float)]
+    pairs = zip(sizes, form.parameters, strict=True)
+    return replace(form, **{name: values.get(p.symbol, p.neutral) for name, p in pairs})
+
+
+def with_others(model: Structure, values: Mapping[str, Value], storeys: list[int] | None = None) -> Structure:
+    """The model with every effect of :data:`OTHER_FORMS`."""
+    for form in OTHER_FORMS:
+        model = model.with_effect(having(form, values), storeys=storeys)
+    return model
 
 
 def with_degradation(model: Structure, values: dict[str, float], storeys: list[int] | None = None) -> Structure:

@@ -37,14 +37,20 @@ class Hardening(Effect):
         return replace(slots, added_force=slots.added_force + symbol("k3") * DRIFT**3)
 
 
-def test_the_catalogue_lists_the_five_effects():
-    names = {"foliente_pinching", "slip_lock", "stiffness_degradation", "strength_degradation", "sudden_damage"}
-    assert {facts.name for facts in catalogue()} == names
+STOREY_EFFECTS = {
+    "asymmetry", "backlash", "coulomb_friction", "cubic_stiffness", "foliente_pinching", "gap_impact", "maxwell_branch",
+    "quadratic_damping", "slip_lock", "stiffness_degradation", "storey_parameter", "strength_degradation",
+    "sudden_damage",
+}  # fmt: skip
+
+
+def test_the_catalogue_lists_the_storeys_effects():
+    assert {facts.name for facts in catalogue() if facts.level == "link"} == STOREY_EFFECTS
 
 
 @pytest.mark.parametrize("facts", catalogue(), ids=lambda facts: facts.name)
 def test_facts_are_complete(facts):
-    assert facts.level == "link"
+    assert facts.level in ("link", "node", "structure", "excitation", "observation")
     for text in (facts.summary, facts.source, facts.leaves_in_the_residual, facts.hard_to_tell_from):
         assert text and "\n" not in text
     assert facts.parameters

@@ -13,9 +13,12 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects import SuddenDamage
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Effect, StoreyLaw, combine
+from bwbn_bayes.engines.codegen import derivative
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
-FORMS = [form for effect_class in registered() for form in effect_class.neutral_forms()]
+FORMS = [form for kind in registered() if kind.level == "link" for form in kind.neutral_forms()]
+DEGRADING = tuple(form for form in FORMS if form.name in {"stiffness_degradation", "strength_degradation", "slip_lock"})
+"""What jumps of their parameters need beside them."""
 N_STATES = 500
 
 
@@ -34,16 +37,32 @@ def evaluate(law: StoreyLaw, neutral: tuple[Effect, ...]) -> np.ndarray:
     Each symbol has its own random stream, so that a symbol takes the same values in every law it stands in.
     """
     held = {p.symbol: p.neutral for effect in neutral for p in effect.parameters}
+    held |= dict.fromkeys(resting(neutral), 0.0)
 
     def values(s: sp.Symbol) -> np.ndarray:
-        if s.name in held:
-            return np.full(N_STATES, held[s.name])
-        rng = np.random.default_rng([ord(letter) for letter in s.name])
-        return rng.uniform(0.2, 0.9, N_STATES) * (rng.choice([-1.0, 1.0], N_STATES) if s.name in "uvz" else 1.0)
+        return np.full(N_STATES, held[s.name]) if s.name in held else random_values(s.name)
 
     symbols = (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *(event.indicator for event in law.events))
     function = sp.lambdify(symbols, (law.force, *law.rates[:2]), "numpy")
     return np.array(function(*(values(s) for s in symbols)))
+
+
+def random_values(name: str) -> np.ndarray:
+    rng = np.random.default_rng([ord(letter) for letter in name])
+    return rng.uniform(0.2, 0.9, N_STATES) * (rng.choice([-1.0, 1.0], N_STATES) if name in "uvz" else 1.0)
+
+
+def resting(neutral: tuple[Effect, ...]) -> list[str]:
+    """The added states that start at zero and, at neutral parameters, stay there."""
+    law = law_of(neutral)
+    at_neutral = {p.symbol: p.neutral for effect in neutral for p in effect.parameters}
+    values = {
+        s: at_neutral.get(s.name, 0.7)
+        for s in (DRIFT, *law.symbols, *law.states, *(event.indicator for event in law.events))
+    }
+    values |= dict.fromkeys(law.states[2:], 0.0)
+    states = zip(law.states[2:], law.rates[2:], strict=True)
+    return [s.name for s, rate in states if all(rate.subs({**values, DRIFT_RATE: v}) == 0 for v in (-0.7, 0.7))]
 
 
 def companions(form: Effect) -> tuple[Effect, ...]:
@@ -75,6 +94,26 @@ def test_away_from_neutral_it_changes_something(form):
     others = () if not isinstance(form, SuddenDamage) else companions(form)
     law = law_of((*others, form))
     assert not np.allclose(evaluate(law, ()), evaluate(law, (form,)), rtol=1e-3)
+
+
+@pytest.mark.parametrize("form", FORMS, ids=label)
+def test_derivatives_are_those_of_finite_differences(form):
+    """Of force and rates with respect to drift, drift rate, states and the effect's parameters, almost everywhere."""
+    others = () if not isinstance(form, SuddenDamage) else DEGRADING
+    law = law_of((*others, form))
+    own = {p.symbol for p in form.parameters}
+    symbols = (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *(event.indicator for event in law.events))
+    variables = [s for s in symbols if s.name in own or s in (DRIFT, DRIFT_RATE, *law.states)]
+    values = {s: random_values(s.name) for s in symbols}
+    for output in (law.force, *law.rates):
+        compute = sp.lambdify(symbols, output, "numpy")
+        for variable in variables:
+            step = 1e-6
+            ends = [compute(*(values[s] + side * step * (s == variable) for s in symbols)) for side in (1.0, -1.0)]
+            slope = sp.lambdify(symbols, derivative(output, variable), "numpy")(*values.values())
+            difference = (ends[0] - ends[1]) / (2.0 * step)
+            # A kink within the step of a random point spoils it there.
+            assert np.mean(np.abs(difference - slope) > 1e-5 * (1.0 + np.abs(slope))) < 0.005, (output, variable)
 
 
 def test_neutral_effects_leave_the_response_as_it_is():

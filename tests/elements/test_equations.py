@@ -11,13 +11,29 @@ from laboratory import storey
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import catalogue, registered
+from bwbn_bayes.elements.effects import (
+    Asymmetry,
+    Backlash,
+    CoulombFriction,
+    GapImpact,
+    MaxwellBranch,
+    StoreyParameter,
+    SuddenDamage,
+)
 from bwbn_bayes.elements.equations import law_equations
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, FORCE, combine, expanded, rate_of
 from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 
-EVERYTHING = tuple(form for effect_class in registered() for form in effect_class.neutral_forms())
+EVERYTHING = tuple(form for kind in registered() if kind.level == "link" for form in kind.neutral_forms())
+
+DEGRADING = tuple(
+    form
+    for form in EVERYTHING
+    if form.name in {"foliente_pinching", "slip_lock", "stiffness_degradation", "strength_degradation"}
+    or form.form in {"k, step", "delta_nu, step", "delta_s, step"}
+)
 
 
 def test_the_printed_steps_are_the_law_that_is_solved():
@@ -28,8 +44,9 @@ def test_the_printed_steps_are_the_law_that_is_solved():
     symbols = (DRIFT, DRIFT_RATE, *law.states, *law.symbols)
     points = rng.uniform(0.2, 0.9, (len(symbols), 50))
     for subject, solved in zip((FORCE, *map(rate_of, law.states)), (law.force, *law.rates), strict=True):
-        before = solved.subs({event.indicator: 0 for event in law.events})
-        printed, computed = (sp.lambdify(symbols, e, "numpy")(*points) for e in (steps[subject], before))
+        raised = steps[subject].subs({base: base + increment for base, increment in law.increments})
+        pair = (e.subs({event.indicator: 0 for event in law.events}) for e in (raised, solved))
+        printed, computed = (sp.lambdify(symbols, e, "numpy")(*points) for e in pair)
         np.testing.assert_allclose(printed, computed, rtol=1e-12)
 
 
@@ -44,7 +61,7 @@ def test_the_plain_law_in_text():
 
 
 def test_the_full_law_in_text():
-    texts = [equation.text for equation in law_equations(combine(BoucWen.parameters, (), EVERYTHING))]
+    texts = [equation.text for equation in law_equations(combine(BoucWen.parameters, (), DEGRADING))]
     for expected in (
         "k(t) = k + Δk H(t − t_k)",
         "δ_ν(t) = δ_ν + Δδ_ν H(t − t_(δ_ν))",
@@ -57,6 +74,37 @@ def test_the_full_law_in_text():
         "dz/dt = f v / (1 + s a f)",
     ):
         assert expected in texts
+
+
+@pytest.mark.parametrize(
+    ("effect", "texts"),
+    [
+        (Asymmetry(phi=0.0), ["f = A − |z|^n (β sgn(z v) + φ (sgn z + sgn v) + γ)"]),
+        (
+            Backlash(b=0.0, w=1.0),
+            ["u_p = d", "ρ = (b − d sgn v) / w", "dz/dt = f χ v", "F = α k (u − u_p) + (1 − α) k z + c v"],
+        ),
+        (
+            CoulombFriction(F_c=0.0, v0=1.0, smoothing="root"),
+            ["F = α k u + (1 − α) k z + F_root v / (√(v_root² + v²)) + c v"],
+        ),
+        (GapImpact(k_g=0.0, g=1.0, side="positive"), ["F = α k u + k_gp max(u − g_p, 0) + (1 − α) k z + c v"]),
+        (MaxwellBranch(k_m=0.0, tau=1.0), ["dq_m/dt = k_m v − q_m/τ", "F = q_m + α k u + (1 − α) k z + c v"]),
+        (StoreyParameter(parameter="alpha", offset=0.0), ["α_i = α + α_offset", "dε/dt = (1 − α_i) k z v"]),
+        (
+            SuddenDamage(parameter="k", jump=0.0, time=0.0, duration=1.0),
+            [
+                "k(t) = k + (1 − max(1 − k_progress, 0)) k_ramp",
+                "dk_progress/dt = H(t − t_(k_ramp)) / T_(k_ramp)",
+                "F = α k(t) u + (1 − α) k(t) z + c v",
+            ],
+        ),
+    ],
+    ids=lambda case: getattr(case, "name", ""),
+)
+def test_the_law_with_one_effect_in_text(effect, texts):
+    written = [equation.text for equation in law_equations(combine(BoucWen.parameters, (), (effect,)))]
+    assert [text for text in texts if text not in written] == [], written
 
 
 def test_mathml_is_well_formed_and_sets_symbols():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.engines.simulation import simulate
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Uniform
 from bwbn_bayes.structures.model_file import load_model_file
 
@@ -92,3 +93,28 @@ def test_the_single_storey_identifies_at_least_six_parameters() -> None:
     file = load_model_file(MODELS / "sdof.py")
     assert file.model.n_storeys == 1
     assert file.model.space.n_dim >= 6
+
+
+def test_the_hidden_effect_s_model_is_the_plain_one_with_two_measured_records() -> None:
+    file = load_model_file(MODELS / "hidden_effect.py")
+    assert file.model == load_model_file(MODELS / "plain_three_storey.py").model
+    assert file.record is not None
+    assert file.held_out is not None
+    assert not np.array_equal(file.record.excitation, file.held_out.excitation)
+    for record in (file.record, file.held_out):
+        assert record.floors == (1, 2, 3)
+        assert not record.truth
+        assert not record.noise_sd
+
+
+@pytest.mark.parametrize("name", ["record", "held_out"])
+@pytest.mark.parametrize(
+    ("value", "sentence"),
+    [("[1.0]", "must be a Record"), ("el_centro(duration=1.0)", "measures nothing")],
+)
+def test_a_measured_record_that_is_none_is_refused(tmp_path: Path, name: str, value: str, sentence: str) -> None:
+    path = tmp_path / "bad.py"
+    plain = (MODELS / "plain_three_storey.py").read_text(encoding="utf-8")
+    path.write_text(f"{plain}\nfrom bwbn_bayes import el_centro\n\n{name} = {value}\n", encoding="utf-8")
+    with pytest.raises(UserError, match=f"bad.py: `{name}` {sentence}"):
+        load_model_file(path)

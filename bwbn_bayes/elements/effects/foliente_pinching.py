@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, override
+from typing import ClassVar, Self, override
 
 import sympy as sp
 
@@ -17,13 +19,18 @@ from bwbn_bayes.elements.law import (
     step,
     symbol,
 )
-from bwbn_bayes.parameters import Parameter, Value
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Value
 
 _SOURCE = "Foliente 1995, doi:10.1061/(ASCE)0733-9445(1995)121:6(1013)"
 
 
-def _parameter(name: str, unit: str, neutral: float, lower: float, description: str) -> Parameter:
-    return Parameter(symbol=name, unit=unit, neutral=neutral, lower=lower, description=description, source=_SOURCE)
+def _parameter(
+    name: str, unit: str, neutral: float, lower: float, description: str, upper: float = math.inf
+) -> Parameter:
+    return Parameter(
+        symbol=name, unit=unit, neutral=neutral, lower=lower, upper=upper, description=description, source=_SOURCE
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +43,7 @@ class FolientePinching(Effect):
     Parameters
     ----------
     zeta_s : float, Prior or PerStorey
-        Total slip, the final depth of the pinch.
+        Total slip, the final depth of the pinch; up to 1, so that the multiplier stays positive.
     p : float, Prior or PerStorey
         Rate at which the pinch develops with work. [1/J]
     q : float, Prior or PerStorey
@@ -66,13 +73,38 @@ class FolientePinching(Effect):
     residual: ClassVar[str] = "a pinch off centre that depends on the direction and saturates"
     confusable: ClassVar[str] = "slip_lock"
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        _parameter("zeta_s", "", 0.0, 0.0, "total slip"),
+        _parameter("zeta_s", "", 0.0, 0.0, "total slip", 1.0),
         _parameter("p", "1/J", 1.0, 0.0, "rate of the pinch with work"),
         _parameter("q", "", 0.0, -1.0, "position of the pinch"),
         _parameter("psi_0", "m", 1.0, 0.0, "width of the pinch"),
         _parameter("delta_psi", "m/J", 0.0, 0.0, "growth of the width with work"),
         _parameter("lambda_", "", 1.0, 1e-9, "floor of the width"),
     )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        z = scales.hysteretic_displacement
+        # What widens the pinch as it deepens is hard to see: delta_psi and lambda stand at usual values.
+        return (
+            cls(
+                zeta_s=HalfNormal(0.5).truncated(0.0, 1.0),
+                p=LogNormal(3.0 / scales.energy, 1.2).truncated(0.1 / scales.energy, 100.0 / scales.energy),
+                q=Uniform(-0.2, 0.8),
+                psi_0=Uniform(0.03 * z, 1.0 * z),
+                delta_psi=0.0,
+                lambda_=0.1,
+            ),
+        )
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {
+            "zeta_s": (0.5,),
+            "p": (1.0 / scales.energy, 10.0 / scales.energy),
+            "q": (0.05, 0.35),
+            "psi_0": (0.15 * scales.hysteretic_displacement, 0.5 * scales.hysteretic_displacement),
+        }
 
     @override
     def fill(self, slots: Slots) -> Slots:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, override
+from typing import ClassVar, Self, override
 
 import sympy as sp
 
@@ -17,7 +18,8 @@ from bwbn_bayes.elements.law import (
     step,
     symbol,
 )
-from bwbn_bayes.parameters import Parameter, Value
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +59,20 @@ class SlipLock(Effect):
         ),
         Parameter(symbol="sigma", unit="m", neutral=1.0, lower=1e-9, description="width of the slip", source=source),
     )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        # A wider sigma slips everywhere and imitates stiffness_degradation.
+        width = Uniform(0.03 * scales.hysteretic_displacement, 0.5 * scales.hysteretic_displacement)
+        return (cls(delta_s=HalfNormal(0.3 * scales.drift / scales.energy), sigma=width),)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {
+            "delta_s": (0.03 * scales.drift / scales.energy, 0.2 * scales.drift / scales.energy),
+            "sigma": tuple(share * scales.hysteretic_displacement for share in (0.06, 0.15, 0.35)),
+        }
 
     @override
     def fill(self, slots: Slots) -> Slots:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, override
+from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.law import ENERGY, Effect, Slots, symbol
-from bwbn_bayes.parameters import Parameter, Value
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +43,15 @@ class StrengthDegradation(Effect):
             source=source,
         ),
     )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        return (cls(delta_nu=HalfNormal(1.0 / scales.energy)),)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"delta_nu": (0.1 / scales.energy, 0.6 / scales.energy)}
 
     @override
     def fill(self, slots: Slots) -> Slots:

@@ -1,40 +1,49 @@
-"""A parameter that jumps at a time, known or unknown."""
+"""A parameter that changes at a time, known or unknown, at once or over a while."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import ClassVar, Self, override
 
+import numpy as np
 import sympy as sp
 
-from bwbn_bayes.elements.law import Effect, Event, Slots, symbol
+from bwbn_bayes.elements.law import AddedState, Effect, Event, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import Parameter, Value
+from bwbn_bayes.parameters import Normal, Parameter, Uniform, Value
 
 _UNITS = {"k": "N/m", "c": "N s/m", "alpha": "", "delta_nu": "1/J", "delta_eta": "1/J", "delta_s": "m/J"}
+_SPACING = 1.5
+"""Largest time between starts of a step: with wider ones fits end in local minima. [s]"""
+_MOST_STARTS = 30
 
 
 @dataclass(frozen=True, kw_only=True)
 class SuddenDamage(Effect):
     """A storey parameter changes by ``jump`` at ``time``; the past work is kept: ``nu = 1 + delta_nu(t) epsilon``.
 
-    The parameter stays admissible after the jump. A jump of k drops the force at once and takes stored energy with it.
-    Engines split the step at the time; an unknown time contributes its jump term to the derivatives.
+    With a ``duration`` it changes linearly over that long instead. The parameter stays admissible after the change. A
+    jump of k drops the force at once and takes stored energy with it. Engines split the step at the time; an unknown
+    time contributes its jump term to the derivatives.
 
     Parameters
     ----------
     parameter : {"k", "c", "alpha", "delta_nu", "delta_eta", "delta_s"}
-        The parameter that jumps. The last three need the degradation or slip effect they belong to.
+        The parameter that changes. The last three need the degradation or slip effect they belong to.
     jump : float, Prior or PerStorey
         Change of the parameter, in its own unit.
     time : float, Prior or PerStorey
-        When it happens. [s]
+        When it happens, or begins. [s]
+    duration : float, Prior or PerStorey, optional
+        How long it takes; at once where it is left out. [s]
 
     Raises
     ------
     UserError
-        If the parameter is not one that can jump.
+        If the parameter is not one that can change.
 
     References
     ----------
@@ -44,6 +53,7 @@ class SuddenDamage(Effect):
     parameter: str
     jump: Value
     time: Value
+    duration: Value | None = None
 
     name: ClassVar[str] = "sudden_damage"
     summary: ClassVar[str] = "a parameter changes at a time: a brace breaks, degradation sets in"
@@ -58,45 +68,91 @@ class SuddenDamage(Effect):
             )
 
     @property
+    @override
+    def form(self) -> str:
+        return f"{self.parameter}, {'step' if self.duration is None else 'ramp'}"
+
+    @property
+    def _symbols(self) -> tuple[str, ...]:
+        """``k_jump, k_time``; of a ramp ``k_ramp, k_ramp_time, k_ramp_duration``."""
+        if self.duration is None:
+            return f"{self.parameter}_jump", f"{self.parameter}_time"
+        ramp = f"{self.parameter}_ramp"
+        return ramp, f"{ramp}_time", f"{ramp}_duration"
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The jump and its time, named after the parameter: ``delta_nu_jump``, ``delta_nu_time``."""
-        jump = Parameter(
-            symbol=f"{self.parameter}_jump",
-            unit=_UNITS[self.parameter],
-            neutral=0.0,
-            description=f"sudden change of {self.parameter}",
-            source=self.source,
+        """The change, its time and the duration of a ramp, named after the parameter: ``delta_nu_jump``."""
+        kind = "sudden" if self.duration is None else "gradual"
+        told = (
+            (_UNITS[self.parameter], f"{kind} change of {self.parameter}", 0.0, -np.inf),
+            ("s", f"time of the {kind} change of {self.parameter}", 0.0, 0.0),
+            ("s", f"duration of the change of {self.parameter}", 1.0, 1e-3),
         )
-        time = Parameter(
-            symbol=f"{self.parameter}_time",
-            unit="s",
-            neutral=0.0,
-            lower=0.0,
-            description=f"time of the change of {self.parameter}",
-            source=self.source,
+        return tuple(
+            Parameter(symbol=s, unit=unit, neutral=neutral, lower=lower, description=text, source=self.source)
+            for s, (unit, text, neutral, lower) in zip(self._symbols, told, strict=False)
         )
-        return jump, time
 
     @property
     @override
     def values(self) -> Mapping[str, Value]:
-        return {f"{self.parameter}_jump": self.jump, f"{self.parameter}_time": self.time}
+        given = (self.jump, self.time, self.duration)
+        return {s: value for s, value in zip(self._symbols, given, strict=False) if value is not None}
 
     @classmethod
+    @override
     def neutral_forms(cls) -> tuple[Self, ...]:
-        """No jump of each parameter that can jump."""
-        return tuple(cls(parameter=parameter, jump=0.0, time=0.0) for parameter in _UNITS)
+        """No change of each parameter that can change, at once and over a second."""
+        return tuple(
+            cls(parameter=parameter, jump=0.0, time=0.0, duration=duration)
+            for duration in (None, 1.0)
+            for parameter in _UNITS
+        )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        change = Normal(0.0, 0.3 * scales.stiffness)
+        time = Uniform(min(scales.onset, 0.9 * scales.duration), scales.duration)
+        longest = max(2.0 * scales.period, 0.5 * (scales.duration - scales.onset))
+        lasting = Uniform(0.25 * scales.period, longest)
+        return (
+            cls(parameter="k", jump=change, time=time),
+            cls(parameter="k", jump=change, time=time, duration=lasting),
+        )
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        change, time, *durations = self._symbols
+        sizes = {"k": -0.15 * scales.stiffness, "c": 0.5 * scales.damping, "alpha": 0.5 * max(scales.alpha, 0.05)}
+        size = sizes.get(self.parameter, 0.5 / scales.energy)
+        size = size * scales.drift if self.parameter == "delta_s" else size
+        starts = {change: (size,), time: _times(scales, 1 if not durations else 2)}
+        return {**starts, **dict.fromkeys(durations, (1.5 * scales.period,))}
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        base, jump, time = (symbol(self.parameter + suffix) for suffix in ("", "_jump", "_time"))
-        happened = sp.Symbol(f"{self.parameter}_happened", nonnegative=True)
-        increments = {**slots.increments, base: slots.increments.get(base, sp.Integer(0)) + jump * happened}
+        base, (jump, time, *durations) = symbol(self.parameter), map(symbol, self._symbols)
+        started = sp.Symbol(f"{jump.name.removesuffix('_jump')}_happened", nonnegative=True)
+        share, states = started, slots.added_states
+        for duration in durations:
+            # Unbounded, so that its derivatives need no jump where the ramp ends; the share is what saturates.
+            progress = symbol(f"{self.parameter}_progress")
+            share, states = 1 - sp.Max(1 - progress, 0), (*states, AddedState(state=progress, rate=started / duration))
         after = base + jump
         bounds = (after >= -1, after <= 1) if self.parameter == "alpha" else (after >= 0,)
         return replace(
             slots,
-            increments=increments,
-            events=(*slots.events, Event(time=time, indicator=happened)),
+            increments={**slots.increments, base: slots.increments.get(base, sp.Integer(0)) + jump * share},
+            added_states=states,
+            events=(*slots.events, Event(time=time, indicator=started)),
             constraints=(*slots.constraints, *bounds),
         )
+
+
+def _times(scales: Scales, spacings: int) -> tuple[float, ...]:
+    """Times from the onset of strong motion to the end of the record, at most so many spacings apart, in seconds."""
+    start = min(scales.onset, 0.9 * scales.duration)
+    n = min(_MOST_STARTS, ceil((scales.duration - start) / (spacings * _SPACING)))
+    return tuple(float(t) for t in start + (np.arange(n) + 0.5) * (scales.duration - start) / n)

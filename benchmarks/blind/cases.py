@@ -1,0 +1,286 @@
+"""Blind cases: a structure, what is hidden in it, a ground motion, noise; a pure function of seed, kind and index."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from benchmarks.blind.base_fit import LOWER, UPPER, nats_against, with_base_numbers
+from benchmarks.blind.catalogue_draws import CATALOGUE
+from benchmarks.blind.draws import Dice, Draw, Hidden, Place, raised, reached
+from benchmarks.blind.other_draws import FORMS, OUTSIDE
+from benchmarks.blind.simulator import Building, Floats, respond
+from benchmarks.blind.storey import Storey, ultimate_displacement
+from bwbn_bayes.records import Envelope, Record, el_centro, filtered_noise
+
+Kind = Literal["catalogue", "none", "forms", "outside", "pairs"]
+
+KINDS: tuple[Kind, ...] = ("catalogue", "none", "forms", "outside", "pairs")
+
+DETECTABLE_NATS = 40.0
+
+SEVERE_RATIO = 0.85
+"""Peak |z| over its bound beyond which a case counts as severe; every other case is."""
+
+_N_STOREYS = 3
+_COARSE = 4
+_MAX_ATTEMPTS = 200
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """What a blind case hides, kept apart from its records.
+
+    Attributes
+    ----------
+    kind : str
+        Column of the trial.
+    seed, index : int
+        Which case.
+    snr_db : float
+        Signal-to-noise ratio. [dB of mean square]
+    effects : tuple of Hidden
+        What is hidden; empty where nothing is.
+    base : mapping of str to float
+        Base parameters by label.
+    severe : bool
+        Whether the peak of |z| passes 0.85 of its bound.
+    peak_ratio : float
+        Largest |z| over its bound (of the base parameters), over the storeys.
+    excitation : str
+        Ground motion of the training record.
+    noise : str
+        Kind of noise.
+    noise_sd : tuple of float
+        Per floor. [m/s^2]
+    held_out_floor : float
+        NRMSE of a perfect model on the held-out record: root mean square over the floors of the noise's rms over the
+        measured rms.
+    nats : tuple of float
+        What the fit without each effect leaves behind the truth: one number for a single effect (all of it), one for
+        each of a pair (the other kept as it is). [nat]
+    """
+
+    kind: Kind
+    seed: int
+    index: int
+    snr_db: float
+    effects: tuple[Hidden, ...]
+    base: dict[str, float]
+    severe: bool
+    peak_ratio: float
+    excitation: str
+    noise: str
+    noise_sd: tuple[float, ...]
+    held_out_floor: float
+    nats: tuple[float, ...]
+
+    @property
+    def detectable(self) -> bool:
+        """Whether every hidden effect leaves more than 40 nats."""
+        return all(value > DETECTABLE_NATS for value in self.nats)
+
+    def as_json(self) -> dict[str, object]:
+        """Plain values, with the verdict on detectability."""
+        return {**asdict(self), "detectable": self.detectable}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A training record, a record of the same structure under another ground motion, and the truth."""
+
+    name: str
+    record: Record
+    held_out: Record
+    truth: Truth
+
+
+def make_case(kind: Kind, seed: int, index: int, snr_db: float) -> Case:
+    """Draw one blind case.
+
+    Parameters
+    ----------
+    kind : {"catalogue", "none", "forms", "outside", "pairs"}
+        What is hidden: a catalogued effect, nothing, another form of one, an effect the catalogue lacks, two effects.
+    seed, index : int
+        Choose everything else; consecutive indices walk through all effects of the kind, and every other case is
+        severe.
+    snr_db : float
+        Signal-to-noise ratio. [dB of mean square]
+    """
+    rng = np.random.default_rng([seed, KINDS.index(kind), index])
+    severe = bool(index % 2)
+    draws = _draws(kind, seed, index)
+    for _ in range(_MAX_ATTEMPTS):
+        drawn = _structure(rng, draws, severe, snr_db)
+        if drawn is not None:
+            break
+    else:
+        raise RuntimeError(f"no admissible structure in {_MAX_ATTEMPTS} draws for {kind} case {index}, seed {seed}")
+    base, numbers, hidden, motions, responses, ratio = drawn
+    correlated = kind == "none" and (index // 2) % 4 == 3
+    records, noises = [], []
+    for motion, clean, label in zip(motions, responses, ("", "-held-out"), strict=True):
+        noise = _noise(rng, clean, snr_db, correlated)
+        channels = {f"acceleration_{i + 1}": clean[i] + noise[i] for i in range(_N_STOREYS)}
+        records.append(
+            Record(
+                name=f"case-{index:04d}{label}",
+                time_step=motion.time_step,
+                excitation=motion.excitation,
+                channels=channels,
+            )
+        )
+        noises.append(noise)
+    truth = Truth(
+        kind=kind,
+        seed=seed,
+        index=index,
+        snr_db=snr_db,
+        effects=hidden,
+        base=_labelled(numbers),
+        severe=severe,
+        peak_ratio=ratio,
+        excitation=motions[0].name,
+        noise="AR(1)" if correlated else "white",
+        noise_sd=tuple(np.std(noises[0], axis=1).tolist()),
+        held_out_floor=_floor(records[1], noises[1]),
+        nats=_nats(base, numbers, hidden, records[0], noises[0], rng),
+    )
+    return Case(name=f"case-{index:04d}", record=records[0], held_out=records[1], truth=truth)
+
+
+def _draws(kind: Kind, seed: int, index: int) -> list[Draw]:
+    """What is hidden in a case: every run of as many cases as there are effects holds each once, in random order."""
+    if kind == "none":
+        return []
+    if kind == "pairs":
+        chosen = np.random.default_rng([seed, 99, index]).choice(len(CATALOGUE), 2, replace=False)
+        return [list(CATALOGUE.values())[int(i)] for i in chosen]
+    table = {"catalogue": CATALOGUE, "forms": FORMS, "outside": OUTSIDE}[kind]
+    turn, position = divmod(index, len(table))
+    order = np.random.default_rng([seed, 98, KINDS.index(kind), turn]).permutation(len(table))
+    return [list(table.values())[int(order[position])]]
+
+
+Drawn = tuple[Building, Floats, tuple[Hidden, ...], list[Record], list[Floats], float]
+"""Base structure and its numbers, what is hidden, ground motions, responses without noise, peak of |z|."""
+
+
+def _structure(rng: np.random.Generator, draws: Sequence[Draw], severe: bool, snr_db: float) -> Drawn | None:
+    """One attempt; None where the structure is not admissible or misses its severity."""
+    numbers = LOWER + (0.2 + 0.6 * rng.random(10)) * (UPPER - LOWER)
+    plain = Storey(k=1.0, c=0.0, alpha=0.1, beta=1.0, gamma=0.0, n=1.0)
+    base = with_base_numbers(Building(storeys=(plain,) * _N_STOREYS), numbers)
+    if numbers[7] + numbers[8] < 0.5:
+        return None
+    target = rng.uniform(0.88, 0.98) if severe else rng.uniform(0.35, 0.8)
+    shapes = _ground_motions(rng)
+    scaled = [_scaled(base, shape, target) for shape in shapes]
+    motion = respond(base, scaled[0].excitation, scaled[0].time_step, _COARSE)
+    if np.min(motion.energy) < -0.02 * np.max(motion.energy):
+        return None  # a loop that gives energy back
+    dice = Dice(rng=rng, raise_by=raised(snr_db))
+    places = rng.permutation(_N_STOREYS)[: max(len(draws), 1)] + 1
+    hidden = []
+    for draw, place in zip(draws, places.tolist(), strict=False):
+        at = reached(base, motion, scaled[0].excitation, scaled[0].time_step, place)
+        hidden.append(draw(Place(dice=dice, at=at, building=base, storey=place)))
+    building = _with_all(base, hidden)
+    responses = [respond(building, g.excitation, g.time_step) for g in scaled]
+    ratio = _peak_ratio(base, responses[0].hysteretic_displacement)
+    if not all(response.finite for response in responses) or (ratio > SEVERE_RATIO) != severe:
+        return None
+    clean = [response.measured for response in responses]
+    return base, numbers, tuple(hidden), scaled, clean, ratio
+
+
+def _ground_motions(rng: np.random.Generator) -> list[Record]:
+    """El Centro and filtered noise of the same length, in random order."""
+    measured = el_centro("chopra")
+    made = filtered_noise(
+        rng,
+        measured.duration,
+        measured.time_step,
+        peak=1.0,
+        ground_frequency_hz=float(rng.uniform(1.5, 3.5)),
+        envelope=Envelope(),
+    )
+    return [measured, made] if rng.random() < 0.5 else [made, measured]
+
+
+def _scaled(base: Building, shape: Record, target: float) -> Record:
+    """The motion scaled until the base structure's peak |z| is about ``target`` of its bound."""
+    low, high = np.log(1e-2), np.log(1e2)
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        motion = respond(base, np.exp(middle) * shape.excitation, shape.time_step, _COARSE)
+        enough = not motion.finite or _peak_ratio(base, motion.hysteretic_displacement) > target
+        low, high = (low, middle) if enough else (middle, high)
+    # Scales are rounded so that the file reads as a person would have written it.
+    scale = float(f"{np.exp(0.5 * (low + high)):.4g}")
+    return replace(shape, excitation=scale * shape.excitation)
+
+
+def _peak_ratio(base: Building, z: Floats) -> float:
+    bounds = np.array([ultimate_displacement(p) for p in base.storeys])
+    return float(np.max(np.max(np.abs(z), axis=1) / bounds))
+
+
+def _with_all(base: Building, hidden: Sequence[Hidden]) -> Building:
+    building = base
+    for effect in hidden:
+        building = effect.inside(building)
+    return building
+
+
+def _noise(rng: np.random.Generator, clean: Floats, snr_db: float, correlated: bool) -> Floats:
+    """Noise ``(n_floors, n_times)`` at the given ratio: white, or AR(1) of the same variance."""
+    sd = np.sqrt(np.mean(np.square(clean), axis=1, keepdims=True) * 10.0 ** (-snr_db / 10.0))
+    white = rng.standard_normal(clean.shape)
+    if not correlated:
+        return np.asarray(sd * white)
+    memory = rng.uniform(0.3, 0.8)
+    noise = white.copy()
+    for j in range(1, clean.shape[1]):
+        noise[:, j] = memory * noise[:, j - 1] + np.sqrt(1.0 - memory**2) * white[:, j]
+    return np.asarray(sd * noise)
+
+
+def _floor(record: Record, noise: Floats) -> float:
+    measured = np.stack(list(record.channels.values()))
+    return float(np.sqrt(np.mean(np.mean(np.square(noise), axis=1) / np.mean(np.square(measured), axis=1))))
+
+
+def _nats(
+    base: Building,
+    numbers: Floats,
+    hidden: Sequence[Hidden],
+    record: Record,
+    noise: Floats,
+    rng: np.random.Generator,
+) -> tuple[float, ...]:
+    measured = np.stack(list(record.channels.values()))
+
+    def without(others: Sequence[Hidden]) -> float:
+        set_by_effects = {(storey, name) for h in others for storey in h.storeys for name in h.storey_values}
+        return nats_against(
+            _with_all(base, others),
+            numbers,
+            measured,
+            noise,
+            record.excitation,
+            record.time_step,
+            rng=rng,
+            kept=lambda storey, name: (storey, name) in set_by_effects,
+        )
+
+    return tuple(without([other for other in hidden if other is not effect]) for effect in hidden)
+
+
+def _labelled(numbers: Floats) -> dict[str, float]:
+    labels = [f"{name}[{i}]" for name in ("k", "c") for i in range(1, _N_STOREYS + 1)] + ["alpha", "beta", "gamma", "n"]
+    return dict(zip(labels, numbers.tolist(), strict=True))

@@ -1,0 +1,253 @@
+"""Blind trials of discovery: what share of hidden effects is named rightly, and what is named where nothing is hidden.
+
+``python -m benchmarks.discovery --cases 40 --snr 30 --seed 7 --json trial.json --kind all --workers 2``
+
+An independent simulator draws structure, effect, place, size, ground motion and noise and writes the records; discovery
+reads those files, with the plain model, and nothing else. Finished cases are kept in a ``.jsonl`` file beside the JSON
+and are not run again; records and truths lie in a folder beside it. Cases are a function of seed, kind and index.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.blind.cases import KINDS, Kind, make_case
+from benchmarks.blind.picture import draw_confusion
+from benchmarks.blind.scoring import Outcome, case_outcome, column_summary
+from bwbn_bayes.discovery.workflow import DiscoverySettings, discover
+from bwbn_bayes.inference.summary import processor_name
+from bwbn_bayes.records import Record, read_csv, write_csv
+from bwbn_bayes.structures.model_file import load_model_file
+
+PLAIN_MODEL = Path(__file__).parents[1] / "models" / "plain_three_storey.py"
+
+Json = Mapping[str, Any]
+Discoverer = Callable[[Record, Record, int, int], Json]
+"""Training record, held-out record, seed and threads to ``discovery.json``."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One case to run.
+
+    Attributes
+    ----------
+    kind, seed, index, snr_db
+        See :func:`benchmarks.blind.cases.make_case`.
+    folder : Path
+        Where records and truths go.
+    n_threads : int
+        Threads of this case's discovery.
+    """
+
+    kind: Kind
+    seed: int
+    index: int
+    snr_db: float
+    folder: Path
+    n_threads: int
+
+    @property
+    def key(self) -> str:
+        """What the case is filed under."""
+        return f"{self.kind}/{self.snr_db:g} dB/seed {self.seed}/{self.index}"
+
+
+def discover_blind(record: Record, held_out: Record, seed: int, n_threads: int) -> Json:
+    """Run discovery with the plain three-storey model on a record, knowing nothing else."""
+    file = load_model_file(PLAIN_MODEL)
+    settings = DiscoverySettings(seed=seed, n_workers=n_threads)
+    return discover(file.model, record, held_out=held_out, settings=settings, name=file.name).as_json()
+
+
+def run_job(job: Job, discoverer: Discoverer = discover_blind) -> dict[str, Any]:
+    """Draw a case, write its records, discover, and keep both truth and answer.
+
+    Parameters
+    ----------
+    job : Job
+        The case.
+    discoverer : callable
+        What is on trial; it is given what the written files say.
+
+    Returns
+    -------
+    dict
+        ``key``, ``truth`` and ``discovery``; where discovery raised, ``discovery`` holds the error.
+    """
+    case = make_case(job.kind, job.seed, job.index, job.snr_db)
+    stem = f"{job.kind}-{job.snr_db:g}dB-seed{job.seed}-{job.index:04d}"
+    records, truths = job.folder / "records", job.folder / "truth"
+    for folder in (records, truths):
+        folder.mkdir(parents=True, exist_ok=True)
+    write_csv(case.record, records / f"{stem}.csv")
+    write_csv(case.held_out, records / f"{stem}-held-out.csv")
+    truth = {**case.truth.as_json(), "name": stem}
+    (truths / f"{stem}.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+    train, held_out = read_csv(records / f"{stem}.csv"), read_csv(records / f"{stem}-held-out.csv")
+    try:
+        answer: Json = discoverer(train, held_out, job.seed + job.index, job.n_threads)
+    except Exception as error:  # a crash is a miss, to be counted and seen
+        answer = {"error": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
+    return {"key": job.key, "truth": json.loads(json.dumps(truth)), "discovery": dict(answer)}
+
+
+def finished_cases(path: Path) -> dict[str, dict[str, Any]]:
+    """Cases filed so far by key; those that failed are left out, to be tried again, and so is a line cut short."""
+    found = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        try:
+            entry = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        if "error" not in entry["discovery"]:
+            found[entry["key"]] = entry
+    return found
+
+
+def run_trial(
+    jobs: Sequence[Job], log: Path, *, workers: int, console: Console, discoverer: Discoverer = discover_blind
+) -> list[Outcome]:
+    """Run what is not yet finished, file each case as it ends, and score all.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+        The trial.
+    log : Path
+        The ``.jsonl`` file of finished cases.
+    workers : int
+        Processes; with one, everything runs in this process.
+    console : Console
+        Told of each case.
+    discoverer : callable
+        What is on trial.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the jobs.
+    """
+    entries = finished_cases(log)
+    waiting = [job for job in jobs if job.key not in entries]
+    if waiting:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        started = not log.exists() or log.read_bytes().endswith(b"\n")
+        with log.open("a", encoding="utf-8") as file:
+            file.write("" if started else "\n")
+            for number, entry in enumerate(_entries(waiting, workers, discoverer), start=1):
+                file.write(json.dumps(entry) + "\n")
+                file.flush()
+                entries[entry["key"]] = entry
+                console.print(_line(number, len(waiting), entry), highlight=False, markup=False, soft_wrap=True)
+    return [case_outcome(entries[job.key]["truth"], entries[job.key]["discovery"]) for job in jobs]
+
+
+def _entries(jobs: Sequence[Job], workers: int, discoverer: Discoverer) -> Iterator[dict[str, Any]]:
+    if workers == 1:
+        yield from (run_job(job, discoverer) for job in jobs)
+        return
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        for future in as_completed([pool.submit(run_job, job, discoverer) for job in jobs]):
+            yield future.result()
+
+
+def _line(number: int, total: int, entry: Json) -> str:
+    outcome = case_outcome(entry["truth"], entry["discovery"])
+    said = ", ".join(outcome.named) or outcome.verdict
+    seconds = "" if outcome.elapsed_s is None else f", {outcome.elapsed_s:.1f} s"
+    hidden = ", ".join(outcome.hidden) or "nothing"
+    faint = "" if outcome.detectable else ", undetectable"
+    return f"{number}/{total} {outcome.name}: hidden {hidden}{faint}; said {said}{seconds} {outcome.error}".rstrip()
+
+
+def print_column(console: Console, kind: str, summary: Json, title: str) -> None:
+    """Print one column of the trial: proportions with their intervals, figures, misses, undetectable cases."""
+    table = Table(title=f"{kind}, {title}", title_justify="left", box=None, pad_edge=False)
+    table.add_column("")
+    for name in ("cases", "of", "share", "95 %"):
+        table.add_column(name, justify="right")
+    for p in summary["proportions"]:
+        low, high = p["interval95"]
+        share = "" if p["share"] is None else f"{100 * p['share']:.1f} %"
+        table.add_row(p["what"], str(p["count"]), str(p["total"]), share, f"{100 * low:.1f} to {100 * high:.1f}")
+    console.print(table)
+    for name in (
+        "mean_class_size",
+        "held_out_over_floor_before",
+        "held_out_over_floor_after",
+        "seconds_median",
+        "seconds_max",
+    ):
+        if summary[name] is not None:
+            console.print(f"{name.replace('_', ' ')}: {summary[name]:.3g}", highlight=False)
+    for name in ("misses", "undetectable", "failed"):
+        for line in summary[name]:
+            console.print(f"{name}: {line}", highlight=False, markup=False, soft_wrap=True)
+    console.print()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run a trial, print its tables, write JSON and one confusion matrix per column.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Those of the process by default.
+    """
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=21, help="cases per column")
+    parser.add_argument("--snr", type=float, default=30.0, help="signal-to-noise ratio in dB of mean square")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--kind", choices=(*KINDS, "all"), default="catalogue")
+    parser.add_argument("--workers", type=int, choices=(1, 2), default=1, help="processes, one case each at a time")
+    options = parser.parse_args(arguments)
+    kinds: tuple[Kind, ...] = KINDS if options.kind == "all" else (options.kind,)
+    folder = options.json.with_suffix("")
+    jobs = [
+        Job(
+            kind=kind,
+            seed=options.seed,
+            index=index,
+            snr_db=options.snr,
+            folder=folder,
+            n_threads=1 if options.workers > 1 else 2,
+        )
+        for kind in kinds
+        for index in range(options.cases)
+    ]
+    console = Console(width=None if Console().is_terminal else 160)
+    outcomes = run_trial(jobs, options.json.with_suffix(".jsonl"), workers=options.workers, console=console)
+    title = f"{options.snr:g} dB, seed {options.seed}"
+    columns = {}
+    for kind in kinds:
+        columns[kind] = column_summary(kind, [outcome for outcome in outcomes if outcome.kind == kind])
+        print_column(console, kind, columns[kind], title)
+        picture = folder.with_name(f"{folder.name}-{kind}.png")
+        draw_confusion(columns[kind]["confusion"], picture, f"{kind}, {title}, detectable cases")
+    facts = {
+        "snr_db": options.snr,
+        "seed": options.seed,
+        "cases_per_column": options.cases,
+        "workers": options.workers,
+        "processor": processor_name(),
+        "columns": columns,
+        "cases": [{**vars(outcome), "floor_ratio": outcome.floor_ratio} for outcome in outcomes],
+    }
+    options.json.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,274 @@
+"""Hypotheses: one catalogued effect, in one of its forms, at one place of the structure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.summary import observe
+from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior, Truncated
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
+
+PLACED_LEVELS = ("link", "node", "observation")
+"""Levels whose effects act at storeys or floors one by one; the others act on the building as a whole."""
+ONSET_SHARE = 0.02
+"""Share of the ground motion's energy that has arrived when the strong motion begins."""
+MOST_CARRIED = 9
+"""Parameters that the effects of one compiled law may bring in all: more of them slow every solve down."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hypothesis:
+    """The present model with one more effect.
+
+    Attributes
+    ----------
+    base : Structure
+        The present model.
+    effect : Effect
+        With priors on what it brings.
+    storeys : tuple of int
+        Where it acts; empty for the whole building.
+    scales : Scales
+        Sizes at that place.
+    carried : tuple of Effect
+        Others that share its compiled law, neutral here.
+    """
+
+    base: Structure
+    effect: Effect
+    storeys: tuple[int, ...]
+    scales: Scales
+    carried: tuple[Effect, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The effect's canonical name."""
+        return self.effect.name
+
+    @property
+    def label(self) -> str:
+        """Name, form and place, e.g. ``gap_impact (one-sided), storey 2``."""
+        form = f" ({self.effect.form})" if self.effect.form else ""
+        if not self.storeys:
+            return f"{self.name}{form}"
+        place = "floor" if self.effect.level in ("node", "observation") else "storey"
+        return f"{self.name}{form}, {place} {', '.join(map(str, self.storeys))}"
+
+    @cached_property
+    def model(self) -> Structure:
+        """The present model with the effect in place, under the law it shares with others."""
+        return replace(self.base, carried=self.carried).with_effect(self.effect, self.storeys or None)
+
+    @property
+    def improved(self) -> Structure:
+        """The same model under a law of its own."""
+        return self.base.with_effect(self.effect, self.storeys or None)
+
+    @cached_property
+    def brought(self) -> tuple[str, ...]:
+        """Labels of the identified parameters that the effect brings."""
+        present = set(self.base.space.names)
+        return tuple(name for name in self.model.space.names if name not in present)
+
+    @property
+    def n_brought(self) -> int:
+        """How many identified parameters the effect brings."""
+        return len(self.brought)
+
+    @cached_property
+    def amplitudes(self) -> tuple[str, ...]:
+        """Those that switch it on: their priors are normal or half-normal about neutral (all, if none is)."""
+        own = {p.name: p.prior for p in self.model.space.parameters}
+        switches = tuple(name for name in self.brought if isinstance(_untruncated(own[name]), (Normal, HalfNormal)))
+        return switches or self.brought
+
+    def neutral(self, name: str) -> float:
+        """Neutral value of one of the parameters brought."""
+        symbols = {p.name: p.symbol for p in self.model.space.parameters}
+        return next(p.neutral for p in self.effect.parameters if p.symbol == symbols[name])
+
+    def starts(self, base_points: Floats) -> Floats:
+        """Points of the new model's unit cube ``(n, n_dim)``: every base point with every combination of the grid."""
+        space = self.model.space
+        grid = self.effect.start_grid(self.scales)
+        symbols = {p.name: p.symbol for p in space.parameters}
+        points = self._points(base_points, [grid[symbols[name]] for name in self.brought])
+        points = np.clip(points, 1e-4, 1.0 - 1e-4)
+        admissible = np.isfinite(space.log_prior_unit(points))
+        return points[admissible] if np.any(admissible) else points
+
+    def neutral_points(self, base_point: Floats, amplitude: str, near: float) -> Floats:
+        """The base point with one amplitude just off neutral, the others neutral, over the grid of the rest.
+
+        Returns
+        -------
+        (n, n_dim) array
+            In the new model's unit cube; the amplitude is ``near`` in prior probability above neutral.
+        """
+        space = self.model.space
+        grid = self.effect.start_grid(self.scales)
+        symbols = {p.name: p.symbol for p in space.parameters}
+        choices = [(self.neutral(name),) if name in self.amplitudes else grid[symbols[name]] for name in self.brought]
+        points = self._points(base_point[None], choices)
+        column = space.names.index(amplitude)
+        points[:, column] = np.minimum(points[:, column] + near, 1.0 - near)
+        return np.clip(points, 1e-6, 1.0 - 1e-6)
+
+    def _points(self, base_points: Floats, choices: Sequence[Sequence[float]]) -> Floats:
+        space = self.model.space
+        rows = []
+        for point in base_points:
+            known = dict(zip(self.base.space.names, self.base.space.from_unit(point[None])[0], strict=True))
+            for choice in product(*choices):
+                values = {**known, **dict(zip(self.brought, choice, strict=True))}
+                rows.append([values[name] for name in space.names])
+        return space.to_unit(np.array(rows, dtype=np.float64).reshape(-1, space.n_dim))
+
+
+def _untruncated(prior: Prior) -> Prior:
+    return prior.parent if isinstance(prior, Truncated) else prior
+
+
+def hypotheses(
+    base: Structure,
+    scales: Sequence[Scales],
+    *,
+    measured: Sequence[str],
+    effects: Sequence[type[Effect]] | None = None,
+) -> tuple[Hypothesis, ...]:
+    """Every catalogued effect, in every form, at every place where the present model has it not.
+
+    Parameters
+    ----------
+    base : Structure
+        The present model.
+    scales : sequence of Scales
+        One per storey, from the ground up.
+    measured : sequence of str
+        Channels of the record: a sensor that does not exist cannot be wrong.
+    effects : sequence of Effect classes, optional
+        The whole catalogue by default. An effect that does not say what sizes to expect takes no part.
+    """
+    result = []
+    for effect_class in effects if effects is not None else registered():
+        for storeys in _places(effect_class, base, measured):
+            own = scales[storeys[0] - 1] if storeys else scales[0]
+            try:
+                forms = effect_class.default_prior(own)
+            except NotImplementedError:
+                continue
+            for effect in forms:
+                hypothesis = Hypothesis(base=base, effect=effect, storeys=storeys, scales=own)
+                if _fits(hypothesis):
+                    result.append(hypothesis)
+    return _sharing_laws(result)
+
+
+def _sharing_laws(every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """The same hypotheses in groups of one law each: compiling a law takes longer than solving it for all of them.
+
+    Sensors are read outside the law.
+    """
+    groups: list[dict[tuple[str, ...], Effect]] = [{}]
+    group_of: dict[tuple[str, ...], int] = {}
+    for hypothesis in every:
+        effect = hypothesis.effect
+        symbols = tuple(p.symbol for p in effect.parameters)
+        if effect.level == "observation" or symbols in group_of:
+            continue
+        if sum(map(len, groups[-1])) + len(symbols) > MOST_CARRIED:
+            groups.append({})
+        groups[-1][symbols] = effect
+        group_of[symbols] = len(groups) - 1
+    result = []
+    for hypothesis in every:
+        symbols = tuple(p.symbol for p in hypothesis.effect.parameters)
+        group = groups[group_of[symbols]] if symbols in group_of else {}
+        carried = tuple(effect for other, effect in group.items() if other != symbols)
+        result.append(replace(hypothesis, carried=carried))
+    return tuple(result)
+
+
+def _places(effect_class: type[Effect], base: Structure, measured: Sequence[str]) -> tuple[tuple[int, ...], ...]:
+    if effect_class.level not in PLACED_LEVELS:
+        return ((),) if isinstance(base, ShearBuilding) else ()
+    if effect_class.level != "link" and not isinstance(base, ShearBuilding):
+        return ()
+    storeys = range(1, base.n_storeys + 1)
+    if effect_class.level == "observation":
+        return tuple((s,) for s in storeys if f"acceleration_{s}" in measured)
+    return tuple((s,) for s in storeys)
+
+
+def _fits(hypothesis: Hypothesis) -> bool:
+    """Whether the effect can be added: it is not there yet, and what it refers to is."""
+    try:
+        return hypothesis.n_brought > 0
+    except UserError:
+        return False
+
+
+def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
+    """Sizes at every storey at a point ``(n_dim,)`` of the unit cube of the present model."""
+    model, record = posterior.model, posterior.record
+    values, _ = posterior.split(point[None])
+    rows = {kind: history[0] for kind, history in observe(posterior.engine, model, values, record).items()}
+    parameters = dict(
+        zip((p.symbol for p in model.parameters), np.moveaxis(model.table.local(values)[0], 1, 0), strict=True)
+    )
+    masses = np.asarray(model.masses) if isinstance(model, ShearBuilding) else np.ones(model.n_storeys)
+    energy = np.cumsum(np.square(record.excitation))
+    onset = float(np.searchsorted(energy, ONSET_SHARE * energy[-1])) * record.time_step
+    floor_rate = np.max(np.abs(np.cumsum(rows["drift_rate"], axis=0)), axis=1)
+    return tuple(
+        Scales(
+            drift=_peak(rows["drift"][i]),
+            drift_rate=_peak(rows["drift_rate"][i]),
+            hysteretic_displacement=_peak(rows["hysteretic_displacement"][i]),
+            energy=max(float(rows["hysteretic_energy"][i][-1]), 1e-12),
+            force=_peak(rows["restoring_force"][i]),
+            **{name: float(parameters[symbol][i]) for name, symbol in _PARAMETER_SCALES.items()},
+            mass=float(masses[i]),
+            floor_rate=max(float(floor_rate[i]), 1e-12),
+            acceleration=max(float(np.std(rows["acceleration"][i])), 1e-12),
+            ground_acceleration=max(float(np.std(record.excitation)), 1e-12),
+            period=_first_period(masses, parameters["k"]),
+            onset=onset,
+            duration=record.duration,
+            time_step=record.time_step,
+        )
+        for i in range(model.n_storeys)
+    )
+
+
+_PARAMETER_SCALES: Mapping[str, str] = {
+    "stiffness": "k",
+    "damping": "c",
+    "alpha": "alpha",
+    "beta": "beta",
+    "gamma": "gamma",
+    "n": "n",
+}
+
+
+def _peak(history: Floats) -> float:
+    return max(float(np.max(np.abs(history))), 1e-12)
+
+
+def _first_period(masses: Floats, stiffness: Floats) -> float:
+    """First period of the elastic shear building, in seconds."""
+    above = np.append(stiffness[1:], 0.0)
+    matrix = np.diag(stiffness + above) - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)
+    scaled = matrix / np.sqrt(np.outer(masses, masses))
+    return float(2.0 * np.pi / np.sqrt(max(float(np.linalg.eigvalsh(scaled)[0]), 1e-12)))

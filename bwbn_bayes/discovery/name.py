@@ -1,0 +1,173 @@
+"""Decide which effect is missing, or that none can be named.
+
+Half the prior probability says that nothing is missing; the rest is split over the effects, then over each one's forms
+and places. An effect is named where its posterior log odds, against the present model and against every effect outside
+its class, exceed 8 beyond their error, and still do under priors ten times wider and narrower. Effects that the record
+cannot tell apart form one class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.evidence import PRIOR_WIDTHS, Evidence
+
+THRESHOLD = 8.0
+"""Log odds that a name must exceed beyond their error. [nat]"""
+_SIMPLER = 3.0
+"""Within this, the hypothesis with fewer parameters leads. [nat]"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """A weighed hypothesis.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis
+    evidence : Evidence
+    log_prior_odds : float
+        Against the present model.
+    log_bayes_factor : float
+        Against the present model, each under its better account of the noise.
+    """
+
+    hypothesis: Hypothesis
+    evidence: Evidence
+    log_prior_odds: float
+    log_bayes_factor: float
+
+    @property
+    def log_odds(self) -> float:
+        """Posterior log odds against the present model."""
+        return self.log_bayes_factor + self.log_prior_odds
+
+    @property
+    def place(self) -> tuple[int, ...]:
+        """Storeys or floors, empty for the whole building."""
+        return self.hypothesis.storeys
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """What one round of weighing says.
+
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+        Best first.
+    present : Evidence
+        Of the present model.
+    """
+
+    candidates: tuple[Candidate, ...]
+    present: Evidence
+
+    @cached_property
+    def by_name(self) -> Mapping[str, float]:
+        """Posterior log odds of each effect against the present model, over all its forms and places, best first."""
+        return _by_name(self.candidates, None)
+
+    @cached_property
+    def leader(self) -> Candidate | None:
+        """The hypothesis that leads; among those within 3 nats, the one with fewest parameters."""
+        if not self.candidates:
+            return None
+        top = self.candidates[0].log_odds
+        close = [c for c in self.candidates if c.log_odds > top - _SIMPLER]
+        return min(close, key=lambda c: (c.hypothesis.n_brought, -c.log_odds))
+
+    @cached_property
+    def equivalent(self) -> tuple[str, ...]:
+        """Other effects that the record cannot tell from the leader."""
+        if self.leader is None:
+            return ()
+        own = self.by_name[self.leader.hypothesis.name]
+        error = self._error(self.leader)
+        return tuple(
+            name
+            for name, odds in self.by_name.items()
+            if name != self.leader.hypothesis.name and odds > own - THRESHOLD - error
+        )
+
+    @cached_property
+    def equivalent_places(self) -> tuple[tuple[int, ...], ...]:
+        """Other places of the leading effect that the record cannot tell from the leader's."""
+        leader = self.leader
+        if leader is None:
+            return ()
+        same = [c for c in self.candidates if c.hypothesis.name == leader.hypothesis.name and c.place != leader.place]
+        limit = leader.log_odds - THRESHOLD - self._error(leader)
+        return tuple(dict.fromkeys(c.place for c in same if c.log_odds > limit))
+
+    @cached_property
+    def under_other_priors(self) -> Mapping[str, Mapping[str, float]]:
+        """Log odds of each effect under each width of the priors."""
+        return {label: _by_name(self.candidates, label) for label in PRIOR_WIDTHS}
+
+    @property
+    def passes(self) -> bool:
+        """Whether the leader is to be added: against the present model, beyond error, under every width of prior."""
+        if self.leader is None:
+            return False
+        limit = THRESHOLD + self._error(self.leader)
+        members = {self.leader.hypothesis.name, *self.equivalent}
+        for odds in (self.by_name, *self.under_other_priors.values()):
+            ahead = max(odds, key=lambda name: odds[name])
+            if ahead not in members or odds[self.leader.hypothesis.name] < limit:
+                return False
+        return True
+
+    @property
+    def sentence(self) -> str:
+        """The decision in words."""
+        if self.leader is None:
+            return "No catalogued effect can be added to this model."
+        name, odds = self.leader.hypothesis.label, self.leader.log_odds
+        if not self.passes:
+            return f"Nothing is named: the best, {name}, has log odds {odds:.1f}; {THRESHOLD:.0f} are asked."
+        if self.equivalent:
+            return f"{name} leads by log odds {odds:.1f}; the record cannot tell it from {', '.join(self.equivalent)}."
+        return f"{name} is named: log odds {odds:.1f} against the present model."
+
+    def _error(self, candidate: Candidate) -> float:
+        return float(np.hypot(candidate.evidence.log_evidence_se, self.present.log_evidence_se))
+
+
+def decide(present: Evidence, weighed: Sequence[tuple[Hypothesis, Evidence]]) -> Decision:
+    """Turn evidences into posterior odds.
+
+    Parameters
+    ----------
+    present : Evidence
+        Of the present model.
+    weighed : sequence of (Hypothesis, Evidence)
+        Every hypothesis considered.
+    """
+    names = {hypothesis.name for hypothesis, _ in weighed}
+    variants = {name: sum(hypothesis.name == name for hypothesis, _ in weighed) for name in names}
+    candidates = [
+        Candidate(
+            hypothesis=hypothesis,
+            evidence=evidence,
+            log_prior_odds=-float(np.log(len(names)) + np.log(variants[hypothesis.name])),
+            log_bayes_factor=evidence.total - present.total,
+        )
+        for hypothesis, evidence in weighed
+    ]
+    return Decision(candidates=tuple(sorted(candidates, key=lambda c: -c.log_odds)), present=present)
+
+
+def _by_name(candidates: Sequence[Candidate], width: str | None) -> dict[str, float]:
+    odds: dict[str, list[float]] = {}
+    for candidate in candidates:
+        shift = candidate.evidence.prior_shifts[width] if width else 0.0
+        odds.setdefault(candidate.hypothesis.name, []).append(candidate.log_odds + shift)
+    total = {name: float(logsumexp(values)) for name, values in odds.items()}
+    return dict(sorted(total.items(), key=lambda item: -item[1]))

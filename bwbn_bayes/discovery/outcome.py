@@ -1,0 +1,218 @@
+"""What a discovery returns, and ``discovery.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from bwbn_bayes.discovery.held_out import Prediction
+from bwbn_bayes.discovery.name import Candidate, Decision
+from bwbn_bayes.discovery.unexplained import Unexplained
+from bwbn_bayes.discovery.where import Disagreement
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.results import Result, finite
+from bwbn_bayes.structures.structure import Structure
+
+SCHEMA = 1
+Verdict = Literal["effects_found", "partly_explained", "no_missing_effect", "unexplained"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Added:
+    """An effect that was added.
+
+    Attributes
+    ----------
+    candidate : Candidate
+        As it was weighed when it was added.
+    decision : Decision
+        The round that added it.
+    moments : mapping of str to (float, float)
+        Posterior mean and standard deviation of the parameters it brought, in the final model.
+    """
+
+    candidate: Candidate
+    decision: Decision
+    moments: Mapping[str, tuple[float, float]]
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of ``effects``."""
+        hypothesis, evidence = self.candidate.hypothesis, self.candidate.evidence
+        return {
+            "name": hypothesis.name,
+            "form": hypothesis.effect.form,
+            "storeys": list(hypothesis.storeys),
+            "log_bayes_factor": self.candidate.log_bayes_factor,
+            "log_bayes_factor_se": evidence.log_evidence_se,
+            "equivalent": list(self.decision.equivalent),
+            "equivalent_storeys": [list(place) for place in self.decision.equivalent_places],
+            "parameters": {name: {"mean": mean, "sd": sd} for name, (mean, sd) in self.moments.items()},
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """One round of the loop: the disagreement it began with and what it decided."""
+
+    number: int
+    model: Structure
+    disagreement: Disagreement
+    decision: Decision | None
+    sentence: str
+    elapsed_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap:
+    """The gap between model and record, before and after, on data that the fit saw and on data that it did not."""
+
+    noise_floor: float
+    before: Prediction
+    after: Prediction
+    held_out_floor: float | None = None
+    held_out_before: Prediction | None = None
+    held_out_after: Prediction | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectionLimit:
+    """The smallest size of an effect that this record could have shown at a place; infinite where it could not."""
+
+    label: str
+    name: str
+    storeys: tuple[int, ...]
+    parameter: str
+    unit: str
+    smallest: float
+    expected: float
+    """Size that the default prior expects."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Discovery:
+    """Everything a discovery found.
+
+    Attributes
+    ----------
+    verdict : str
+        ``effects_found``, ``partly_explained``, ``no_missing_effect`` or ``unexplained``.
+    sentences : tuple of str
+        The verdict in words, the most important first.
+    unexplained_share : float
+        Of the residual energy beyond the noise, what is left at the end.
+    unexplained : Unexplained or None
+        What is known of the rest, where some of it stays unexplained.
+    added : tuple of Added
+        Effects of the final model that the given one lacks, in order.
+    steps : tuple of Step
+    limits : tuple of DetectionLimit
+    gap : Gap
+    before, after : Disagreement
+    histories : mapping of str to mapping of str to array
+        ``before`` and ``after``: drift, drift rate, restoring force and so on, ``(n_storeys, n_times)``.
+    model, improved : Structure
+    record : Record
+    held_out : Record or None
+    result : Result
+        The posterior of the improved model.
+    name : str
+    seed : int
+    elapsed_s : float
+        Without the final posterior.
+    """
+
+    verdict: Verdict
+    sentences: tuple[str, ...]
+    unexplained_share: float
+    unexplained: Unexplained | None
+    added: tuple[Added, ...]
+    steps: tuple[Step, ...]
+    limits: tuple[DetectionLimit, ...]
+    gap: Gap
+    before: Disagreement
+    after: Disagreement
+    histories: Mapping[str, Mapping[str, Floats]]
+    model: Structure
+    improved: Structure
+    record: Record
+    held_out: Record | None
+    result: Result
+    name: str
+    seed: int
+    elapsed_s: float
+
+    def as_json(self) -> dict[str, Any]:
+        """``discovery.json``, schema 1; a number that is not finite becomes None, which JSON can hold."""
+        gap: dict[str, Any] = {
+            "metric": "nrmse",
+            "noise_floor": self.gap.noise_floor,
+            "fit": {"before": self.gap.before.nrmse, "after": self.gap.after.nrmse},
+        }
+        if self.gap.held_out_before is not None and self.gap.held_out_after is not None:
+            gap["held_out"] = {
+                "before": self.gap.held_out_before.nrmse,
+                "after": self.gap.held_out_after.nrmse,
+                "before_se": self.gap.held_out_before.nrmse_se,
+                "after_se": self.gap.held_out_after.nrmse_se,
+                "log_density_before": self.gap.held_out_before.log_density,
+                "log_density_after": self.gap.held_out_after.log_density,
+                "noise_floor": self.gap.held_out_floor,
+            }
+        facts: dict[str, Any] = {
+            "schema": SCHEMA,
+            "model": self.name,
+            "record": self.record.name,
+            "verdict": self.verdict,
+            "sentences": list(self.sentences),
+            "unexplained_share": self.unexplained_share,
+            "effects": [added.as_json() for added in self.added],
+            "where": [
+                {
+                    "channel": spot.channel,
+                    "start_s": spot.start_s,
+                    "end_s": spot.end_s,
+                    "residual_to_noise": spot.residual_to_noise,
+                    "sentence": spot.sentence,
+                }
+                for spot in self.before.spots
+            ],
+            "gap": gap,
+            "unexplained": None if self.unexplained is None else self.unexplained.as_json(),
+            "steps": [
+                {"step": step.number, "sentence": step.sentence, "elapsed_s": step.elapsed_s} for step in self.steps
+            ],
+            "candidates": _candidates(self.steps),
+            "detection_limits": [
+                {
+                    "effect": limit.name,
+                    "storeys": list(limit.storeys),
+                    "parameter": limit.parameter,
+                    "unit": limit.unit,
+                    "smallest": limit.smallest,
+                }
+                for limit in self.limits
+            ],
+            "elapsed_s": self.elapsed_s,
+            "seed": self.seed,
+        }
+        return {key: finite(value) for key, value in facts.items()}
+
+
+def _candidates(steps: tuple[Step, ...]) -> list[dict[str, Any]]:
+    return [
+        {
+            "step": step.number,
+            "name": candidate.hypothesis.name,
+            "form": candidate.hypothesis.effect.form,
+            "storeys": list(candidate.hypothesis.storeys),
+            "log_bayes_factor": candidate.log_bayes_factor,
+            "log_bayes_factor_se": candidate.evidence.log_evidence_se,
+            "pareto_k": candidate.evidence.pareto_k,
+            "log_odds": candidate.log_odds,
+        }
+        for step in steps
+        if step.decision is not None
+        for candidate in step.decision.candidates
+    ]

@@ -1,0 +1,226 @@
+"""Where model and measurement disagree: by channel and time, by storey and state, in sentences.
+
+The yardstick is a model-free estimate of the noise, not the misfit. With known masses the storey force itself is
+measured, ``V_i = -sum_{j>=i} m_j a_j``, so that a residual force exists at every storey that has sensors above it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.residuals import noise_floor, residual_of
+from bwbn_bayes.inference.summary import observe
+from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.structures.shear_building import ShearBuilding
+
+N_WINDOWS = 24
+N_PLANE = 12
+"""Bins of drift and of drift rate."""
+NOTEWORTHY = 1.3
+"""Residual to noise from which a window is worth a sentence."""
+_LEAST_CONCENTRATION = 1.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spot:
+    """A stretch of time in which a channel's residual stands out.
+
+    Attributes
+    ----------
+    channel : str
+    start_s, end_s : float
+        [s]
+    residual_to_noise : float
+        Root mean square of the residual over the noise level.
+    sentence : str
+    """
+
+    channel: str
+    start_s: float
+    end_s: float
+    residual_to_noise: float
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disagreement:
+    """The residual of a fit, seen from all sides.
+
+    Attributes
+    ----------
+    channels : tuple of str
+    noise : (n_channels,) array
+        Model-free noise level. [unit of the channel]
+    edges : (n_windows + 1,) array
+        Of the time windows. [s]
+    by_window : (n_channels, n_windows) array
+        Residual to noise.
+    by_storey : (n_storeys, n_windows) array
+        Residual storey force to noise; NaN where a sensor above is missing.
+    by_state : (n_storeys, n_plane, n_plane) array
+        Residual storey force to noise over drift (rows) and drift rate (columns), each from minus to plus its largest
+        magnitude; NaN where the storey never was or its force is not measured.
+    by_condition : mapping of str to (n_storeys,) array
+        Share of the residual force's energy under a condition over the share of the time spent under it.
+    spots : tuple of Spot
+        Largest first.
+    """
+
+    channels: tuple[str, ...]
+    noise: Floats
+    edges: Floats
+    by_window: Floats
+    by_storey: Floats
+    by_state: Floats
+    by_condition: Mapping[str, Floats]
+    spots: tuple[Spot, ...]
+
+    @property
+    def residual_to_noise(self) -> Floats:
+        """Each channel's residual over its noise level, ``(n_channels,)``."""
+        return np.asarray(np.sqrt(np.mean(np.square(self.by_window), axis=1)))
+
+
+def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
+    """Compare a fit with its record at a point ``(n_dim,)`` of the unit cube."""
+    record = posterior.record
+    channels = tuple(record.channels)
+    residual = residual_of(posterior, point)
+    noise = np.array([noise_floor(signal) for signal in record.channels.values()])
+    edges = np.linspace(0.0, record.duration, N_WINDOWS + 1)
+    by_window = _windowed(residual / noise[:, None])
+    values, _ = posterior.split(point[None])
+    rows = {k: h[0] for k, h in observe(posterior.engine, posterior.model, values, record).items()}
+    force = _residual_force(posterior, dict(zip(channels, residual / noise[:, None], strict=True)), noise)
+    by_storey = _windowed(force)
+    conditions = _conditions(rows, record.time_step)
+    by_condition = {name: _concentration(force, mask) for name, mask in conditions.items()}
+    return Disagreement(
+        channels=channels,
+        noise=noise,
+        edges=edges,
+        by_window=by_window,
+        by_storey=by_storey,
+        by_state=_plane(force, rows),
+        by_condition=by_condition,
+        spots=_spots(channels, edges, by_window, by_storey, by_condition),
+    )
+
+
+def _residual_force(posterior: Posterior, scaled: Mapping[str, Floats], noise: Floats) -> Floats:
+    """Residual storey force over its noise level ``(n_storeys, n_times)``; NaN where a sensor above is missing."""
+    model, record = posterior.model, posterior.record
+    n = model.n_storeys
+    level = dict(zip(record.channels, noise, strict=True))
+    if not isinstance(model, ShearBuilding):
+        return np.asarray(scaled.get("force", np.full(record.n_times, np.nan)))[None]
+    force, variance = np.zeros((n, record.n_times)), np.zeros(n)
+    for storey in range(n):
+        for floor in range(storey, n):
+            name = f"acceleration_{floor + 1}"
+            mass = model.masses[floor]
+            force[storey] -= mass * scaled[name] * level[name] if name in scaled else np.nan
+            variance[storey] += (mass * level.get(name, np.nan)) ** 2
+    return np.asarray(force / np.sqrt(variance)[:, None])
+
+
+def _conditions(rows: Mapping[str, Floats], time_step: float) -> dict[str, Booleans]:
+    """States in which missing effects show, ``(n_storeys, n_times)`` each."""
+    z, v, u = (np.abs(rows[kind]) for kind in ("hysteretic_displacement", "drift_rate", "drift"))
+    energy = rows["hysteretic_energy"]
+    last = np.maximum(energy[:, -1:], 1e-300)
+    return {
+        "at small hysteretic displacement": z < 0.25 * np.max(z, axis=1, keepdims=True),
+        "at large drift": u > 0.6 * np.max(u, axis=1, keepdims=True),
+        "at high drift rate": v > 0.6 * np.max(v, axis=1, keepdims=True),
+        "just after reversals": _after_reversals(rows["drift_rate"], time_step),
+        "once much work is done": energy > 0.6 * last,
+        "in one direction, positive drift": rows["drift"] > 0.15 * np.max(u, axis=1, keepdims=True),
+        "in one direction, negative drift": rows["drift"] < -0.15 * np.max(u, axis=1, keepdims=True),
+    }
+
+
+def _after_reversals(drift_rate: Floats, time_step: float) -> Booleans:
+    """Within 0.1 s after the drift rate changes sign, away from rest."""
+    moving = np.max(np.abs(drift_rate), axis=1, keepdims=True) * 0.02
+    turned = np.zeros(drift_rate.shape, dtype=np.bool_)
+    turned[:, 1:] = (drift_rate[:, 1:] * drift_rate[:, :-1] < 0.0) & (np.abs(np.diff(drift_rate, axis=1)) > 0.0)
+    result = np.zeros_like(turned)
+    for lag in range(max(1, round(0.1 / time_step))):
+        result[:, lag:] |= turned[:, : turned.shape[1] - lag]
+    window = max(1, round(0.5 / time_step))
+    envelope = np.array([np.convolve(row, np.ones(window) / window, mode="same") for row in np.abs(drift_rate)])
+    return np.asarray(result & (envelope > moving))
+
+
+def _concentration(force: Floats, mask: Booleans) -> Floats:
+    energy = np.square(force)
+    share = np.sum(energy * mask, axis=1) / np.maximum(np.sum(energy, axis=1), 1e-300)
+    return np.asarray(share / np.maximum(np.mean(mask, axis=1), 1e-12))
+
+
+def _plane(force: Floats, rows: Mapping[str, Floats]) -> Floats:
+    result = np.full((len(force), N_PLANE, N_PLANE), np.nan)
+    for storey, energy in enumerate(np.square(force)):
+        place = [_bins(rows[kind][storey]) for kind in ("drift", "drift_rate")]
+        count, total = np.zeros((N_PLANE, N_PLANE)), np.zeros((N_PLANE, N_PLANE))
+        np.add.at(count, tuple(place), 1.0)
+        np.add.at(total, tuple(place), energy)
+        with np.errstate(invalid="ignore"):
+            result[storey] = np.sqrt(total / np.where(count > 2, count, np.nan))
+    return result
+
+
+def _bins(history: Floats) -> NDArray[np.int64]:
+    peak = max(float(np.max(np.abs(history))), 1e-300)
+    return np.clip(((history / peak + 1.0) * 0.5 * N_PLANE).astype(np.int64), 0, N_PLANE - 1)
+
+
+def _spots(
+    channels: tuple[str, ...], edges: Floats, by_window: Floats, by_storey: Floats, by_condition: Mapping[str, Floats]
+) -> tuple[Spot, ...]:
+    """Runs of windows above the noise: of storey forces where they are measured, of channels elsewhere."""
+    forces = [(f"acceleration_{i + 1}", f"storey {i + 1}", i, row) for i, row in enumerate(by_storey)]
+    rows = [entry for entry in forces if np.all(np.isfinite(entry[3]))]
+    rows = rows or [(name, _place(name), 0, row) for name, row in zip(channels, by_window, strict=True)]
+    largest = max(float(np.max(ratios)) for *_, ratios in rows)
+    spots = []
+    for channel, place, storey, ratios in rows:
+        for first, last in _runs(ratios > max(NOTEWORTHY, 0.4 * largest)):
+            ratio = float(np.sqrt(np.mean(np.square(ratios[first:last]))))
+            start, end = float(edges[first]), float(edges[last])
+            words = _words(by_condition, storey)
+            sentence = f"{place}, {start:.0f} to {end:.0f} s{words}: residual {ratio:.1f} times the noise"
+            spots.append(Spot(channel=channel, start_s=start, end_s=end, residual_to_noise=ratio, sentence=sentence))
+    return tuple(sorted(spots, key=lambda spot: -spot.residual_to_noise))
+
+
+def _windowed(scaled: Floats) -> Floats:
+    """Root mean square of each row in each window."""
+    n = scaled.shape[1]
+    window = np.minimum((np.arange(n) * N_WINDOWS) // n, N_WINDOWS - 1)
+    squares = np.array([[np.mean(np.square(row[window == w])) for w in range(N_WINDOWS)] for row in scaled])
+    return np.asarray(np.sqrt(squares))
+
+
+def _place(channel: str) -> str:
+    kind, _, number = channel.rpartition("_")
+    if kind in ("acceleration", "relative_acceleration", "displacement"):
+        return f"floor {number}"
+    return f"storey {number}" if kind else channel
+
+
+def _words(by_condition: Mapping[str, Floats], storey: int) -> str:
+    strong = {name: float(share[storey]) for name, share in by_condition.items() if np.isfinite(share[storey])}
+    chosen = sorted((n for n in strong if strong[n] > _LEAST_CONCENTRATION), key=lambda n: -strong[n])[:2]
+    return f", {' and '.join(chosen)}" if chosen else ""
+
+
+def _runs(mask: Booleans) -> list[tuple[int, int]]:
+    steps = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(steps[::2], steps[1::2], strict=True)]

@@ -1,0 +1,419 @@
+"""The loop: fit, look where it disagrees, weigh every effect, add the one that is named, until nothing is left to name.
+
+Selection sees the training record alone; the held-out record is predicted once, at the end, before and after.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.evidence import laplace_evidence, present_evidence, sampled_evidence
+from bwbn_bayes.discovery.held_out import floor_of, predict
+from bwbn_bayes.discovery.name import THRESHOLD, Candidate, Decision, decide
+from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, Step, Verdict
+from bwbn_bayes.discovery.race import Fit, race
+from bwbn_bayes.discovery.score import Score, score
+from bwbn_bayes.discovery.suitable import require_suitable
+from bwbn_bayes.discovery.unexplained import unexplained
+from bwbn_bayes.discovery.where import Disagreement, disagreement
+from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.identify import Settings, identify_from
+from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish
+from bwbn_bayes.inference.residuals import is_noise, residual_of
+from bwbn_bayes.inference.summary import observe
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
+
+Listener = Callable[[str], None]
+
+LEAST_SCORE = 4.0
+"""Where the residual is noise, hypotheses whose score is below this are not refitted. [nat]"""
+CONTENDER = 40.0
+"""Hypotheses this close to the best by Laplace are sampled. [nat]"""
+FOUND_SHARE, PARTLY_SHARE = 0.1, 0.5
+"""Unexplained share up to which effects count as found, and as contributing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiscoverySettings:
+    """Options of a discovery.
+
+    Parameters
+    ----------
+    seed : int
+        The run is a function of it.
+    most_effects : int
+        Effects added at most.
+    particles : int
+        Effective draws of the final posterior.
+    n_workers : int
+        Hypotheses fitted at once.
+    effects : tuple of Effect classes, optional
+        Those to consider; the whole catalogue by default.
+    """
+
+    seed: int = 1
+    most_effects: int = 4
+    particles: int = 2000
+    n_workers: int = os.cpu_count() or 1
+    effects: tuple[type[Effect], ...] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Present:
+    """The present model, fitted."""
+
+    posterior: Posterior
+    modes: tuple[Mode, ...]
+    starts: Floats
+    """Further points of its unit cube from which fits start."""
+
+    @property
+    def best(self) -> Floats:
+        return self.modes[0].point
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether what it leaves could be noise."""
+        return all(is_noise(rest) for rest in residual_of(self.posterior, self.best))
+
+
+@dataclass
+class _Run:
+    """What a run collects."""
+
+    settings: DiscoverySettings
+    rng: np.random.Generator
+    listener: Listener | None
+    began: float = field(default_factory=time.perf_counter)
+    steps: list[Step] = field(default_factory=list)
+
+    def say(self, text: str) -> None:
+        if self.listener is not None:
+            self.listener(text)
+
+    @property
+    def elapsed(self) -> float:
+        return time.perf_counter() - self.began
+
+
+def discover(
+    model: Structure,
+    record: Record,
+    *,
+    held_out: Record | None = None,
+    settings: DiscoverySettings | None = None,
+    name: str = "model",
+    listener: Listener | None = None,
+) -> Discovery:
+    """Find what a model lacks to explain a record.
+
+    Parameters
+    ----------
+    model : Structure
+        With priors on the parameters to identify.
+    record : Record
+        Fit and selection see this one alone.
+    held_out : Record, optional
+        Predicted once, at the end, by the model as given and as improved.
+    settings : DiscoverySettings, optional
+    name : str
+        The model's name in reports.
+    listener : callable, optional
+        Told what is being done and what was found.
+
+    Returns
+    -------
+    Discovery
+
+    Raises
+    ------
+    UserError
+        If the model identifies nothing, the record measures nothing, or they do not belong together.
+    """
+    require_suitable(model, record, held_out, name)
+    settings = settings or DiscoverySettings()
+    run = _Run(settings, np.random.default_rng(settings.seed), listener)
+    given = _fit_given(model, record, run)
+    before = disagreement(given.posterior, given.best)
+    for spot in before.spots[:2]:
+        run.say(spot.sentence)
+    present, added = _grow(given, run)
+    present, added = _prune(present, added, run)
+    return _conclude(given, present, added, before, held_out, name, run)
+
+
+def _fit_given(model: Structure, record: Record, run: _Run) -> _Present:
+    """Fit the model as given: to the whole record, and to its beginning, where damage has yet to come."""
+    engine = Lanes(substeps=1, resolution=0.5, n_threads=run.settings.n_workers)
+    posterior = Posterior(model=model, record=record, engine=engine, noise=default_noise(record))
+    run.say("fitting the model as given")
+    modes = find_modes(posterior, run.rng)
+    energy = np.cumsum(np.square(record.excitation))
+    early = float(np.searchsorted(energy, 0.35 * energy[-1])) * record.time_step
+    beginning = posterior.until(max(early, 0.2 * record.duration))
+    points, local = polish(beginning, np.array([mode.point for mode in modes[:16]]), n_iterations=20)
+    young = distinct(points, local)
+    starts = np.array([mode.point for mode in (*modes[:2], *young[:2])])
+    return _Present(posterior=posterior, modes=modes, starts=starts)
+
+
+def _grow(present: _Present, run: _Run) -> tuple[_Present, tuple[Added, ...]]:
+    """Add effects one by one until none passes."""
+    added: list[Added] = []
+    while len(added) < run.settings.most_effects:
+        fits, decision = _round(present, run)
+        chosen = decision.leader if decision is not None and decision.passes else None
+        sentence = decision.sentence if decision is not None else "The residual is noise, and no effect has a score."
+        run.steps.append(
+            Step(
+                number=len(run.steps) + 1,
+                model=present.posterior.model,
+                disagreement=disagreement(present.posterior, present.best),
+                decision=decision,
+                sentence=sentence,
+                elapsed_s=run.elapsed,
+            )
+        )
+        run.say(sentence)
+        if chosen is None or decision is None:
+            break
+        fit = next(fit for fit in fits if fit.hypothesis is chosen.hypothesis)
+        added.append(Added(candidate=chosen, decision=decision, moments={}))
+        present = _Present(
+            posterior=present.posterior.with_model(chosen.hypothesis.improved),
+            modes=fit.modes,
+            starts=np.array([mode.point for mode in fit.modes[:3]]),
+        )
+    return present, tuple(added)
+
+
+def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | None]:
+    """Weigh every effect at every place against the present model."""
+    posterior = present.posterior
+    single = posterior.with_engine(replace(_lanes(posterior), n_threads=1))
+    scales = scales_of(posterior, present.best)
+    every = hypotheses(
+        posterior.model, scales, measured=tuple(posterior.record.channels), effects=run.settings.effects
+    )
+    if present.is_noise:
+        run.say(f"the residual is noise: scoring {len(every)} hypotheses")
+        scores = _scores(single, every, present.best, run)
+        every = tuple(h for h, s in zip(every, scores, strict=True) if s.nats > LEAST_SCORE)
+        if not every:
+            return (), None
+    run.say(f"fitting {len(every)} hypotheses")
+    fits = race(single, every, present.starts, n_workers=run.settings.n_workers, progress=run.say)
+    return fits, _weigh(present, fits, run)
+
+
+def _weigh(present: _Present, fits: Sequence[Fit], run: _Run) -> Decision:
+    """Laplace for every fit; sampling for the present model and for those close to the best."""
+    run.say("weighing the hypotheses")
+    evidences = [laplace_evidence(fit) for fit in fits]
+    best = max(evidence.total for evidence in evidences)
+    own = present_evidence(present.posterior, present.modes, run.rng, 1000)
+    for i, fit in enumerate(fits):
+        if evidences[i].total > best - CONTENDER:
+            wide = replace(
+                fit, posterior=fit.posterior.with_engine(replace(_lanes(fit.posterior), n_threads=_threads(run)))
+            )
+            evidences[i] = sampled_evidence(wide, run.rng, 600)
+    return decide(own, [(fit.hypothesis, evidence) for fit, evidence in zip(fits, evidences, strict=True)])
+
+
+def _threads(run: _Run) -> int:
+    return run.settings.n_workers
+
+
+def _lanes(posterior: Posterior) -> Lanes:
+    engine = posterior.engine
+    if not isinstance(engine, Lanes):
+        raise UserError(f"discovery runs on the lanes engine, not on {engine.name}: leave --engine out")
+    return engine
+
+
+def _scores(posterior: Posterior, every: Sequence[Hypothesis], point: Floats, run: _Run) -> list[Score]:
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(max_workers=run.settings.n_workers) as pool:
+        return list(pool.map(lambda hypothesis: score(posterior, hypothesis, point), every))
+
+
+def _prune(present: _Present, added: tuple[Added, ...], run: _Run) -> tuple[_Present, tuple[Added, ...]]:
+    """Drop an effect that a later one has made superfluous."""
+    if len(added) < 2:
+        return present, added
+    run.say("checking whether each effect is still needed")
+    own = present_evidence(present.posterior, present.modes, run.rng, 1000)
+    for superfluous in added[:-1]:
+        kept = tuple(one for one in added if one is not superfluous)
+        model = run.steps[0].model
+        for one in kept:
+            hypothesis = one.candidate.hypothesis
+            model = model.with_effect(hypothesis.effect, hypothesis.storeys or None)
+        posterior = present.posterior.with_model(model)
+        names = present.posterior.space.names
+        columns = [names.index(name) for name in model.space.names]
+        points, local = polish(posterior, np.array([m.point[columns] for m in present.modes[:16]]), n_iterations=30)
+        modes = distinct(points, local)
+        without = present_evidence(posterior, modes, run.rng, 1000)
+        if own.total - without.total < THRESHOLD:
+            run.say(f"{superfluous.candidate.hypothesis.label} is no longer needed")
+            smaller = _Present(posterior=posterior, modes=modes, starts=points[:3])
+            return _prune(smaller, kept, run)
+    return present, added
+
+
+def _conclude(
+    given: _Present,
+    present: _Present,
+    added: tuple[Added, ...],
+    before: Disagreement,
+    held_out: Record | None,
+    name: str,
+    run: _Run,
+) -> Discovery:
+    after = disagreement(present.posterior, present.best)
+    share = _unexplained_share(before, after)
+    verdict = _verdict(present, added, share)
+    if verdict == "unexplained":
+        added, present = (), given
+        after = before
+    rest = None
+    if verdict in ("unexplained", "partly_explained"):
+        run.say("learning the missing storey force")
+        rest = unexplained(present.posterior, present.best, _weighed_against(present, run.steps), run.rng)
+    run.say("looking for the smallest effects that this record could have shown")
+    limits = _limits(present, run)
+    posterior, record = present.posterior, present.posterior.record
+    gap = Gap(
+        noise_floor=floor_of(record),
+        before=predict(given.posterior, given.best, record, run.rng),
+        after=predict(posterior, present.best, record, run.rng),
+    )
+    if held_out is not None:
+        gap = replace(
+            gap,
+            held_out_floor=floor_of(held_out),
+            held_out_before=predict(given.posterior, given.best, held_out, run.rng),
+            held_out_after=predict(posterior, present.best, held_out, run.rng),
+        )
+    elapsed = run.elapsed
+    run.say("sampling the posterior of the final model")
+    result = identify_from(
+        posterior,
+        np.array([mode.point for mode in present.modes[:8]]),
+        settings=Settings(seed=run.settings.seed, particles=run.settings.particles),
+        name=name,
+    )
+    moments = {p.name: (p.mean, p.sd) for p in result.facts.parameters}
+    added = tuple(
+        replace(one, moments={label: moments[label] for label in one.candidate.hypothesis.brought}) for one in added
+    )
+    return Discovery(
+        verdict=verdict,
+        sentences=_sentences(verdict, added, share, before, gap),
+        unexplained_share=share,
+        unexplained=rest,
+        added=added,
+        steps=tuple(run.steps),
+        limits=limits,
+        gap=gap,
+        before=before,
+        after=after,
+        histories={"before": _histories(given), "after": _histories(present)},
+        model=given.posterior.model,
+        improved=posterior.model,
+        record=record,
+        held_out=held_out,
+        result=result,
+        name=name,
+        seed=run.settings.seed,
+        elapsed_s=elapsed,
+    )
+
+
+def _weighed_against(present: _Present, steps: Sequence[Step]) -> tuple[Candidate, ...]:
+    """Candidates of the last round that weighed them against this model, or of the last round at all."""
+    rounds = [step for step in steps if step.decision is not None]
+    own = [step for step in rounds if step.model == present.posterior.model] or rounds
+    return own[-1].decision.candidates if own and own[-1].decision is not None else ()
+
+
+def _unexplained_share(before: Disagreement, after: Disagreement) -> float:
+    """What is left of the residual energy beyond the noise."""
+    excess = [float(np.sum(np.maximum(np.square(d.residual_to_noise) - 1.0, 0.0))) for d in (before, after)]
+    return min(excess[1] / excess[0], 1.0) if excess[0] > 0.0 else 0.0
+
+
+def _verdict(present: _Present, added: tuple[Added, ...], share: float) -> Verdict:
+    if present.is_noise:
+        return "effects_found" if added else "no_missing_effect"
+    if added and share <= FOUND_SHARE:
+        return "effects_found"
+    if added and share <= PARTLY_SHARE:
+        return "partly_explained"
+    return "unexplained"
+
+
+def _limits(present: _Present, run: _Run) -> tuple[DetectionLimit, ...]:
+    posterior = present.posterior.with_engine(replace(_lanes(present.posterior), n_threads=1))
+    every = hypotheses(
+        posterior.model,
+        scales_of(present.posterior, present.best),
+        measured=tuple(posterior.record.channels),
+        effects=run.settings.effects,
+    )
+    scores = _scores(posterior, every, present.best, run)
+    needed = THRESHOLD + np.log(max(len(every), 1))
+    return tuple(
+        DetectionLimit(
+            label=hypothesis.label,
+            name=hypothesis.name,
+            storeys=hypothesis.storeys,
+            parameter=found.amplitude,
+            unit=found.unit,
+            smallest=found.detectable(needed),
+            expected=_expected(hypothesis, found.amplitude),
+        )
+        for hypothesis, found in zip(every, scores, strict=True)
+    )
+
+
+def _expected(hypothesis: Hypothesis, amplitude: str) -> float:
+    return next(p.prior.sd for p in hypothesis.model.space.parameters if p.name == amplitude)
+
+
+def _histories(present: _Present) -> dict[str, Floats]:
+    values, _ = present.posterior.split(present.best[None])
+    rows = observe(present.posterior.engine, present.posterior.model, values, present.posterior.record)
+    return {kind: history[0] for kind, history in rows.items()}
+
+
+def _sentences(
+    verdict: Verdict, added: tuple[Added, ...], share: float, before: Disagreement, gap: Gap
+) -> tuple[str, ...]:
+    labels = ", then ".join(one.candidate.hypothesis.label for one in added)
+    shrunk = (
+        f"The error of fit falls from {100 * gap.before.nrmse:.1f} % to {100 * gap.after.nrmse:.1f} % of the signal; "
+        f"the noise is {100 * gap.noise_floor:.1f} %."
+    )
+    first = {
+        "effects_found": f"The model lacks {labels}.",
+        "partly_explained": f"{labels} contributes, but {100 * share:.0f} % of the disagreement stays unexplained.",
+        "no_missing_effect": "The model as given explains the record: what it leaves is noise.",
+        "unexplained": "Model and record disagree, and no catalogued effect explains it.",
+    }[verdict]
+    spots = tuple(f"Where: {spot.sentence}." for spot in before.spots[:1])
+    return (first, shrunk, *spots) if added else (first, *spots)

@@ -1,0 +1,49 @@
+"""The ground moved more, or less, than the record says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, override
+
+from bwbn_bayes.elements.law import Effect, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.parameters import Normal, Parameter, Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputScale(Effect):
+    """The ground acceleration is ``s_g`` times the recorded one; floors feel, and their sensors show, the true one.
+
+    Parameters
+    ----------
+    s_g : float or Prior
+        True over recorded ground acceleration.
+    """
+
+    s_g: Value
+
+    name: ClassVar[str] = "input_scale"
+    level: ClassVar[str] = "excitation"
+    summary: ClassVar[str] = "the recorded excitation has a wrong scale"
+    source: ClassVar[str] = "a gain error of the ground's sensor"
+    residual: ClassVar[str] = "proportional to the input everywhere"
+    confusable: ClassVar[str] = "one sensor_gain shared by all floors, until something yields"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            symbol="s_g", unit="", neutral=1.0, lower=0.0, description="true over recorded excitation", source=source
+        ),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        return (cls(s_g=Normal(1.0, 0.3)),)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"s_g": (0.85, 1.15)}
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        return replace(slots, ground_factor=slots.ground_factor * symbol("s_g"))

@@ -1,0 +1,47 @@
+"""A floor's accelerometer is offset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, override
+
+from bwbn_bayes.elements.law import Effect, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.parameters import Normal, Parameter, Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorBias(Effect):
+    """The accelerometer of a floor shows ``bias`` too much, all the time.
+
+    Parameters
+    ----------
+    bias : float, Prior or PerStorey
+        Added to what it shows. [m/s^2]
+    """
+
+    bias: Value
+
+    name: ClassVar[str] = "sensor_bias"
+    level: ClassVar[str] = "observation"
+    summary: ClassVar[str] = "an accelerometer with an offset"
+    source: ClassVar[str] = "zero error of a sensor"
+    residual: ClassVar[str] = "constant"
+    confusable: ClassVar[str] = "asymmetry in force and drift records, hardly in accelerations"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(symbol="bias", unit="m/s^2", neutral=0.0, description="added to the acceleration", source=source),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        return (cls(bias=Normal(0.0, 0.2 * scales.acceleration)),)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"bias": (-0.05 * scales.acceleration, 0.05 * scales.acceleration)}
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        return replace(slots, sensor_bias=slots.sensor_bias + symbol("bias"))

@@ -1,0 +1,47 @@
+"""A floor's accelerometer has a wrong gain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, override
+
+from bwbn_bayes.elements.law import Effect, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.parameters import Normal, Parameter, Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorGain(Effect):
+    """The accelerometer of a floor shows ``gain`` times what it should.
+
+    Parameters
+    ----------
+    gain : float, Prior or PerStorey
+        Shown over true acceleration.
+    """
+
+    gain: Value
+
+    name: ClassVar[str] = "sensor_gain"
+    level: ClassVar[str] = "observation"
+    summary: ClassVar[str] = "an accelerometer with a wrong gain"
+    source: ClassVar[str] = "calibration error of a sensor"
+    residual: ClassVar[str] = "proportional to that channel"
+    confusable: ClassVar[str] = "mass_error; all gains together: input_scale"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(symbol="gain", unit="", neutral=1.0, description="shown over true acceleration", source=source),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        return (cls(gain=Normal(1.0, 0.2)),)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"gain": (0.9, 1.1)}
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        return replace(slots, sensor_gain=slots.sensor_gain * symbol("gain"))

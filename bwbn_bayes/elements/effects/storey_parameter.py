@@ -1,0 +1,110 @@
+"""A parameter that the storeys share, but for one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, override
+
+import sympy as sp
+
+from bwbn_bayes.elements.law import Effect, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import Normal, Parameter, Value
+
+_UNITS = {"alpha": "", "beta": "1/m^n", "gamma": "1/m^n", "n": ""}
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreyParameter(Effect):
+    """At the storeys where it acts, a parameter is larger by ``offset``; it stays admissible.
+
+    It says something where the model shares that parameter over storeys.
+
+    Parameters
+    ----------
+    parameter : {"alpha", "beta", "gamma", "n"}
+        The parameter that differs.
+    offset : float, Prior or PerStorey
+        By how much, in its own unit.
+
+    Raises
+    ------
+    UserError
+        If the parameter is not one of the four.
+
+    References
+    ----------
+    .. [1] Y.-K. Wen, "Method for Random Vibration of Hysteretic Systems", J. Eng. Mech. Div. 102(2), 1976 (the
+       parameters; that storeys may differ is no more than a question to the data).
+    """
+
+    parameter: str
+    offset: Value
+
+    name: ClassVar[str] = "storey_parameter"
+    summary: ClassVar[str] = "a parameter that storeys share differs at one of them"
+    source: ClassVar[str] = "Wen 1976"
+    residual: ClassVar[str] = "a misfit of that storey's loops only, throughout"
+    confusable: ClassVar[str] = "strength_degradation, asymmetry, cubic_stiffness"
+
+    def __post_init__(self) -> None:
+        if self.parameter not in _UNITS:
+            raise UserError(
+                f"StoreyParameter: parameter {self.parameter!r} is not one that storeys share: "
+                f"choose one of {', '.join(_UNITS)}"
+            )
+
+    @property
+    @override
+    def form(self) -> str:
+        return self.parameter
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The offset, named after the parameter: ``alpha_offset``."""
+        return (
+            Parameter(
+                symbol=f"{self.parameter}_offset",
+                unit=_UNITS[self.parameter],
+                neutral=0.0,
+                description=f"what sets {self.parameter} apart at this storey",
+                source=self.source,
+            ),
+        )
+
+    @property
+    @override
+    def values(self) -> Mapping[str, Value]:
+        return {f"{self.parameter}_offset": self.offset}
+
+    @classmethod
+    @override
+    def neutral_forms(cls) -> tuple[Self, ...]:
+        return tuple(cls(parameter=parameter, offset=0.0) for parameter in _UNITS)
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        sizes = _sizes(scales)
+        return tuple(cls(parameter=parameter, offset=Normal(0.0, sizes[parameter])) for parameter in _UNITS)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        start = 0.4 * _sizes(scales)[self.parameter]
+        return {f"{self.parameter}_offset": (-start, start)}
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        base, offset = symbol(self.parameter), symbol(f"{self.parameter}_offset")
+        # The offset joins every condition in which the parameter stands; these are its own bounds.
+        bounds = {"alpha": (base >= -1, base <= 1), "n": (base >= 1,)}.get(self.parameter, ())
+        increments = {**slots.increments, base: slots.increments.get(base, sp.Integer(0)) + offset}
+        return replace(slots, increments=increments, constraints=(*slots.constraints, *bounds))
+
+
+def _sizes(scales: Scales) -> dict[str, float]:
+    """Offsets to expect."""
+    shape = 0.5 * (abs(scales.beta) + abs(scales.gamma))
+    return {"alpha": max(scales.alpha, 0.05), "beta": shape, "gamma": shape, "n": 0.5 * scales.n}

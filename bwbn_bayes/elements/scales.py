@@ -1,0 +1,58 @@
+"""How large things are at one place of a structure: what default priors and first guesses are measured in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scales:
+    """Sizes reached during the training record at one storey or floor, under the model as given.
+
+    They depend on the training record and the present model alone, so that every compared hypothesis uses the same.
+
+    Attributes
+    ----------
+    drift, drift_rate, hysteretic_displacement : float
+        Largest magnitudes. [m], [m/s], [m]
+    energy : float
+        Work on the hysteretic spring by the end. [J]
+    force : float
+        Largest storey force. [N]
+    stiffness, damping : float
+        Initial stiffness and viscous damping of the storey. [N/m], [N s/m]
+    alpha, beta, gamma, n : float
+        The storey's ratio of stiffnesses and loop shape. [1], [1/m^n], [1/m^n], [1]
+    mass : float
+        Of the floor above the storey. [kg]
+    floor_rate : float
+        Largest floor velocity relative to the ground. [m/s]
+    acceleration : float
+        Root mean square of the floor's total acceleration. [m/s^2]
+    ground_acceleration : float
+        Root mean square of the ground acceleration. [m/s^2]
+    period : float
+        First period at the start. [s]
+    onset, duration, time_step : float
+        Time at which strong motion begins, length of the record, time between samples. [s]
+    """
+
+    drift: float
+    drift_rate: float
+    hysteretic_displacement: float
+    energy: float
+    force: float
+    stiffness: float
+    damping: float
+    alpha: float
+    beta: float
+    gamma: float
+    n: float
+    mass: float
+    floor_rate: float
+    acceleration: float
+    ground_acceleration: float
+    period: float
+    onset: float
+    duration: float
+    time_step: float

@@ -1,0 +1,175 @@
+"""A structure under a record, solved by an engine: what the operators call, under a key that compiled code can keep.
+
+Compiled graphs outlive the process in PyTensor's cache. They hold no solver and no numbers of the model, only a key,
+and the key hashes everything that shapes an answer: change the law, the record, the engine or the code, and it is
+another graph.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
+
+import numpy as np
+
+from bwbn_bayes.engines.base import Engine, check_record, masses
+from bwbn_bayes.inference.likelihood import SolveCount
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
+
+_ROOMS = ("elements", "structures", "engines", "inference/pymc")
+"""Rooms whose code shapes what an operator returns."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForwardProblem:
+    """A model under a record; get one from :func:`forward_problem`, which gives equal problems the same object.
+
+    Attributes
+    ----------
+    model : Structure
+        Shear building or specimen.
+    record : Record
+        Its channels are what the operators return.
+    engine : Engine
+        What solves.
+    key : str
+        Hash of all that shapes an answer.
+    solves, failures : SolveCount
+        Draws solved in this process, and how many of them failed.
+    """
+
+    model: Structure
+    record: Record
+    engine: Engine
+    key: str
+    solves: SolveCount = field(default_factory=SolveCount)
+    failures: SolveCount = field(default_factory=SolveCount)
+
+    def __reduce__(self) -> tuple[object, tuple[object, ...]]:
+        """Another process registers the problem anew, under the same key, and counts for itself."""
+        return forward_problem, (self.model, self.record, self.engine)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the measured channels."""
+        return tuple(self.record.channels)
+
+    @cached_property
+    def measured(self) -> Floats:
+        """Measured channels ``(n_channels, n_times)``."""
+        return np.stack(list(self.record.channels.values()))
+
+    @cached_property
+    def solver(self) -> Engine:
+        """The engine; in a worker process on one thread.
+
+        A parent's thread pool does not survive a fork, and chains in processes share the cores already.
+        """
+        threaded = is_dataclass(self.engine) and any(f.name == "n_threads" for f in fields(self.engine))
+        if multiprocessing.parent_process() is not None and threaded:
+            return replace(self.engine, n_threads=1)  # type: ignore[type-var]
+        return self.engine
+
+    def response(self, values: Floats) -> Floats:
+        """Channels ``(n_draws, n_channels, n_times)``; NaN where the solve failed."""
+        response = self.solver.simulate(self.model, values, self.record).values
+        self._count(np.all(np.isfinite(response), axis=(1, 2)))
+        return response
+
+    def response_pullback(self, values: Floats, cotangents: Floats) -> Floats:
+        """Products ``(n_draws, n_parameters)`` of cotangents and exact tangents; zero where the solve failed."""
+        _, slopes = self.solver.sensitivities(self.model, values, self.record)
+        products = np.einsum("npct,nct->np", slopes, cotangents)
+        return self._counted_slopes(products)
+
+    def squared_residuals(self, values: Floats) -> Floats:
+        """Sums over time ``(n_draws, n_channels)``; infinite where the solve failed."""
+        misfit = self.solver.misfit(self.model, values, self.record)
+        self._count(np.all(np.isfinite(misfit), axis=1))
+        return misfit
+
+    def squared_residuals_pullback(self, values: Floats, cotangents: Floats) -> Floats:
+        """Products ``(n_draws, n_parameters)`` of cotangents and the sums' exact derivatives; zero where failed."""
+        gradient = self.solver.normal_equations(self.model, values, self.record).gradient
+        return self._counted_slopes(-2.0 * np.einsum("nc,ncp->np", cotangents, gradient))
+
+    def log_admissible(self, values: Floats) -> Floats:
+        """Zero ``(n_draws,)`` where every joint constraint of the law holds, minus infinity elsewhere."""
+        return np.where(self.model.space.admissible(values), 0.0, -np.inf)
+
+    def _count(self, ok: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> None:
+        self.solves.total += len(ok)
+        self.failures.total += int(np.count_nonzero(~ok))
+
+    def _counted_slopes(self, products: Floats) -> Floats:
+        ok = np.all(np.isfinite(products), axis=1)
+        self._count(ok)
+        return np.where(ok[:, None], products, 0.0)
+
+
+_PROBLEMS: dict[str, ForwardProblem] = {}
+
+
+def forward_problem(model: Structure, record: Record, engine: Engine) -> ForwardProblem:
+    """The problem of a model, a record and an engine; the same object whenever they are equal.
+
+    Raises
+    ------
+    UserError
+        If the record does not excite the model in its own way.
+    """
+    check_record(model, record)
+    key = _key(model, record, engine)
+    return _PROBLEMS.setdefault(key, ForwardProblem(model=model, record=record, engine=engine, key=key))
+
+
+def solved(quantity: str, key: str, arrays: Sequence[Floats]) -> Floats:
+    """Evaluate one quantity of a registered problem: what compiled code calls.
+
+    Parameters
+    ----------
+    quantity : str
+        Method of :class:`ForwardProblem`.
+    key : str
+        Of the problem.
+    arrays : sequence of arrays
+        Values ``(n_parameters,)`` or ``(n_draws, n_parameters)``, and cotangents where the quantity takes them.
+    """
+    single = arrays[0].ndim == 1
+    batched = [np.ascontiguousarray(array[None] if single else array, dtype=np.float64) for array in arrays]
+    result = getattr(_PROBLEMS[key], quantity)(*batched)
+    return np.ascontiguousarray(result[0] if single else result, dtype=np.float64)
+
+
+def _key(model: Structure, record: Record, engine: Engine) -> str:
+    table = model.table
+    words = (
+        code_digest(),
+        type(model).__name__,
+        repr(model.law),
+        table.fixed.tobytes().hex(),
+        table.index.tobytes().hex(),
+        masses(model).tobytes().hex(),
+        str(model.space.names),
+        record.content_hash,
+        type(engine).__qualname__,
+        repr(engine),
+    )
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()
+
+
+@cache
+def code_digest() -> str:
+    """Hash of the sources from which kernels are generated and of those that call them."""
+    package = Path(__file__).parents[2]
+    digest = hashlib.sha256()
+    for room in _ROOMS:
+        for path in sorted((package / room).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,250 @@
+"""The No-U-Turn sampler on a structure, started from the Laplace fit.
+
+Exact tangents make the gradient; the posterior of a long record is narrow and tilted, so the metric comes from the fit
+rather than from adaptation. The log likelihood has kinks where a drift rate changes sign or a slip begins: where they
+matter the sampler diverges, and the result says so.
+
+References
+----------
+.. [1] M. D. Hoffman and A. Gelman, "The No-U-Turn Sampler", J. Machine Learning Research 15, 2014.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal
+
+import arviz_stats
+import nutpie
+import numpy as np
+import pymc as pm
+import pytensor
+import pytensor.tensor as pt
+import xarray as xr
+from pymc.step_methods.hmc.quadpotential import QuadPotentialFull
+from pytensor.graph.replace import vectorize_graph
+
+from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.pymc.model import named_parameters
+from bwbn_bayes.inference.truncated import TruncatedStudent
+from bwbn_bayes.parameters import Floats, ParameterSpace
+
+Sampler = Literal["pymc", "nutpie"]
+_N_LAPLACE = 4000
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaplaceStart:
+    """Where the chains start and how the posterior is shaped, in PyMC's unconstrained coordinates.
+
+    Attributes
+    ----------
+    points : tuple of mappings
+        One start for each chain, variables in their own units.
+    mean : (n_dim,) array
+    covariance : (n_dim, n_dim) array
+    """
+
+    points: tuple[Mapping[str, Floats], ...]
+    mean: Floats
+    covariance: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class NutsRun:
+    """Draws of NUTS and what they say of themselves.
+
+    Attributes
+    ----------
+    tree : DataTree
+        Posterior and sample statistics.
+    n_divergences : int
+        Trajectories whose energy error exploded.
+    worst_r_hat, least_ess : float
+        Over all parameters; rank-normalised, bulk.
+    n_solves : int
+        Gradient evaluations after warm-up (two solves each: value and slopes).
+    """
+
+    tree: xr.DataTree
+    n_divergences: int
+    worst_r_hat: float
+    least_ess: float
+    n_solves: int
+
+
+def laplace_start(
+    twin: pm.Model, space: ParameterSpace, mode: Mode, chains: int, rng: np.random.Generator
+) -> LaplaceStart:
+    """Starts and metric from a mode of the posterior on the unit cube.
+
+    The Laplace approximation, truncated to the cube, is sampled and carried through the transforms of the PyMC model;
+    its moments there are the metric, whatever the priors.
+
+    Parameters
+    ----------
+    twin : pymc.Model
+        Made by :func:`~bwbn_bayes.inference.pymc.model.to_pymc` from one record.
+    space : ParameterSpace
+        Of the posterior that the mode belongs to, noise parameters included.
+    mode : Mode
+        Its best mode.
+    chains : int
+        Starts wanted.
+    rng : numpy.random.Generator
+        Random stream.
+    """
+    laplace = TruncatedStudent.at(mode.point, mode.gradient, mode.information)
+    points = np.clip(laplace.sample(rng, _N_LAPLACE), 1e-6, 1.0 - 1e-6)
+    points = points[space.admissible(space.from_unit(points))]
+    values = by_variable(twin, space, space.from_unit(points))
+    unconstrained = np.concatenate(
+        [column.reshape(len(points), -1) for column in _unconstrained(twin, values)], axis=1
+    )
+    starts = tuple({name: column[i] for name, column in values.items()} for i in range(chains))
+    covariance = np.atleast_2d(np.cov(unconstrained.T))
+    return LaplaceStart(points=starts, mean=np.mean(unconstrained, axis=0), covariance=covariance)
+
+
+def by_variable(twin: pm.Model, space: ParameterSpace, values: Floats) -> dict[str, Floats]:
+    """Values ``(n, n_dim)`` of the identified parameters as arrays by free variable, ``(n, ...)`` each."""
+    free = {rv.name for rv in twin.free_RVs}
+    result: dict[str, Floats] = {}
+    for group in named_parameters(space.parameters):
+        columns = values[:, group.members]
+        if group.name in free:
+            result[group.name] = columns if group.storeys else columns[:, 0]
+        elif group.name.startswith("noise_sd["):
+            previous = result.get("noise_sd", np.empty((len(values), 0)))
+            result["noise_sd"] = np.hstack([previous, columns])
+        else:
+            result |= {f"{group.name}_{i + 1}": columns[:, i] for i in range(columns.shape[1])}
+    return result
+
+
+def _unconstrained(twin: pm.Model, values: Mapping[str, Floats]) -> list[Floats]:
+    """The values in the coordinates that PyMC samples, in the order of its value variables."""
+    result = []
+    for rv in twin.free_RVs:
+        transform = twin.rvs_to_transforms[rv]
+        column = np.asarray(values[rv.name])
+        if transform is not None:
+            x = rv.type()
+            batch = pt.tensor(dtype=rv.dtype, shape=(None, *rv.type.shape))
+            forward = vectorize_graph(transform.forward(x, *rv.owner.inputs), {x: batch})
+            column = pytensor.function([batch], forward, on_unused_input="ignore")(column)
+        result.append(np.asarray(column))
+    return result
+
+
+def sample_nuts(
+    twin: pm.Model,
+    start: LaplaceStart,
+    *,
+    sampler: Sampler = "pymc",
+    draws: int = 1000,
+    tune: int = 500,
+    chains: int = 2,
+    seed: int,
+    progress: Callable[[int], None] | None = None,
+) -> NutsRun:
+    """Sample with PyMC's own NUTS under the Laplace metric, or with nutpie, which adapts its metric from there.
+
+    Chains of PyMC run one after another in this process, those of nutpie on threads; nothing is forked.
+
+    Parameters
+    ----------
+    twin : pymc.Model
+        Made by :func:`~bwbn_bayes.inference.pymc.model.to_pymc`.
+    start : LaplaceStart
+        Starts and metric.
+    sampler : {"pymc", "nutpie"}
+        Whose implementation.
+    draws, tune, chains : int
+        Draws kept and warm-up draws of each chain, number of chains.
+    seed : int
+        The run is a function of it.
+    progress : callable, optional
+        Called with the number of draws made so far (PyMC only).
+    """
+    if sampler == "nutpie":
+        tree = _nutpie(twin, start, draws, tune, chains, seed)
+    else:
+        tree = _pymc(twin, start, draws, tune, chains, seed, progress)
+    return _facts(tree)
+
+
+def _pymc(
+    twin: pm.Model,
+    start: LaplaceStart,
+    draws: int,
+    tune: int,
+    chains: int,
+    seed: int,
+    progress: Callable[[int], None] | None,
+) -> xr.DataTree:
+    made = 0
+
+    def count(trace: object, draw: object) -> None:
+        nonlocal made
+        made += 1
+        if progress is not None and made % 100 == 0:
+            progress(made)
+
+    with twin, _quiet():
+        step = pm.NUTS(potential=QuadPotentialFull(start.covariance), target_accept=0.9)
+        return pm.sample(
+            draws=draws,
+            tune=tune,
+            chains=chains,
+            cores=1,
+            step=step,
+            initvals=list(start.points[:chains]),
+            random_seed=seed,
+            progressbar=False,
+            compute_convergence_checks=False,
+            nuts_sampler="pymc",
+            callback=count,
+        )
+
+
+def _nutpie(twin: pm.Model, start: LaplaceStart, draws: int, tune: int, chains: int, seed: int) -> xr.DataTree:
+    compiled = nutpie.compile_pymc_model(twin, initial_points=dict(start.points[0]), jitter_rvs=set())
+    return nutpie.sample(
+        compiled,
+        draws=draws,
+        tune=tune,
+        chains=chains,
+        cores=chains,
+        seed=seed,
+        adaptation="low_rank",
+        progress_bar=False,
+        save_warmup=False,
+    )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """PyMC announces every run on its logger; the caller has a listener of its own."""
+    logger = logging.getLogger("pymc")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+def _facts(tree: xr.DataTree) -> NutsRun:
+    posterior, statistics = tree["posterior"].dataset, tree["sample_stats"].dataset
+    r_hat, ess = arviz_stats.rhat(posterior), arviz_stats.ess(posterior)
+    return NutsRun(
+        tree=tree,
+        n_divergences=int(statistics["diverging"].sum()),
+        worst_r_hat=max(float(value.max()) for value in r_hat.data_vars.values()),
+        least_ess=min(float(value.min()) for value in ess.data_vars.values()),
+        n_solves=int(statistics["n_steps"].sum()),
+    )

@@ -1,0 +1,174 @@
+"""PyTensor operators over an engine: response, squared residuals, admissible region, and their pullbacks.
+
+Each takes one draw ``(n_parameters,)`` or a batch ``(n_draws, n_parameters)``; a batch is one call of the engine, also
+when ``vectorize_graph`` asks for it. Under numba a compiled graph calls back into Python for the solve: the callback
+costs microseconds, holds the interpreter's lock only outside the kernels, and keeps thread pools out of cached code.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from typing import ClassVar
+
+import numba
+import numpy as np
+import pytensor.tensor as pt
+from pytensor.graph.basic import Apply, Variable
+from pytensor.graph.op import Op
+from pytensor.graph.replace import _vectorize_node
+from pytensor.link.numba.dispatch.basic import get_numba_type, numba_njit, register_funcify_and_cache_key
+
+from bwbn_bayes.inference.pymc.forward import ForwardProblem, code_digest, solved
+
+
+class Solve(Op):
+    """Base of the operators: a quantity of a problem as a function of the identified parameters.
+
+    Parameters
+    ----------
+    problem : ForwardProblem
+        Model, record and engine.
+    """
+
+    __props__ = ("key",)
+    quantity: ClassVar[str]
+
+    def __init__(self, problem: ForwardProblem) -> None:
+        self.problem = problem
+        self.key = problem.key
+
+    def __reduce__(self) -> tuple[object, tuple[object, ...]]:
+        """By the problem alone."""
+        return type(self), (self.problem,)
+
+    def core_shape(self) -> tuple[int, ...]:
+        """Shape of the result for one draw."""
+        raise NotImplementedError
+
+    def make_node(self, values: Variable, *cotangents: Variable) -> Apply:
+        """Values of the identified parameters in their own units, and cotangents of the same batch."""
+        inputs = [pt.as_tensor_variable(x).astype("float64") for x in (values, *cotangents)]
+        if inputs[0].type.ndim not in (1, 2):
+            raise TypeError(f"{type(self).__name__} takes a vector of parameters or a matrix of draws")
+        shape = (*inputs[0].type.shape[:-1], *self.core_shape())
+        return Apply(self, inputs, [pt.tensor(dtype="float64", shape=shape)])
+
+    def perform(self, node: Apply, inputs: Sequence[np.ndarray], output_storage: list[list[object]]) -> None:
+        """Solve."""
+        output_storage[0][0] = solved(self.quantity, self.key, inputs)
+
+    def infer_shape(self, node: Apply, shapes: Sequence[tuple[Variable, ...]]) -> list[tuple[object, ...]]:
+        """Batch dimensions of the values, then the result's own."""
+        return [(*shapes[0][:-1], *self.core_shape())]
+
+
+class _Pullback(Solve):
+    """Base of the vector-Jacobian products; a failed solve pulls back zero."""
+
+    def core_shape(self) -> tuple[int, ...]:
+        return (self.problem.model.space.n_dim,)
+
+
+class ResponsePullback(_Pullback):
+    """Cotangents ``(n_channels, n_times)`` times the exact derivatives of the response."""
+
+    quantity = "response_pullback"
+
+
+class SquaredResidualsPullback(_Pullback):
+    """Cotangents ``(n_channels,)`` times the exact derivatives of the squared residuals."""
+
+    quantity = "squared_residuals_pullback"
+
+
+class ChannelResponse(Solve):
+    """Measured channels ``(n_channels, n_times)`` as the model predicts them; NaN where the solve fails."""
+
+    quantity = "response"
+
+    def core_shape(self) -> tuple[int, ...]:
+        """Channels and times."""
+        return (len(self.problem.channels), self.problem.record.n_times)
+
+    def pullback(
+        self, inputs: Sequence[Variable], outputs: Sequence[Variable], cotangents: Sequence[Variable]
+    ) -> list[Variable]:
+        """Vector-Jacobian product from the exact tangents."""
+        return [ResponsePullback(self.problem)(inputs[0], cotangents[0])]
+
+
+class SquaredResiduals(Solve):
+    """Sum over time of squared residuals ``(n_channels,)``; infinite where the solve fails."""
+
+    quantity = "squared_residuals"
+
+    def core_shape(self) -> tuple[int, ...]:
+        """Channels."""
+        return (len(self.problem.channels),)
+
+    def pullback(
+        self, inputs: Sequence[Variable], outputs: Sequence[Variable], cotangents: Sequence[Variable]
+    ) -> list[Variable]:
+        """Vector-Jacobian product from the engine's normal equations."""
+        return [SquaredResidualsPullback(self.problem)(inputs[0], cotangents[0])]
+
+
+class LogAdmissible(Solve):
+    """Zero where the joint constraints of the law hold, minus infinity elsewhere; its derivative is zero."""
+
+    quantity = "log_admissible"
+
+    def core_shape(self) -> tuple[int, ...]:
+        """A number."""
+        return ()
+
+    def pullback(
+        self, inputs: Sequence[Variable], outputs: Sequence[Variable], cotangents: Sequence[Variable]
+    ) -> list[Variable]:
+        """Zero."""
+        return [pt.zeros_like(inputs[0])]
+
+
+@_vectorize_node.register(Solve)
+def _one_call(op: Solve, node: Apply, *inputs: Variable) -> Sequence[Variable]:
+    """All batch dimensions in one call of the engine."""
+    cores = [x.type.ndim for x in node.inputs]
+    if cores[0] == 2:
+        # The node was batched already: its own draws are one more batch dimension.
+        cores = [core - 1 for core in cores]
+    n_batch = max(x.type.ndim - core for x, core in zip(inputs, cores, strict=True))
+    if n_batch <= 1 and all(x.type.ndim - core == n_batch for x, core in zip(inputs, cores, strict=True)):
+        return op.make_node(*inputs).outputs
+    padded = [pt.shape_padleft(x, n_batch - (x.type.ndim - core)) for x, core in zip(inputs, cores, strict=True)]
+    batch = pt.broadcast_shape(*([x.shape[i] for i in range(n_batch)] for x in padded), arrays_are_shapes=True)
+    flat = [pt.broadcast_to(x, (*batch, *x.shape[n_batch:])).reshape((-1, *x.shape[n_batch:])) for x in padded]
+    (result,) = op.make_node(*flat).outputs
+    return [result.reshape((*batch, *op.core_shape()), ndim=n_batch + len(op.core_shape()))]
+
+
+@register_funcify_and_cache_key(Solve)
+def _compiled(op: Solve, node: Apply, **_: object) -> tuple[Callable[..., np.ndarray], str]:
+    """A callback by key, and a cache key that hashes the problem and the code behind it."""
+    quantity, key = op.quantity, op.key
+    result_type = get_numba_type(node.outputs[0].type)
+
+    if len(node.inputs) == 1:
+
+        @numba_njit
+        def solve(values: np.ndarray) -> np.ndarray:
+            with numba.objmode(result=result_type):
+                result = solved(quantity, key, (values,))
+            return result
+
+    else:
+
+        @numba_njit
+        def solve(values: np.ndarray, cotangents: np.ndarray) -> np.ndarray:
+            with numba.objmode(result=result_type):
+                result = solved(quantity, key, (values, cotangents))
+            return result
+
+    ranks = [x.type.ndim for x in node.inputs]
+    words = (code_digest(), type(op).__qualname__, key, str(ranks))
+    return solve, hashlib.sha256("\n".join(words).encode()).hexdigest()

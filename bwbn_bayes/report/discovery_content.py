@@ -1,0 +1,262 @@
+"""Gather what the page of a discovery shows: the gap, where it was, the candidates of each step, what changed.
+
+Nothing is estimated here; every number comes from the discovery.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bwbn_bayes.discovery.name import THRESHOLD, Candidate, Decision
+from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery
+from bwbn_bayes.discovery.unexplained import Unexplained
+from bwbn_bayes.discovery.where import Disagreement
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.report.content import Marginal, gather, shown
+from bwbn_bayes.results import Equation
+from bwbn_bayes.structures.equations import structure_equations
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
+
+MAX_CANDIDATES = 10
+"""Hypotheses drawn in each step."""
+MAX_NAMES = 8
+"""Effects drawn by name in each step."""
+MAX_STOREYS = 3
+"""Storeys drawn beside each other."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GapBar:
+    """Error of one data set: of the model as given, as improved (None where nothing was added), and of noise alone."""
+
+    label: str
+    before: float
+    before_se: float
+    after: float | None
+    after_se: float
+    floor: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeatMap:
+    """Residual to noise by place and time: ``values (n_places, n_windows)`` between ``edges`` [s]."""
+
+    title: str
+    places: tuple[str, ...]
+    edges: Floats
+    values: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaneMap:
+    """Residual storey force to noise over drift (rows) and drift rate (columns), each over its peak."""
+
+    title: str
+    values: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopPair:
+    """A storey's measured and modelled force against drift before and, where something was added, after; N and m."""
+
+    storey: int
+    measured: Floats | None
+    drifts: tuple[Floats, ...]
+    forces: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CandidateBar:
+    """A hypothesis: posterior log odds against the present model with their standard error, in nat."""
+
+    label: str
+    log_odds: float
+    se: float
+    sampled: bool
+    chosen: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Survival:
+    """Log odds of an effect, over its forms and places, under each width of the priors, in nat."""
+
+    name: str
+    log_odds: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepContent:
+    """One round of weighing."""
+
+    number: int
+    sentence: str
+    bars: tuple[CandidateBar, ...]
+    n_weighed: int
+    survivals: tuple[Survival, ...]
+    widths: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiscoveryContent:
+    """Everything the page of a discovery draws and prints."""
+
+    discovery: Discovery
+    gaps: tuple[GapBar, ...]
+    by_time: tuple[HeatMap, ...]
+    by_state: tuple[PlaneMap, ...]
+    loops: tuple[LoopPair, ...]
+    steps: tuple[StepContent, ...]
+    new_marginals: tuple[Marginal, ...]
+    old_equations: tuple[Equation, ...]
+    new_equations: tuple[Equation, ...]
+    threshold: float
+
+    @property
+    def added(self) -> tuple[Added, ...]:
+        """Effects of the final model that the given one lacks."""
+        return self.discovery.added
+
+    @property
+    def limits(self) -> tuple[DetectionLimit, ...]:
+        """The smallest effects that the record could have shown."""
+        return self.discovery.limits
+
+    @property
+    def unexplained(self) -> Unexplained | None:
+        """What is known of the rest."""
+        return self.discovery.unexplained
+
+
+def gather_discovery(discovery: Discovery) -> DiscoveryContent:
+    """Gather the page's content.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        With any verdict, with or without held-out data.
+
+    Returns
+    -------
+    DiscoveryContent
+    """
+    brought = {name for one in discovery.added for name in one.moments}
+    before, after = _equations(discovery.model), _equations(discovery.improved)
+    stages = [("Model as given", discovery.before)]
+    stages += [("With what was found", discovery.after)] if discovery.added else []
+    return DiscoveryContent(
+        discovery=discovery,
+        gaps=_gaps(discovery),
+        by_time=tuple(_heat_map(title, seen) for title, seen in stages),
+        by_state=_planes(stages),
+        loops=_loops(discovery),
+        steps=tuple(_step(step.number, step.sentence, step.decision) for step in discovery.steps),
+        new_marginals=tuple(m for m in gather(discovery.result).marginals if m.parameter.name in brought),
+        old_equations=tuple(e for e in before if e not in after),
+        new_equations=tuple(e for e in after if e not in before),
+        threshold=THRESHOLD,
+    )
+
+
+def _gaps(discovery: Discovery) -> tuple[GapBar, ...]:
+    gap, changed = discovery.gap, bool(discovery.added)
+    bars = [("fitted record", gap.before, gap.after, gap.noise_floor)]
+    if gap.held_out_before is not None and gap.held_out_after is not None and gap.held_out_floor is not None:
+        bars.append(("held-out record", gap.held_out_before, gap.held_out_after, gap.held_out_floor))
+    return tuple(
+        GapBar(
+            label=label,
+            before=before.nrmse,
+            before_se=before.nrmse_se,
+            after=after.nrmse if changed else None,
+            after_se=after.nrmse_se,
+            floor=floor,
+        )
+        for label, before, after, floor in bars
+    )
+
+
+def _heat_map(title: str, seen: Disagreement) -> HeatMap:
+    """By storey where the storey forces are measured, else by channel."""
+    measured = np.all(np.isfinite(seen.by_storey), axis=1)
+    if np.any(measured):
+        storeys = [i for i, known in enumerate(measured) if known]
+        return HeatMap(
+            title=title,
+            places=tuple(f"storey {i + 1}" for i in storeys),
+            edges=seen.edges,
+            values=seen.by_storey[storeys],
+        )
+    places = tuple(channel.replace("_", " ") for channel in seen.channels)
+    return HeatMap(title=title, places=places, edges=seen.edges, values=seen.by_window)
+
+
+def _planes(stages: Sequence[tuple[str, Disagreement]]) -> tuple[PlaneMap, ...]:
+    """Storey by storey, row by row of the figure: as given, then improved."""
+    first = stages[0][1].by_state
+    storeys = shown([i for i, plane in enumerate(first) if np.any(np.isfinite(plane))], MAX_STOREYS)
+    words = ("as given", "improved")
+    return tuple(
+        PlaneMap(title=f"Storey {i + 1}, {word}", values=seen.by_state[i])
+        for word, (_, seen) in zip(words, stages, strict=False)
+        for i in storeys
+    )
+
+
+def _loops(discovery: Discovery) -> tuple[LoopPair, ...]:
+    stages = [discovery.histories[name] for name in (("before", "after") if discovery.added else ("before",))]
+    places = range(1, discovery.model.n_storeys + 1)
+    return tuple(
+        LoopPair(
+            storey=storey,
+            measured=_measured_force(discovery.model, discovery.record, storey),
+            drifts=tuple(rows["drift"][storey - 1] for rows in stages),
+            forces=tuple(rows["restoring_force"][storey - 1] for rows in stages),
+        )
+        for storey in shown(places, MAX_STOREYS)
+    )
+
+
+def _measured_force(model: Structure, record: Record, storey: int) -> Floats | None:
+    if not isinstance(model, ShearBuilding):
+        return record.channels.get("force")
+    if any(f"acceleration_{floor}" not in record.channels for floor in range(storey, model.n_storeys + 1)):
+        return None
+    return np.asarray(record.storey_forces(model.masses, lowest_storey=storey)[0])
+
+
+def _step(number: int, sentence: str, decision: Decision | None) -> StepContent:
+    if decision is None:
+        return StepContent(number=number, sentence=sentence, bars=(), n_weighed=0, survivals=(), widths=())
+    chosen = decision.leader if decision.passes else None
+    others = decision.under_other_priors
+    names = list(decision.by_name)[:MAX_NAMES]
+    widths = ("as expected", *others)
+    tables = (decision.by_name, *others.values())
+    return StepContent(
+        number=number,
+        sentence=sentence,
+        bars=tuple(_bar(c, decision, c is chosen) for c in decision.candidates[:MAX_CANDIDATES]),
+        n_weighed=len(decision.candidates),
+        survivals=tuple(Survival(name=name, log_odds=tuple(table[name] for table in tables)) for name in names),
+        widths=widths,
+    )
+
+
+def _bar(candidate: Candidate, decision: Decision, chosen: bool) -> CandidateBar:
+    error = np.hypot(candidate.evidence.log_evidence_se, decision.present.log_evidence_se)
+    return CandidateBar(
+        label=candidate.hypothesis.label,
+        log_odds=candidate.log_odds,
+        se=float(error),
+        sampled=candidate.evidence.pareto_k is not None,
+        chosen=chosen,
+    )
+
+
+def _equations(model: Structure) -> tuple[Equation, ...]:
+    return tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model))

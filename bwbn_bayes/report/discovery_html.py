@@ -1,0 +1,84 @@
+"""Render a discovery: its page and figures, and the identification report of the final model beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.report import discovery_tables as tables
+from bwbn_bayes.report.canvas import Drawing
+from bwbn_bayes.report.discovery_content import DiscoveryContent, gather_discovery
+from bwbn_bayes.report.discovery_figures import draw_discovery
+from bwbn_bayes.report.html import ReportFiles, data_address, mathml_of, template, write_report
+from bwbn_bayes.report.numbers import NOTHING
+from bwbn_bayes.results import Equation
+
+_LEADS = {
+    "unexplained": "The residual is not noise, and no catalogued effect accounts for it. Nothing is named.",
+    "partly_explained": "The effects above contribute; what follows is about the rest.",
+}
+
+
+def write_discovery(discovery: Discovery, directory: Path) -> ReportFiles:
+    """Write ``report.html`` (self-contained, no scripts), its figures as PNG, and ``identify/`` with the final model's.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        With any verdict.
+    directory : Path
+        Where to write; made where it does not exist.
+
+    Returns
+    -------
+    ReportFiles
+        The discovery's page and figures.
+    """
+    content = gather_discovery(discovery)
+    drawings = draw_discovery(content)
+    directory.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for drawing in drawings:
+        path = directory / drawing.name
+        path.write_bytes(drawing.png)
+        paths.append(path)
+    html = directory / "report.html"
+    html.write_text(render_discovery(content, drawings), encoding="utf-8")
+    write_report(discovery.result, directory / "identify")
+    return ReportFiles(html=html, figures=tuple(paths))
+
+
+def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -> str:
+    """The page as text: HTML with inline style and figures; texts are escaped, equations are MathML."""
+    discovery, found = content.discovery, content.unexplained
+    held_out = discovery.held_out
+    return template("discovery.html.j2").render(
+        model=discovery.name,
+        record=discovery.record.name,
+        run=f"{discovery.model.n_storeys} store{'y' if discovery.model.n_storeys == 1 else 'ys'}, "
+        f"{len(discovery.record.channels)} channels, {discovery.record.duration:.3g} s; "
+        + (f"held out: {held_out.name}" if held_out is not None else "no held-out record"),
+        sentences=discovery.sentences,
+        key_figures=tables.discovery_key_figures(discovery),
+        figures={drawing.name: drawing for drawing in drawings},
+        data_address=data_address,
+        spots=tables.spots_table(discovery),
+        effects=tables.effects_table(content.added),
+        notes=tables.effect_notes(content.added),
+        parameters=tables.new_parameters_table(content),
+        old_equations=_written(content.old_equations),
+        new_equations=_written(content.new_equations),
+        unexplained=found,
+        unexplained_lead=_LEADS.get(discovery.verdict, ""),
+        missing_forces=tables.missing_force_table(found) if found is not None else None,
+        nearest=tables.nearest_table(found) if found is not None else None,
+        steps=content.steps,
+        limits=tables.limits_table(content.limits, discovery.model.n_storeys),
+        never=f"A dash ({NOTHING}) stands",
+        provenance=tables.discovery_provenance(discovery),
+        held_out=held_out is not None,
+    )
+
+
+def _written(equations: tuple[Equation, ...]) -> list[tuple[str, str]]:
+    return [(equation.caption, mathml_of(equation)) for equation in equations]

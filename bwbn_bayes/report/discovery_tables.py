@@ -1,0 +1,153 @@
+"""The tables of a discovery's page as text."""
+
+from __future__ import annotations
+
+import math
+
+from markupsafe import Markup
+
+from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery
+from bwbn_bayes.discovery.unexplained import Unexplained
+from bwbn_bayes.report.discovery_content import DiscoveryContent
+from bwbn_bayes.report.numbers import NOTHING, duration, html_symbol, html_unit, percent, significant, with_uncertainty
+from bwbn_bayes.report.tables import KeyFigure, Table, parameter_row
+
+MAX_SPOTS = 6
+_BUILDING = "the building"
+
+
+def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
+    """The handful of numbers under the verdict."""
+    gap = discovery.gap
+    figures = []
+    for added in discovery.added[:2]:
+        hypothesis, evidence = added.candidate.hypothesis, added.candidate.evidence
+        value, _ = with_uncertainty((added.candidate.log_bayes_factor, 0.0), max(evidence.log_evidence_se, 0.1))
+        figures.append(KeyFigure(value=f"{value} nat", label=f"log Bayes factor of {hypothesis.name}"))
+    arrow = "\N{RIGHTWARDS ARROW}"
+    fitted = percent(gap.before.nrmse)
+    fitted += f" {arrow} {percent(gap.after.nrmse)}" if discovery.added else ""
+    figures.append(KeyFigure(value=fitted, label=f"error of fit; noise alone {percent(gap.noise_floor)}"))
+    if gap.held_out_before is not None and gap.held_out_after is not None and gap.held_out_floor is not None:
+        predicted = percent(gap.held_out_before.nrmse)
+        predicted += f" {arrow} {percent(gap.held_out_after.nrmse)}" if discovery.added else ""
+        figures.append(
+            KeyFigure(value=predicted, label=f"error on the held-out record; noise alone {percent(gap.held_out_floor)}")
+        )
+    figures.append(KeyFigure(value=percent(discovery.unexplained_share), label="of the disagreement left unexplained"))
+    return tuple(figures)
+
+
+def spots_table(discovery: Discovery) -> Table:
+    """Stretches of time in which the given model's residual stands out."""
+    rows = tuple(
+        (spot.sentence.split(":")[0].capitalize(), significant(spot.residual_to_noise, 3))
+        for spot in discovery.before.spots[:MAX_SPOTS]
+    )
+    return Table(columns=("place, time and state", "residual / noise"), rows=rows)
+
+
+def effects_table(added: tuple[Added, ...]) -> Table:
+    """Each added effect: place, how sure, what it cannot be told from."""
+    return Table(
+        columns=("effect", "where", "log Bayes factor [nat]", "Pareto k", "cannot be told from"),
+        rows=tuple(_effect_row(one) for one in added),
+    )
+
+
+def _effect_row(added: Added) -> tuple[str | Markup, ...]:
+    hypothesis, evidence = added.candidate.hypothesis, added.candidate.evidence
+    form = f" ({hypothesis.effect.form})" if hypothesis.effect.form else ""
+    value, error = with_uncertainty(
+        (added.candidate.log_bayes_factor, evidence.log_evidence_se), evidence.log_evidence_se
+    )
+    places = [place_in_words(hypothesis.effect.level, place) for place in added.decision.equivalent_places]
+    others = ", ".join((*added.decision.equivalent, *(f"itself at {place}" for place in places))) or "nothing else"
+    k = "Laplace only" if evidence.pareto_k is None else significant(evidence.pareto_k, 2)
+    where = place_in_words(hypothesis.effect.level, hypothesis.storeys)
+    return hypothesis.name + form, where, f"{value} ± {error}", k, others
+
+
+def place_in_words(level: str, storeys: tuple[int, ...]) -> str:
+    """Storeys or floors of an effect in words."""
+    if not storeys:
+        return _BUILDING
+    return f"{'floor' if level in ('node', 'observation') else 'storey'} {', '.join(map(str, storeys))}"
+
+
+def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:
+    """What each added effect is, in a sentence."""
+    return tuple(
+        f"{one.candidate.hypothesis.label}: {one.candidate.hypothesis.effect.summary} "
+        f"({one.candidate.hypothesis.effect.source})."
+        for one in added
+    )
+
+
+def new_parameters_table(content: DiscoveryContent) -> Table:
+    """Posterior of the parameters that the added effects brought."""
+    rows = []
+    for marginal in content.new_marginals:
+        row = parameter_row(marginal.parameter)
+        rows.append((row.symbol, row.mean, row.sd, row.interval, row.unit, row.prior))
+    return Table(columns=("parameter", "mean", "sd", "90 % interval", "unit", "prior"), rows=tuple(rows))
+
+
+def limits_table(limits: tuple[DetectionLimit, ...], n_storeys: int) -> Table:
+    """Smallest detectable size by effect and place; of an effect's forms the one that is easiest to see."""
+    cells: dict[tuple[str, str, str], dict[int, DetectionLimit]] = {}
+    for limit in limits:
+        key = (limit.name, limit.parameter.split("[")[0], limit.unit)
+        place = limit.storeys[0] if limit.storeys else 0
+        row = cells.setdefault(key, {})
+        if place not in row or limit.smallest < row[place].smallest:
+            row[place] = limit
+    places = [0, *range(1, n_storeys + 1)]
+    used = [place for place in places if any(place in row for row in cells.values())]
+    rows = tuple(
+        (
+            Markup("{} <span class='prior'>{}</span>").format(name, html_symbol(symbol)),
+            html_unit(unit) if unit else "",
+            significant(max(limit.expected for limit in row.values()), 2),
+            *(_size(row[place].smallest) if place in row else "" for place in used),
+        )
+        for (name, symbol, unit), row in cells.items()
+    )
+    headings = [_BUILDING if place == 0 else f"storey or floor {place}" for place in used]
+    return Table(columns=("effect", "unit", "expected size", *headings), rows=rows)
+
+
+def _size(smallest: float) -> str:
+    return significant(smallest, 2) if math.isfinite(smallest) else NOTHING
+
+
+def missing_force_table(found: Unexplained) -> Table:
+    """How much of each storey's missing force the network explains where it was not trained."""
+    rows = tuple(
+        (f"storey {force.storey}", percent(force.share), percent(force.noise_share), str(force.n_neurons))
+        for force in found.forces
+    )
+    return Table(columns=("", "explained on unseen stretches", "noise's share there", "neurons"), rows=rows)
+
+
+def nearest_table(found: Unexplained) -> Table:
+    """The catalogued effects that come nearest."""
+    rows = tuple(
+        (near.label, percent(near.share), significant(near.correlation, 2), significant(near.log_odds, 4))
+        for near in found.nearest
+    )
+    return Table(columns=("effect", "explains", "correlation left", "log odds"), rows=rows)
+
+
+def discovery_provenance(discovery: Discovery) -> Table:
+    """Where the numbers come from."""
+    result = discovery.result.facts
+    rows = [
+        ("model", discovery.name),
+        ("fitted record", discovery.record.name),
+        ("held-out record", discovery.held_out.name if discovery.held_out is not None else "none"),
+        ("seed", str(discovery.seed)),
+        ("time, without the final posterior", duration(discovery.elapsed_s)),
+        *((label, text) for label, text in result.provenance.items() if label not in ("seed", "engine")),
+    ]
+    return Table(columns=("", ""), rows=tuple(rows))

@@ -1,0 +1,48 @@
+"""A discovery in a few lines of plain text, for the terminal."""
+
+from __future__ import annotations
+
+from bwbn_bayes.discovery.outcome import Added, Discovery
+from bwbn_bayes.report.discovery_tables import place_in_words
+from bwbn_bayes.report.numbers import MINUS, with_uncertainty
+
+
+def discovery_in_words(discovery: Discovery) -> tuple[str, ...]:
+    """The verdict, each effect with its place, evidence and parameters, and the gap, one line each.
+
+    Parameters
+    ----------
+    discovery : Discovery
+        With any verdict.
+    """
+    gap, changed = discovery.gap, bool(discovery.added)
+    lines = [f"verdict: {discovery.verdict}", *discovery.sentences]
+    for one in discovery.added:
+        lines += _effect(one)
+    lines.append(_gap("fitted record", gap.before.nrmse, gap.after.nrmse if changed else None, gap.noise_floor))
+    if gap.held_out_before is not None and gap.held_out_after is not None and gap.held_out_floor is not None:
+        after = gap.held_out_after.nrmse if changed else None
+        lines.append(_gap("held-out record", gap.held_out_before.nrmse, after, gap.held_out_floor))
+    if discovery.unexplained is not None:
+        lines += [f"nearest: {near.sentence}" for near in discovery.unexplained.nearest[:3]]
+    return tuple(lines)
+
+
+def _effect(added: Added) -> list[str]:
+    hypothesis, evidence = added.candidate.hypothesis, added.candidate.evidence
+    form = f" ({hypothesis.effect.form})" if hypothesis.effect.form else ""
+    where = place_in_words(hypothesis.effect.level, hypothesis.storeys)
+    factor = f"{added.candidate.log_bayes_factor:.1f} +- {evidence.log_evidence_se:.1f}"
+    lines = [f"effect: {hypothesis.name}{form}, {where}, log Bayes factor {factor}"]
+    if added.decision.equivalent:
+        lines.append(f"    cannot be told from {', '.join(added.decision.equivalent)}")
+    units = {p.name: p.unit for p in hypothesis.model.space.parameters}
+    for name, (mean, sd) in added.moments.items():
+        texts = (text.replace(MINUS, "-") for text in with_uncertainty((mean, sd), sd))
+        lines.append(f"    {name} = {' +- '.join(texts)} {units[name]}".rstrip())
+    return lines
+
+
+def _gap(label: str, before: float, after: float | None, floor: float) -> str:
+    improved = "" if after is None else f" as given, {100.0 * after:.2f} % improved"
+    return f"error on the {label}: {100.0 * before:.2f} %{improved}, {100.0 * floor:.2f} % noise alone"

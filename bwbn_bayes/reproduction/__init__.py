@@ -1,0 +1,1 @@
+"""The seed paper's tables, run again beside the printed figures."""

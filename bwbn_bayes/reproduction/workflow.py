@@ -1,0 +1,139 @@
+"""Run the paper's tables again: finished cases are kept, a page, a CSV and figures are written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.reproduction.cases import Case, Options, cases_of
+from bwbn_bayes.reproduction.comparison import comparison, write_csv
+from bwbn_bayes.reproduction.figures import draw_all
+from bwbn_bayes.reproduction.measure import Histories, Outcome, run_case
+from bwbn_bayes.reproduction.page import render
+from bwbn_bayes.reproduction.printed import TABLES
+from bwbn_bayes.results import finite
+
+_CACHE = "cases"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Files:
+    """What a reproduction wrote."""
+
+    html: Path
+    csv: Path
+    figures: tuple[Path, ...]
+    n_run: int
+    n_kept: int
+
+
+def reproduce(
+    directory: Path,
+    *,
+    tables: Sequence[int] = TABLES,
+    options: Options | None = None,
+    cases: Sequence[Case] | None = None,
+    say: Callable[[str], None] | None = None,
+) -> Files:
+    """Run every case of the tables that is not finished yet, and write the page.
+
+    Parameters
+    ----------
+    directory : Path
+        Where the page, the CSV, the figures and ``cases/`` go; cases finished there under the same options are kept.
+    tables : sequence of int
+        Printed tables to reproduce, from 1 to 7.
+    options : Options, optional
+        Assumptions and sizes.
+    cases : sequence of Case, optional
+        Only these of the tables' cases.
+    say : callable, optional
+        Told what is being done.
+
+    Returns
+    -------
+    Files
+
+    Raises
+    ------
+    UserError
+        If a table does not exist.
+    """
+    options = options or Options()
+    unknown = [table for table in tables if table not in TABLES]
+    if unknown or not tables:
+        raise UserError(f"table {', '.join(map(str, unknown)) or '(none)'} is not in the paper: choose from 1 to 7")
+    wanted = tuple(dict.fromkeys(case for table in tables for case in cases_of(table)))
+    if cases is not None:
+        wanted = tuple(case for case in wanted if case in set(cases))
+    store = directory / _CACHE / fingerprint(options)
+    store.mkdir(parents=True, exist_ok=True)
+    outcomes: list[Outcome] = []
+    n_run = 0
+    for i, case in enumerate(wanted):
+        for seed in _seeds(case, options):
+            path = store / f"{case.key}_seed{seed}.json"
+            if not path.exists():
+                if say is not None:
+                    say(f"case {i + 1} of {len(wanted)}: {case.key}, seed {seed}")
+                _finish(path, *run_case(case, options, seed, predicts=case.group == 1 and seed == options.seed))
+                n_run += 1
+            outcomes.append(_read(path))
+    rows = comparison(tables, outcomes)
+    csv_path = directory / "reproduction.csv"
+    write_csv(rows, csv_path)
+    drawings = draw_all(rows, _histories(store, outcomes))
+    paths = tuple(directory / f"{name}.png" for name, _ in drawings)
+    for path, (_, png) in zip(paths, drawings, strict=True):
+        path.write_bytes(png)
+    html = directory / "reproduction.html"
+    html.write_text(render(tables, rows, outcomes, drawings, options), encoding="utf-8")
+    return Files(html=html, csv=csv_path, figures=paths, n_run=n_run, n_kept=len(outcomes) - n_run)
+
+
+def _seeds(case: Case, options: Options) -> range:
+    many = case.method == "TMCMC" and case.group == 1 and case.snr != "inf"
+    return range(options.seed, options.seed + (options.seeds if many else 1))
+
+
+def fingerprint(options: Options) -> str:
+    """A short name for the assumptions a case was run under; more seeds keep what is finished."""
+    plain = {key: value for key, value in asdict(options).items() if key not in ("seed", "seeds", "quick")}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _finish(path: Path, outcome: Outcome, histories: Histories) -> None:
+    """Write arrays first, facts last and at once: a case with its JSON is whole."""
+    thin = {name: values.astype(np.float32) for name, values in asdict(histories).items()}
+    np.savez_compressed(path.with_suffix(".npz"), allow_pickle=False, **thin)
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(finite(outcome.as_json()), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    partial.replace(path)
+
+
+def _read(path: Path) -> Outcome:
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"), object_hook=_with_nan)
+        return Outcome.from_json(data)
+    except (ValueError, TypeError, KeyError) as error:
+        raise UserError(f"{path} is not a finished case ({error}): remove it and run again") from error
+
+
+def _with_nan(mapping: dict[str, object]) -> dict[str, object]:
+    return {key: float("nan") if value is None else value for key, value in mapping.items()}
+
+
+def _histories(store: Path, outcomes: Sequence[Outcome]) -> dict[Case, Histories]:
+    found = {}
+    for outcome in outcomes:
+        path = store / f"{outcome.case.key}_seed{outcome.seed}.npz"
+        if outcome.case.group == 1 and outcome.case.snr == "inf" and path.exists():
+            with np.load(path) as arrays:
+                found[outcome.case] = Histories(**{name: arrays[name] for name in arrays.files})
+    return found

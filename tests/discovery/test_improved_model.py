@@ -1,0 +1,164 @@
+"""The improved model's file: read back, it is the same model, for every effect of the catalogue."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bwbn_bayes
+from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses
+from bwbn_bayes.discovery.evidence import Evidence
+from bwbn_bayes.discovery.improved_model import improved_model_source
+from bwbn_bayes.discovery.name import Candidate, Decision
+from bwbn_bayes.discovery.outcome import Added
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.effects import SlipLock, StiffnessDegradation
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.engines.available import engine
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, PerStorey, Uniform
+from bwbn_bayes.records.excitation import sine
+from bwbn_bayes.structures.model_file import load_model_file
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
+from bwbn_bayes.structures.structure import Structure
+
+BASE = ShearBuilding(
+    masses=[1.0, 1.0 / 3.0],
+    storey=BoucWen(
+        k=PerStorey([Uniform(5, 60), Normal(20.0, 3.0)]),
+        c=PerStorey(LogNormal(0.1, 0.5)),
+        alpha=HalfNormal(0.1).truncated(0.001, 0.3),
+        beta=Uniform(0.1, 8),
+        gamma=0.7,
+    ),
+)
+SCALES = Scales(
+    drift=0.2, drift_rate=1.0, hysteretic_displacement=0.15, energy=8.0, force=4.0, stiffness=25.0, damping=0.1,
+    alpha=0.05, beta=2.0, gamma=1.0, n=1.5, mass=1.0, floor_rate=1.5, acceleration=1.0, ground_acceleration=1.0,
+    period=1.3, onset=1.0, duration=20.0, time_step=0.02,
+)  # fmt: skip
+CHANNELS = ("acceleration_1", "acceleration_2")
+EVERY = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS)
+ONE_PLACE = [h for h in EVERY if h.storeys in ((), (2,))]
+
+
+def evidence(hypothesis: Hypothesis) -> Evidence:
+    names = hypothesis.model.space.names
+    return Evidence(
+        log_likelihood=0.0, log_evidence=0.0, log_evidence_se=0.2, pareto_k=0.1, coloured_gain=0.0,
+        means=dict.fromkeys(names, 0.0), sds=dict.fromkeys(names, 1.0), prior_shifts={},
+    )  # fmt: skip
+
+
+def found(hypothesis: Hypothesis) -> Added:
+    candidate = Candidate(
+        hypothesis=hypothesis, evidence=evidence(hypothesis), log_prior_odds=-4.0, log_bayes_factor=321.25
+    )
+    decision = Decision(candidates=(candidate,), present=evidence(hypothesis))
+    return Added(candidate=candidate, decision=decision, moments=dict.fromkeys(hypothesis.brought, (0.12345678, 0.01)))
+
+
+def read_back(source: str, directory: Path) -> Structure:
+    path = directory / "improved_model.py"
+    path.write_text(source, encoding="utf-8")
+    return load_model_file(path).model
+
+
+def test_every_registered_effect_is_among_the_hypotheses() -> None:
+    assert {h.name for h in ONE_PLACE} == {effect.name for effect in registered()}
+
+
+@pytest.mark.parametrize("hypothesis", ONE_PLACE, ids=lambda h: h.label)
+def test_the_file_gives_the_same_model(hypothesis: Hypothesis, tmp_path: Path) -> None:
+    """Names, places and known values exactly; the priors that discovery chose to four digits."""
+    model = replace(hypothesis.model, carried=())
+    again = read_back(improved_model_source(model, [found(hypothesis)]), tmp_path)
+    assert again.space.names == model.space.names
+    assert again.storey == model.storey
+    assert [one.storeys for one in again.effects] == [one.storeys for one in model.effects]
+    assert np.array_equal(again.table.index, model.table.index)
+    np.testing.assert_allclose(again.table.fixed, model.table.fixed, rtol=1e-3)
+    for mine, theirs in zip(again.space.parameters, model.space.parameters, strict=True):
+        assert type(mine.prior) is type(theirs.prior)
+        np.testing.assert_allclose(
+            mine.prior.quantile(np.array([0.01, 0.3, 0.9])),
+            theirs.prior.quantile(np.array([0.01, 0.3, 0.9])),
+            rtol=2e-3,
+        )
+
+
+def test_without_discovery_the_file_gives_the_model_exactly() -> None:
+    """A user's own numbers keep every digit: the dataclasses compare equal, one third included."""
+    model = BASE.with_effect(SlipLock(delta_s=Uniform(0.0, 1.0 / 3.0), sigma=0.05), storeys=[1])
+    model = model.with_effect(StiffnessDegradation(delta_eta=PerStorey(HalfNormal(0.1))))
+    names: dict[str, object] = {}
+    exec(improved_model_source(model), names)
+    assert names["model"] == model
+
+
+def test_a_specimen_and_a_response(tmp_path: Path) -> None:
+    model = Specimen(storey=BoucWen(k=Uniform(1e3, 1e5), beta=100.0, gamma=-20.0)).with_effect(
+        SlipLock(delta_s=HalfNormal(0.01), sigma=Uniform(0.001, 0.01))
+    )
+    again = read_back(improved_model_source(model), tmp_path)
+    assert again == model
+    hypothesis = next(h for h in ONE_PLACE if h.name == "cubic_stiffness")
+    improved = replace(hypothesis.model, carried=())
+    building = read_back(improved_model_source(hypothesis.model, [found(hypothesis)]), tmp_path)
+    record = sine(amplitude=1.5, frequency_hz=0.8, duration=4.0, time_step=0.02)
+    draw = improved.space.from_unit(np.full((1, improved.space.n_dim), 0.4))
+    solver = engine("reference")
+    mine, theirs = (solver.simulate(m, draw, record, CHANNELS).values for m in (building, improved))
+    # Drawn at the priors' 40 % quantiles, which four digits move by less than 1e-3.
+    assert 0.0 < float(np.max(np.abs(mine - theirs))) < 1e-3 * float(np.std(theirs))
+
+
+def test_the_comment_says_what_and_how_much() -> None:
+    hypothesis = next(h for h in ONE_PLACE if h.name == "slip_lock")
+    source = improved_model_source(hypothesis.model, [found(hypothesis)], name="my_frame")
+    text = " ".join(line.lstrip("# ") for line in source.splitlines())
+    assert source.startswith('"""my_frame with what discovery found missing: slip_lock, storey 2.')
+    assert "log Bayes factor 321.2 +- 0.2." in text
+    assert "delta_s[2] = 0.1235 +- 0.01 m/J" in text
+    assert "storeys=[2]" in source
+    assert max(map(len, source.splitlines())) <= 120
+
+
+def test_the_record_is_read_from_beside_the_file() -> None:
+    source = improved_model_source(BASE, record_file="record.csv")
+    assert 'record = read_record(Path(__file__).with_name("record.csv"))' in source
+    assert "from pathlib import Path" in source
+
+
+OWN = """
+from dataclasses import dataclass, replace
+from typing import ClassVar
+from bwbn_bayes import BoucWen, ShearBuilding, SlipLock, Uniform
+from bwbn_bayes.parameters import Uniform
+
+@dataclass(frozen=True)
+class Wide(Uniform):
+    pass
+
+model = ShearBuilding(masses=[1.0], storey=BoucWen(k=Wide(5, 60), beta=1.0, gamma=1.0))
+"""
+
+
+def test_a_class_of_the_users_own_comes_from_the_given_file(tmp_path: Path) -> None:
+    given = tmp_path / "given.py"
+    given.write_text(OWN, encoding="utf-8")
+    model = load_model_file(given).model
+    with pytest.raises(UserError, match="Wide is not part of the package"):
+        improved_model_source(model)
+    again = read_back(improved_model_source(model, origin=given), tmp_path)
+    assert again.space.names == ("k",)
+    assert again.space.parameters[0].prior.support == (5.0, 60.0)
+    assert type(again.space.parameters[0].prior).__name__ == "Wide"
+
+
+def test_what_a_file_may_need_is_public() -> None:
+    needed = {"Specimen", "ShearBuilding", "BoucWen", "Uniform", "Normal", "HalfNormal", "LogNormal", "PerStorey"}
+    assert needed | {effect.__name__ for effect in registered()} <= set(bwbn_bayes.__all__)

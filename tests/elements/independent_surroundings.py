@@ -1,0 +1,86 @@
+"""A second implementation of floors, base, ground and sensors, from the written equations.
+
+Nothing of the package is used; the storey law is that of :mod:`independent`. The states are the floors' displacements
+and velocities, relative to the free field, the storeys' own states, those of the masses on the floors and of the base.
+A lag is met by solving for the earlier time, not by interpolation between samples.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from independent import PLAIN, at, storey
+from scipy.integrate import solve_ivp
+
+NEUTRAL = {
+    "c_m": 0.0, "compliance": 0.0, "m_b": 1.0, "c_b": 0.0, "s_g": 1.0,
+    "e_m": 0.0, "mu_t": 0.0, "f_t": 1.0, "zeta_t": 0.05, "gain": 1.0, "bias": 0.0, "lag": 0.0,
+}  # fmt: skip
+OF_THE_BUILDING = ("c_m", "compliance", "m_b", "c_b", "s_g")
+
+
+class Building:
+    """Floors of given masses on one base; ``floors`` and ``storeys`` hold what differs from neutral, place by place."""
+
+    def __init__(
+        self, masses: Sequence[float], storeys: list[dict[str, float]], floors: list[dict[str, float]],
+        whole: dict[str, float], ground: np.ndarray, dt: float,
+    ) -> None:  # fmt: skip
+        self.n = len(masses)
+        self.storeys = [{**PLAIN, **p} for p in storeys]
+        self.floors = [{**NEUTRAL, **p} for p in floors]
+        self.whole = {**NEUTRAL, **whole}
+        self.mass = np.array([m * (1.0 + p["e_m"]) for m, p in zip(masses, self.floors, strict=True)])
+        self.ground, self.dt = ground, dt
+
+    def rates(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rates of the states, and the floors' total accelerations."""
+        whole, n = self.whole, self.n
+        x, w, *inner, mass_x, mass_w = y[:-2].reshape(8, n)
+        base_x, base_w = y[-2:] if whole["compliance"] > 0.0 else (0.0, 0.0)
+        a_g = whole["s_g"] * np.interp(t, self.dt * np.arange(len(self.ground)), self.ground)
+        u, v = np.diff(x, prepend=base_x), np.diff(w, prepend=base_w)
+        parts = [storey(at(p, t), *state) for p, *state in zip(self.storeys, u, v, *inner, strict=True)]
+        force, *inner_rates = (np.array(part) for part in zip(*parts, strict=True))
+        omega = 2.0 * math.pi * np.array([p["f_t"] for p in self.floors])
+        pull = 2.0 * np.array([p["zeta_t"] for p in self.floors]) * omega * mass_w + omega**2 * mass_x
+        share = np.array([p["mu_t"] for p in self.floors])
+        push = np.append(force[1:], 0.0) - force - whole["c_m"] * self.mass * w + share * self.mass * pull
+        total = push / self.mass
+        base_rates = np.zeros(2)
+        if whole["compliance"] > 0.0:
+            spring = base_x / whole["compliance"] + whole["c_b"] * base_w
+            base_rates[:] = base_w, (force[0] - spring) / whole["m_b"] - a_g
+        return np.concatenate([w, total - a_g, *inner_rates, mass_w, -pull - total, base_rates]), total
+
+    def respond(self) -> dict[str, np.ndarray]:
+        """What each floor's accelerometer shows, and displacements relative to the free field, at the samples."""
+        lags = [p["lag"] for p in self.floors]
+        n_times = len(self.ground)
+        shown, displacement = np.zeros((self.n, n_times)), np.zeros((self.n, n_times))
+        y = np.zeros(8 * self.n + 2)
+        for j in range(n_times):
+            for floor, lag in enumerate(lags):
+                if lag == 0.0:
+                    shown[floor, j] = self.rates(j * self.dt, y)[1][floor]
+            displacement[:, j] = y[: self.n]
+            if j + 1 == n_times:
+                break
+            start, end = j * self.dt, (j + 1) * self.dt
+            piece = solve_ivp(
+                lambda t, y: self.rates(t, y)[0], (start, end), y, method="DOP853", rtol=1e-10, atol=1e-12,
+                dense_output=True,
+            )  # fmt: skip
+            for floor, lag in enumerate(lags):
+                sample = math.ceil((start + lag) / self.dt)
+                if lag > 0.0 and sample < n_times and start < sample * self.dt - lag <= end:
+                    then = sample * self.dt - lag
+                    shown[floor, sample] = self.rates(then, piece.sol(then))[1][floor]
+            y = piece.y[:, -1]
+        gain = np.array([[p["gain"]] for p in self.floors])
+        return {
+            "acceleration": gain * shown + np.array([[p["bias"]] for p in self.floors]),
+            "displacement": displacement,
+        }

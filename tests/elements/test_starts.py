@@ -1,0 +1,91 @@
+"""What discovery gets from an effect: priors of every form and the points from which fits start."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.effects import FolientePinching, SlipLock, StoreyParameter, SuddenDamage
+from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import HalfNormal, Normal, Prior, Truncated
+from bwbn_bayes.structures.shear_building import ShearBuilding
+
+SCALES = Scales(
+    drift=0.02, drift_rate=0.3, hysteretic_displacement=0.012, energy=800.0, force=9e4, stiffness=8e6, damping=6e4,
+    alpha=0.04, beta=60.0, gamma=30.0, n=1.3, mass=1.2e4, floor_rate=0.5, acceleration=2.0, ground_acceleration=1.0,
+    period=0.7, onset=1.5, duration=31.0, time_step=0.02,
+)  # fmt: skip
+STOREY = BoucWen(k=8e6, c=6e4, alpha=0.04, beta=60.0, gamma=30.0, n=1.3)
+FORMS: list[Effect] = [
+    form for effect in registered() if effect.level == "link" for form in effect.default_prior(SCALES)
+]
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.name} {form.form}")
+def test_starts_lie_in_the_priors_and_are_few(form):
+    model = ShearBuilding(masses=[1.2e4, 1.2e4], storey=STOREY).with_effect(form, storeys=[2])
+    grid = form.start_grid(SCALES)
+    assert [p.symbol for p in model.space.parameters] == list(grid)
+    starts = np.array(list(product(*grid.values())))
+    assert 1 <= len(starts) <= (30 if isinstance(form, SuddenDamage) else 12)
+    assert np.all(model.space.admissible(starts))
+    unit = model.space.to_unit(starts)
+    assert np.all((unit > 0.005) & (unit < 0.995)), unit
+
+
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.name} {form.form}")
+def test_the_first_parameter_is_an_amplitude_with_a_prior_about_neutral(form):
+    amplitude, *nuisances = [p for p in form.parameters if isinstance(form.values[p.symbol], Prior)]
+    prior = form.values[amplitude.symbol]
+    parent = prior.parent if isinstance(prior, Truncated) else prior
+    assert isinstance(parent, (HalfNormal, Normal))
+    assert amplitude.neutral == 0.0
+    assert isinstance(parent, HalfNormal) == (amplitude.lower == 0.0)
+    assert getattr(parent, "location", 0.0) == 0.0
+    starts = form.start_grid(SCALES)[amplitude.symbol]
+    signed = isinstance(parent, Normal) and not isinstance(form, SuddenDamage)
+    assert (min(starts) < 0.0 < max(starts)) == signed
+    for nuisance in nuisances:
+        assert np.all(np.isfinite(form.values[nuisance.symbol].support))
+
+
+def test_forms_of_one_effect_can_stand_in_one_building():
+    """Their parameters have symbols of their own: otherwise one storey would follow the other's form."""
+    for effect in registered():
+        if effect.level == "link":
+            symbols = [p.symbol for form in effect.neutral_forms() for p in form.parameters]
+            assert len(set(symbols)) == len(symbols)
+
+
+def test_damage_starts_at_every_second_and_a_half_of_the_strong_motion():
+    step = next(form for form in FORMS if form.form == "k, step")
+    times = np.array(step.start_grid(SCALES)["k_time"])
+    assert np.all(np.diff(times) <= 1.5)
+    assert times[0] - SCALES.onset <= 0.75 and SCALES.duration - times[-1] <= 0.75
+
+
+def test_the_slip_is_narrow():
+    """A wider sigma imitates stiffness_degradation."""
+    (form,) = SlipLock.default_prior(SCALES)
+    np.testing.assert_allclose(form.sigma.support, (0.03 * 0.012, 0.5 * 0.012))
+
+
+def test_the_pinch_identifies_few_parameters():
+    (form,) = FolientePinching.default_prior(SCALES)
+    assert set(form.start_grid(SCALES)) == {"zeta_s", "p", "q", "psi_0"}
+
+
+@pytest.mark.parametrize(
+    ("parameter", "offset", "sentence"),
+    [("n", -0.4, "n \\+ n_offset"), ("alpha", 0.97, "alpha \\+ alpha_offset"), ("gamma", -95.0, "gamma_offset")],
+)
+def test_an_offset_that_leaves_the_admissible_range_is_refused(parameter, offset, sentence):
+    plain = ShearBuilding(masses=[1.0, 1.0], storey=STOREY)
+    with pytest.raises(UserError, match=sentence):
+        plain.with_effect(StoreyParameter(parameter=parameter, offset=offset), storeys=[1])

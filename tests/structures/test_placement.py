@@ -1,0 +1,113 @@
+"""Where effects of floors, of the whole building and of sensors may be placed, and what is carried."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from laboratory import NO_DRAW, storey
+
+from bwbn_bayes.elements.effects import (
+    BaseFlexibility,
+    FolientePinching,
+    InputScale,
+    MassDamping,
+    MassError,
+    SensorGain,
+    SlipLock,
+    StrengthDegradation,
+    SuddenDamage,
+)
+from bwbn_bayes.elements.law import FLOOR_ACCELERATION, Slots
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import HalfNormal, Normal, PerStorey, Uniform
+from bwbn_bayes.structures.equations import structure_equations
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
+
+BASE = BaseFlexibility(compliance=HalfNormal(0.1), m_b=1.0, c_b=0.1)
+
+
+def three(**element: float) -> ShearBuilding:
+    return ShearBuilding(masses=[1.0, 1.0, 1.0], storey=storey(**element))
+
+
+def test_labels_are_plain_for_the_whole_building():
+    model = three().with_effect(BASE).with_effect(InputScale(s_g=Normal(1.0, 0.1)))
+    model = model.with_effect(MassError(e_m=PerStorey(Normal(0.0, 0.1))), storeys=[1, 3])
+    model = model.with_effect(SensorGain(gain=Normal(1.0, 0.1)), storeys=[2])
+    assert model.space.names == ("compliance", "s_g", "e_m[1]", "e_m[3]", "gain[2]")
+    assert [p.storeys for p in model.space.parameters] == [(), (), (1,), (3,), (2,)]
+    assert model.effects[0].storeys == ()
+    local = model.table.local(np.array([[0.02, 1.1, 0.2, 0.3, 0.9]]))[0]
+    columns = {p.symbol: local[:, i].tolist() for i, p in enumerate(model.parameters)}
+    assert columns["compliance"] == [0.02] * 3
+    assert columns["e_m"] == [0.2, 0.0, 0.3]
+    assert columns["gain"] == [1.0, 0.9, 1.0]
+
+
+class Wrong(StrengthDegradation):
+    """A storey's law that looks at the floor."""
+
+    def fill(self, slots: Slots) -> Slots:
+        return replace(slots, nu=slots.nu + FLOOR_ACCELERATION)
+
+
+@pytest.mark.parametrize(
+    ("build", "sentence"),
+    [
+        (lambda: three().with_effect(BASE, storeys=[1]), "base_flexibility acts on the whole building: leave storeys"),
+        (lambda: three().with_effect(MassDamping(c_m=0.1), storeys=[1, 2, 3]), "acts on the whole building"),
+        (lambda: three().with_effect(BASE).with_effect(BASE), "base_flexibility already acts on the building"),
+        (lambda: three().with_effect(InputScale(s_g=PerStorey(1.0))), "s_g belongs to the whole building"),
+        (lambda: three().with_effect(MassError(e_m=-0.95)), r"e_m = -0.95 lies outside its admissible range"),
+        (lambda: three().with_effect(MassError(e_m=0.1), storeys=[4]), "must be numbers from 1 to 3"),
+        (lambda: Specimen(storey=storey()).with_effect(MassError(e_m=0.1)), "mass_error acts on floors"),
+        (lambda: Specimen(storey=storey()).with_effect(SensorGain(gain=0.9)), "sensor_gain acts on floors"),
+        (lambda: Specimen(storey=storey()).with_effect(InputScale(s_g=0.9)), "input_scale acts on floors"),
+        (lambda: three().with_effect(Wrong(delta_nu=0.1)), "refers to a_i, which nothing in the model brings"),
+    ],
+)
+def test_a_mistake_is_one_sentence(build, sentence):
+    with pytest.raises(UserError, match=sentence) as caught:
+        build()
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_carried_brings_a_law_and_nothing_else():
+    slip, strength = SlipLock(delta_s=Uniform(0, 1), sigma=0.1), StrengthDegradation(delta_nu=Uniform(0, 1))
+    carrying = replace(three(k=Uniform(5, 60)), carried=(slip, strength, BASE))
+    assert carrying.space.names == ("k",)
+    assert carrying.table.local(np.array([[9.0]])).shape == (1, 3, len(carrying.parameters))
+    placed = carrying.with_effect(slip, storeys=[2])
+    assert placed.space.names == ("k", "delta_s[2]")
+    assert placed.law == carrying.law
+    other = three(k=Uniform(5, 60)).with_effect(BASE).with_effect(strength).with_effect(slip)
+    assert other.law == carrying.law
+
+
+def test_a_carried_condition_does_not_bind():
+    """A linear storey may carry Foliente's pinching, which asks for beta + gamma > 0 where it acts."""
+    pinching = FolientePinching.neutral_forms()[0]
+    linear = replace(three(beta=0.0, gamma=0.0), carried=(pinching,))
+    assert linear.space.constraints == ()
+    with pytest.raises(UserError, match="does not hold"):
+        linear.with_effect(pinching)
+    jump = SuddenDamage(parameter="k", jump=Uniform(-20, 0), time=2.0)
+    assert replace(three(k=10.0), carried=(jump,)).space.constraints == ()
+
+
+def test_equations_say_what_floors_and_base_do():
+    model = three().with_effect(BASE).with_effect(MassError(e_m=0.1)).with_effect(MassDamping(c_m=0.1))
+    texts = [equation.text for equation in structure_equations(model.with_effect(SensorGain(gain=0.9)))]
+    for expected in (
+        "M_i (ẍ_i + a_g) = −F_i + F_(i+1) + G_i, F_4 = 0",
+        "u_i = x_i − x_(i−1), x_0 = x_b",
+        "M_i = (1 + e_m) m_i",
+        "G_i = −c_m M_i w_i",
+        "dw_i/dt = a_i − a_g",
+        "y_i = gain a_i",
+    ):
+        assert expected in texts
+    assert model.table.local(NO_DRAW).shape[0] == 1

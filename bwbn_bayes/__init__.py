@@ -1,5 +1,7 @@
 """bwbn_bayes: Bayesian identification of degrading, pinching Bouc-Wen-Baber-Noori structures from measured records."""
 
+from typing import TYPE_CHECKING
+
 from bwbn_bayes.baselines.genetic import GeneticSettings
 from bwbn_bayes.baselines.methods import identify
 from bwbn_bayes.discovery.outcome import Discovery
@@ -42,6 +44,9 @@ from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.results import Result
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
+
+if TYPE_CHECKING:
+    from bwbn_bayes.inference.pymc.model import to_pymc
 
 __all__ = [
     "Appendage",
@@ -92,6 +97,16 @@ __all__ = [
     "register",
     "simulate",
     "sine",
+    "to_pymc",
     "write_discovery",
     "write_report",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """``to_pymc`` on first use: PyMC takes seconds to load, which a run without it need not pay."""
+    if name == "to_pymc":
+        from bwbn_bayes.inference.pymc.model import to_pymc
+
+        return to_pymc
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

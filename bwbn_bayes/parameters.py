@@ -14,7 +14,7 @@ from typing import Any, override
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special, stats
 from scipy.stats import qmc
 
 from bwbn_bayes.errors import UserError
@@ -152,6 +152,19 @@ class Normal(Prior):
     def distribution(self) -> Any:
         return stats.norm(self.location, self.scale)
 
+    @override
+    def quantile(self, probability: Floats | float) -> Floats:
+        return np.asarray(self.location + self.scale * special.ndtri(probability))
+
+    @override
+    def probability(self, value: Floats | float) -> Floats:
+        return np.asarray(special.ndtr((np.asarray(value) - self.location) / self.scale))
+
+    @override
+    def log_density(self, value: Floats | float) -> Floats:
+        standard = (np.asarray(value) - self.location) / self.scale
+        return np.asarray(-0.5 * np.square(standard) - _log_normalisation(self.scale))
+
     def __str__(self) -> str:
         return f"Normal({self.location:g}, {self.scale:g})"
 
@@ -169,6 +182,21 @@ class HalfNormal(Prior):
     @override
     def distribution(self) -> Any:
         return stats.halfnorm(0.0, self.scale)
+
+    @override
+    def quantile(self, probability: Floats | float) -> Floats:
+        # From the upper tail, where one half plus a half loses digits.
+        return np.asarray(-self.scale * special.ndtri(0.5 * (1.0 - np.asarray(probability))))
+
+    @override
+    def probability(self, value: Floats | float) -> Floats:
+        return np.asarray(special.erf(np.maximum(value, 0.0) / (self.scale * np.sqrt(2.0))))
+
+    @override
+    def log_density(self, value: Floats | float) -> Floats:
+        value = np.asarray(value)
+        log_density = np.log(2.0) - 0.5 * np.square(value / self.scale) - _log_normalisation(self.scale)
+        return np.where(value >= 0.0, log_density, -np.inf)
 
     def __str__(self) -> str:
         return f"HalfNormal({self.scale:g})"
@@ -247,6 +275,10 @@ class Truncated(Prior):
         return f"{self.parent} on [{self.support[0]:g}, {self.support[1]:g}]"
 
 
+def _log_normalisation(scale: float) -> float:
+    return float(np.log(scale) + 0.5 * np.log(2.0 * np.pi))
+
+
 def _require_positive(prior: Prior, name: str, value: float) -> None:
     if not (np.isfinite(value) and value > 0.0):
         raise UserError(f"{type(prior).__name__}: {name} is {value}, it must be a positive number")
@@ -290,11 +322,13 @@ class FreeParameter:
 class Constraint:
     """A joint condition on the parameters, such as ``beta + gamma > 0``.
 
-    ``holds`` takes draws ``(n_draws, n_parameters)`` in the parameters' own units and returns ``(n_draws,)``.
+    ``holds`` takes draws ``(n_draws, n_parameters)`` in the parameters' own units and returns ``(n_draws,)``;
+    ``columns`` are those it looks at.
     """
 
     text: str
     holds: Callable[[Floats], Booleans]
+    columns: tuple[int, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -345,8 +379,13 @@ class ParameterSpace:
         """Log prior mass of the admissible region before normalisation."""
         if not self.constraints or not self.parameters:
             return 0.0
-        points = qmc.Sobol(self.n_dim, rng=np.random.default_rng(20190101)).random_base2(15)
-        share = float(np.mean(self.admissible(self.from_unit(points))))
+        # Over the parameters concerned alone: a model with more of the others is normalised by the same number.
+        columns = sorted({column for constraint in self.constraints for column in constraint.columns})
+        points = qmc.Sobol(len(columns), rng=np.random.default_rng(20190101)).random_base2(15)
+        values = np.zeros((len(points), self.n_dim))
+        for column, position in zip(columns, points.T, strict=True):
+            values[:, column] = self.parameters[column].prior.quantile(position)
+        share = float(np.mean(self.admissible(values)))
         if share == 0.0:
             texts = "; ".join(constraint.text for constraint in self.constraints)
             raise UserError(f"no point of the prior is admissible ({texts}): widen or move the priors")

@@ -90,7 +90,7 @@ def test_the_unit_cube_and_back():
 
 def test_the_joint_prior_is_normalised_over_what_is_admissible():
     """A half plane through a normal: x > y for two equal normals holds half the mass, whatever their scale."""
-    half = Constraint(text="x > y", holds=lambda draws: draws[:, 0] > draws[:, 1])
+    half = Constraint(text="x > y", holds=lambda draws: draws[:, 0] > draws[:, 1], columns=(0, 1))
     space = space_of(Normal(1.0, 2.0), Normal(1.0, 2.0), constraints=(half,))
     assert np.exp(space.log_admissible_mass) == pytest.approx(0.5, abs=1e-3)
     inside = np.array([[0.9, 0.2], [0.2, 0.9], [1.1, 0.2]])

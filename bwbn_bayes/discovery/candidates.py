@@ -15,9 +15,9 @@ from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
-from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior, Truncated
+from bwbn_bayes.parameters import Floats, HalfNormal, Normal, PerStorey, Prior, Truncated
 from bwbn_bayes.structures.shear_building import ShearBuilding
-from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.structures.structure import PlacedEffect, Structure
 
 PLACED_LEVELS = ("link", "node", "observation")
 """Levels whose effects act at storeys or floors one by one; the others act on the building as a whole."""
@@ -57,6 +57,11 @@ class Hypothesis:
         return self.effect.name
 
     @property
+    def symbols(self) -> tuple[str, ...]:
+        """Symbols of the effect's parameters: each form of each effect has its own."""
+        return tuple(p.symbol for p in self.effect.parameters)
+
+    @property
     def label(self) -> str:
         """Name, form and place, e.g. ``gap_impact (one-sided), storey 2``."""
         form = f" ({self.effect.form})" if self.effect.form else ""
@@ -68,7 +73,8 @@ class Hypothesis:
     @cached_property
     def model(self) -> Structure:
         """The present model with the effect in place, under the law it shares with others."""
-        return replace(self.base, carried=self.carried).with_effect(self.effect, self.storeys or None)
+        placed = PlacedEffect(effect=self.effect, storeys=self.storeys)
+        return replace(self.base, carried=self.carried, effects=(*self.base.effects, placed))
 
     @property
     def improved(self) -> Structure:
@@ -161,6 +167,7 @@ def hypotheses(
         The whole catalogue by default. An effect that does not say what sizes to expect takes no part.
     """
     result = []
+    addable: dict[tuple[str, ...], bool] = {}
     for effect_class in effects if effects is not None else registered():
         for storeys in _places(effect_class, base, measured):
             own = scales[storeys[0] - 1] if storeys else scales[0]
@@ -170,7 +177,9 @@ def hypotheses(
                 continue
             for effect in forms:
                 hypothesis = Hypothesis(base=base, effect=effect, storeys=storeys, scales=own)
-                if _fits(hypothesis):
+                if hypothesis.symbols not in addable:
+                    addable[hypothesis.symbols] = _addable(base, effect)
+                if addable[hypothesis.symbols] and not _present(base, effect, storeys):
                     result.append(hypothesis)
     return _sharing_laws(result)
 
@@ -184,7 +193,7 @@ def _sharing_laws(every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
     group_of: dict[tuple[str, ...], int] = {}
     for hypothesis in every:
         effect = hypothesis.effect
-        symbols = tuple(p.symbol for p in effect.parameters)
+        symbols = hypothesis.symbols
         if effect.level == "observation" or symbols in group_of:
             continue
         if sum(map(len, groups[-1])) + len(symbols) > MOST_CARRIED:
@@ -193,7 +202,7 @@ def _sharing_laws(every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
         group_of[symbols] = len(groups) - 1
     result = []
     for hypothesis in every:
-        symbols = tuple(p.symbol for p in hypothesis.effect.parameters)
+        symbols = hypothesis.symbols
         group = groups[group_of[symbols]] if symbols in group_of else {}
         carried = tuple(effect for other, effect in group.items() if other != symbols)
         result.append(replace(hypothesis, carried=carried))
@@ -211,12 +220,23 @@ def _places(effect_class: type[Effect], base: Structure, measured: Sequence[str]
     return tuple((s,) for s in storeys)
 
 
-def _fits(hypothesis: Hypothesis) -> bool:
-    """Whether the effect can be added: it is not there yet, and what it refers to is."""
+def _addable(base: Structure, effect: Effect) -> bool:
+    """Whether the model has what the effect refers to."""
+    bare = replace(base, effects=tuple(p for p in base.effects if p.effect.name != effect.name))
     try:
-        return hypothesis.n_brought > 0
+        return bare.with_effect(effect).space.n_dim > bare.space.n_dim
     except UserError:
         return False
+
+
+def _present(base: Structure, effect: Effect, storeys: tuple[int, ...]) -> bool:
+    """Whether the effect acts at the place already, or its parameter there has a value of its own anyway."""
+    symbols = {p.symbol for p in effect.parameters}
+    for placed in base.effects:
+        if symbols & {p.symbol for p in placed.effect.parameters} and set(placed.storeys) >= set(storeys):
+            return True
+    own = getattr(effect, "parameter", None) if effect.name == "storey_parameter" else None
+    return own is not None and isinstance(base.storey.values[own], PerStorey)
 
 
 def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:

@@ -16,7 +16,7 @@ from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.parameters import Booleans, Floats, PerStorey, Prior
-from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.structures.structure import PlacedEffect, Structure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +32,8 @@ class Family:
         if len(self.members) == 1:
             return first.model
         storeys = tuple(s for member in self.members for s in member.storeys)
-        structure = replace(first.base, carried=first.carried)
-        return structure.with_effect(_everywhere([member.effect for member in self.members]), storeys)
+        placed = PlacedEffect(effect=_everywhere([member.effect for member in self.members]), storeys=storeys)
+        return replace(first.base, carried=first.carried, effects=(*first.base.effects, placed))
 
     def columns(self, member: Hypothesis) -> list[int]:
         """Where a member's coordinates stand among the family's."""
@@ -50,10 +50,10 @@ class Family:
         held[:, columns] = False
         return result, held
 
-    def extract(self, member: Hypothesis, points: Floats, local: Linearisation) -> tuple[Floats, Linearisation]:
-        """The member's own coordinates of the family's points."""
+    def extract(self, member: Hypothesis, local: Linearisation) -> Linearisation:
+        """The expansion in the member's own coordinates."""
         columns = self.columns(member)
-        return points[:, columns], Linearisation(
+        return Linearisation(
             log_likelihood=local.log_likelihood,
             gradient=local.gradient[:, columns],
             information=local.information[:, columns][:, :, columns],
@@ -72,8 +72,8 @@ def families(hypotheses: Sequence[Hypothesis]) -> tuple[Family, ...]:
     """Group hypotheses by effect and form."""
     groups: dict[tuple[str, ...], list[Hypothesis]] = {}
     for hypothesis in hypotheses:
-        groups.setdefault(tuple(p.symbol for p in hypothesis.effect.parameters), []).append(hypothesis)
-    return tuple(Family(members=tuple(members)) for members in groups.values())
+        groups.setdefault(hypothesis.symbols, []).append(hypothesis)
+    return tuple(Family(members=tuple(sorted(members, key=lambda m: m.storeys))) for members in groups.values())
 
 
 def _everywhere(effects: Sequence[Effect]) -> Effect:

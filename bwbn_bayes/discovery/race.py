@@ -13,15 +13,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.family import Family, families
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, polish
 from bwbn_bayes.parameters import Floats
 
-N_STARTS = 16
-ROUNDS = ((6, 1.0), (10, 0.4), (25, 0.2))
+ROUNDS = ((4, 1.0), (6, 0.5), (25, 0.2))
 """Iterations of each round, and the share of the hypotheses that enter it."""
 _LEAST = 8
 """Hypotheses that enter every round, if there are as many."""
+_REACH = 50.0
+"""Candidates further below the best of their family do not keep it waiting. [nat]"""
+_BLOCK = 16
+"""Candidates that are solved at the cost of one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,37 +85,55 @@ def race(
     progress : callable, optional
         Told the best hypothesis after each round.
     """
-
-    def begin(hypothesis: Hypothesis) -> Fit:
-        view = present.with_model(hypothesis.model)
-        return _further(view, hypothesis, _best_starts(view, hypothesis.starts(base_points)), ROUNDS[0][0])
-
+    fits: dict[Hypothesis, Fit] = {}
+    kept: Sequence[Hypothesis] = hypotheses
     with ThreadPoolExecutor(max_workers=n_workers) as pool:
-        fits = sorted(pool.map(begin, hypotheses), key=lambda fit: -fit.log_likelihood)
-        for n_iterations, share in ROUNDS[1:]:
-            _tell(progress, fits)
-            n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(fits))
-            last = (n_iterations, share) == ROUNDS[-1]
-            kept = pool.map(lambda fit, n=n_iterations, end=last: _again(fit, n, end), fits[:n_kept])
-            fits = sorted([*kept, *fits[n_kept:]], key=lambda fit: -fit.log_likelihood)
-    _tell(progress, fits)
-    return tuple(fits)
+        for number, (n_iterations, share) in enumerate(ROUNDS):
+            n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(kept))
+            kept = kept[:n_kept]
+            last = number == len(ROUNDS) - 1
+
+            def further(family: Family, n: int = n_iterations, end: bool = last) -> list[Fit]:
+                points = [
+                    fits[member].points if member in fits else member.starts(base_points) for member in family.members
+                ]
+                return _fit_family(present, family, points, n, end)
+
+            for found in pool.map(further, families(kept)):
+                fits.update((fit.hypothesis, fit) for fit in found)
+            kept = sorted(kept, key=lambda hypothesis: -fits[hypothesis].log_likelihood)
+            if progress is not None and kept:
+                progress(f"best so far: {kept[0].label}")
+    return tuple(sorted(fits.values(), key=lambda fit: -fit.log_likelihood))
 
 
-def _best_starts(view: Posterior, points: Floats) -> Floats:
-    value = view.log_likelihood(points)
-    return points[np.argsort(-value, kind="stable")[:N_STARTS]]
-
-
-def _again(fit: Fit, n_iterations: int, finished: bool) -> Fit:
-    return _further(fit.posterior, fit.hypothesis, fit.points, n_iterations, finished)
-
-
-def _further(view: Posterior, hypothesis: Hypothesis, points: Floats, n_iterations: int, finished: bool = False) -> Fit:
-    points, local = polish(view, points, n_iterations=n_iterations, reach=50.0)
-    return Fit(hypothesis=hypothesis, posterior=view, points=points, local=local, finished=finished)
-
-
-def _tell(progress: Callable[[str], None] | None, fits: Sequence[Fit]) -> None:
-    if progress is not None and fits:
-        progress(f"best so far: {fits[0].hypothesis.label}")
+def _fit_family(
+    present: Posterior, family: Family, points: Sequence[Floats], n_iterations: int, finished: bool
+) -> list[Fit]:
+    """Fit the members of a family together, each from the best of its starts."""
+    view = family.posterior(present)
+    chosen, held, owner = [], [], []
+    for number, (member, own) in enumerate(zip(family.members, points, strict=True)):
+        embedded, fixed = family.embed(member, own)
+        value = view.log_likelihood(embedded)
+        n_starts = max(_BLOCK // len(family.members), len(own) // 4)
+        best = np.argsort(-value, kind="stable")[:n_starts]
+        chosen.append(embedded[best])
+        held.append(fixed[best])
+        owner += [number] * len(best)
+    found, local = polish(
+        view, np.concatenate(chosen), n_iterations=n_iterations, held=np.concatenate(held), reach=_REACH
+    )
+    result = []
+    for number, member in enumerate(family.members):
+        rows = np.flatnonzero(np.array(owner) == number)
+        result.append(
+            Fit(
+                hypothesis=member,
+                posterior=present.with_model(member.model),
+                points=found[rows][:, family.columns(member)],
+                local=family.extract(member, local[rows]),
+                finished=finished,
+            )
+        )
+    return result

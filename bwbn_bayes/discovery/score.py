@@ -12,13 +12,16 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
-from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.discovery.family import Family, families
+from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.parameters import Floats
 
 _NEAR = 1e-3
@@ -52,43 +55,62 @@ class Score:
         return float(self.smallest * np.sqrt(nats))
 
 
-def score(posterior: Posterior, hypothesis: Hypothesis, point: Floats) -> Score:
-    """Score a hypothesis at a point ``(n_dim,)`` of the unit cube of the present model.
+def scores(
+    posterior: Posterior, hypotheses: Sequence[Hypothesis], point: Floats, *, n_workers: int
+) -> tuple[Score, ...]:
+    """Score hypotheses at a point ``(n_dim,)`` of the unit cube of the present model.
 
     Parameters
     ----------
     posterior : Posterior
-        Of the present model.
-    hypothesis : Hypothesis
-        With that model as its base.
+        Of the present model; its engine should use one thread.
+    hypotheses : sequence of Hypothesis
+        With that model as their base.
     point : (n_dim,) array
         The present model's optimum.
+    n_workers : int
+        Families scored at once.
     """
-    view = posterior.with_model(hypothesis.model)
-    amplitudes = hypothesis.amplitudes
-    best = Score(nats=0.0, amplitude=amplitudes[0], unit="", smallest=np.inf)
-    names = view.space.names
-    for amplitude in amplitudes:
-        column = names.index(amplitude)
-        points = hypothesis.neutral_points(point, amplitude, _NEAR)
-        local = view.linearise(points)
-        parameter = view.space.parameters[column]
-        scale = view.space.unit_scale(view.space.from_unit(points))[:, column]
-        one_sided = parameter.prior.support[0] >= hypothesis.neutral(amplitude)
-        base = np.array([names.index(name) for name in hypothesis.base.space.names])
-        for i in range(len(points)):
-            slope, information = _projected(local.gradient[i], local.information[i], base, column)
-            if information <= 0.0:
-                continue
-            nats = 0.0 if one_sided and slope < 0.0 else slope**2 / (2.0 * information)
-            smallest = float(scale[i] * np.sqrt(2.0 / information))
-            best = Score(
-                nats=max(float(nats), best.nats),
-                amplitude=amplitude if smallest < best.smallest else best.amplitude,
-                unit=parameter.unit if smallest < best.smallest else best.unit,
-                smallest=min(smallest, best.smallest),
-            )
-    return best
+    with ThreadPoolExecutor(max_workers=n_workers) as pool:
+        found = pool.map(lambda family: _score_family(posterior, family, point), families(hypotheses))
+        by_hypothesis = {hypothesis: one for part in found for hypothesis, one in part}
+    return tuple(by_hypothesis[hypothesis] for hypothesis in hypotheses)
+
+
+def _score_family(posterior: Posterior, family: Family, point: Floats) -> list[tuple[Hypothesis, Score]]:
+    view = family.posterior(posterior)
+    asked = [(member, amplitude) for member in family.members for amplitude in member.amplitudes]
+    points = [member.neutral_points(point, amplitude, _NEAR) for member, amplitude in asked]
+    embedded = [family.embed(member, own)[0] for (member, _), own in zip(asked, points, strict=True)]
+    local = view.linearise(np.concatenate(embedded))
+    first = 0
+    best: dict[Hypothesis, Score] = {}
+    for (member, amplitude), own in zip(asked, points, strict=True):
+        rows = np.arange(first, first + len(own))
+        first += len(own)
+        one = _best(member, amplitude, own, family.extract(member, local[rows]))
+        if member not in best or one.nats > best[member].nats:
+            best[member] = one
+    return list(best.items())
+
+
+def _best(member: Hypothesis, amplitude: str, points: Floats, local: Linearisation) -> Score:
+    """The best score of one amplitude over the grid of nuisances."""
+    space = member.model.space
+    column = space.names.index(amplitude)
+    base = np.array([space.names.index(name) for name in member.base.space.names])
+    parameter = space.parameters[column]
+    scale = space.unit_scale(space.from_unit(points))[:, column]
+    one_sided = parameter.prior.support[0] >= member.neutral(amplitude)
+    nats, smallest = 0.0, np.inf
+    for gradient, information, unit in zip(local.gradient, local.information, scale, strict=True):
+        slope, left = _projected(gradient, information, base, column)
+        if left <= 0.0:
+            continue
+        smallest = min(smallest, float(unit * np.sqrt(2.0 / left)))
+        if slope > 0.0 or not one_sided:
+            nats = max(nats, slope**2 / (2.0 * left))
+    return Score(nats=nats, amplitude=amplitude, unit=parameter.unit, smallest=smallest)
 
 
 def _projected(gradient: Floats, information: Floats, base: NDArray[np.int64], column: int) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bwbn_bayes.baselines.network import train
+from bwbn_bayes.baselines.network import NetworkSettings, train
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import noise_floor, residual_of, whiteness_probability
@@ -22,6 +22,8 @@ N_MAP = 24
 N_NEAREST = 5
 _N_BLOCKS, _HELD_OUT = 20, 4
 """Every fourth of 20 stretches of time is never shown to the network."""
+_NETWORK = NetworkSettings(sizes=(3, 6, 12, 24), widths=(1.0, 3.0, 10.0), ridges=(1e-7, 1e-5, 1e-3, 1e-2, 1e-1))
+"""Small and smooth: where the missing force is no function of the state, the network must learn nothing."""
 _INPUTS = ("drift", "drift_rate", "hysteretic_displacement")
 
 
@@ -166,7 +168,7 @@ def _missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> li
 def _learned(storey: int, inputs: Floats, force: Floats, sd: float, rng: np.random.Generator) -> MissingForce:
     """Train on most of the record, judge on the rest; size, width and penalty come from train's own validation."""
     kept_out = np.arange(len(force)) * _N_BLOCKS // len(force) % _HELD_OUT == _HELD_OUT // 2
-    network = train(inputs[~kept_out], force[~kept_out], rng)
+    network = train(inputs[~kept_out], force[~kept_out], rng, _NETWORK)
     energy = float(np.mean(np.square(force[kept_out])))
     left = float(np.mean(np.square(force[kept_out] - network(inputs[kept_out]))))
     beyond = energy - sd**2
@@ -238,6 +240,6 @@ def _correlation(residual: Floats) -> float:
 
 def _why(label: str, share: float, correlation: float, white: float, log_odds: float) -> str:
     what = f"{label} explains {100.0 * share:.0f} % of the residual energy beyond the noise"
-    colour = f"a residual that neighbours in time share (correlation {correlation:.2f})" if white < 0.01 else "noise"
+    colour = f"a coloured residual (correlation of neighbouring samples {correlation:.2f})" if white < 0.01 else "noise"
     odds = "" if log_odds > THRESHOLD else f"; its log odds, {log_odds:.1f}, do not reach {THRESHOLD:.0f}"
     return f"{what} and leaves {colour}{odds}."

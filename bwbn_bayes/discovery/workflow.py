@@ -18,7 +18,7 @@ from bwbn_bayes.discovery.held_out import floor_of, predict
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate, Decision, decide
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, Step, Verdict
 from bwbn_bayes.discovery.race import Fit, race
-from bwbn_bayes.discovery.score import Score, score
+from bwbn_bayes.discovery.score import Score, scores
 from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.discovery.unexplained import unexplained
 from bwbn_bayes.discovery.where import Disagreement, disagreement
@@ -97,6 +97,8 @@ class _Run:
     listener: Listener | None
     began: float = field(default_factory=time.perf_counter)
     steps: list[Step] = field(default_factory=list)
+    scored: tuple[Structure | None, tuple[tuple[Hypothesis, Score], ...]] = (None, ())
+    """The model that was scored last, with its hypotheses."""
 
     def say(self, text: str) -> None:
         if self.listener is not None:
@@ -203,13 +205,12 @@ def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | No
     posterior = present.posterior
     single = posterior.with_engine(replace(_lanes(posterior), n_threads=1))
     scales = scales_of(posterior, present.best)
-    every = hypotheses(
-        posterior.model, scales, measured=tuple(posterior.record.channels), effects=run.settings.effects
-    )
+    every = hypotheses(posterior.model, scales, measured=tuple(posterior.record.channels), effects=run.settings.effects)
     if present.is_noise:
         run.say(f"the residual is noise: scoring {len(every)} hypotheses")
-        scores = _scores(single, every, present.best, run)
-        every = tuple(h for h, s in zip(every, scores, strict=True) if s.nats > LEAST_SCORE)
+        found = scores(single, every, present.best, n_workers=run.settings.n_workers)
+        run.scored = (posterior.model, tuple(zip(every, found, strict=True)))
+        every = tuple(h for h, s in run.scored[1] if s.nats > LEAST_SCORE)
         if not every:
             return (), None
     run.say(f"fitting {len(every)} hypotheses")
@@ -225,15 +226,10 @@ def _weigh(present: _Present, fits: Sequence[Fit], run: _Run) -> Decision:
     own = present_evidence(present.posterior, present.modes, run.rng, 1000)
     for i, fit in enumerate(fits):
         if evidences[i].total > best - CONTENDER:
-            wide = replace(
-                fit, posterior=fit.posterior.with_engine(replace(_lanes(fit.posterior), n_threads=_threads(run)))
-            )
+            threads = replace(_lanes(fit.posterior), n_threads=run.settings.n_workers)
+            wide = replace(fit, posterior=fit.posterior.with_engine(threads))
             evidences[i] = sampled_evidence(wide, run.rng, 600)
     return decide(own, [(fit.hypothesis, evidence) for fit, evidence in zip(fits, evidences, strict=True)])
-
-
-def _threads(run: _Run) -> int:
-    return run.settings.n_workers
 
 
 def _lanes(posterior: Posterior) -> Lanes:
@@ -241,13 +237,6 @@ def _lanes(posterior: Posterior) -> Lanes:
     if not isinstance(engine, Lanes):
         raise UserError(f"discovery runs on the lanes engine, not on {engine.name}: leave --engine out")
     return engine
-
-
-def _scores(posterior: Posterior, every: Sequence[Hypothesis], point: Floats, run: _Run) -> list[Score]:
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(max_workers=run.settings.n_workers) as pool:
-        return list(pool.map(lambda hypothesis: score(posterior, hypothesis, point), every))
 
 
 def _prune(present: _Present, added: tuple[Added, ...], run: _Run) -> tuple[_Present, tuple[Added, ...]]:
@@ -368,26 +357,25 @@ def _verdict(present: _Present, added: tuple[Added, ...], share: float) -> Verdi
 
 
 def _limits(present: _Present, run: _Run) -> tuple[DetectionLimit, ...]:
-    posterior = present.posterior.with_engine(replace(_lanes(present.posterior), n_threads=1))
-    every = hypotheses(
-        posterior.model,
-        scales_of(present.posterior, present.best),
-        measured=tuple(posterior.record.channels),
-        effects=run.settings.effects,
-    )
-    scores = _scores(posterior, every, present.best, run)
-    needed = THRESHOLD + np.log(max(len(every), 1))
+    model, scored = run.scored
+    if model is not present.posterior.model:
+        posterior = present.posterior.with_engine(replace(_lanes(present.posterior), n_threads=1))
+        channels = tuple(posterior.record.channels)
+        every = hypotheses(posterior.model, scales_of(present.posterior, present.best), measured=channels)
+        found = scores(posterior, every, present.best, n_workers=run.settings.n_workers)
+        scored = tuple(zip(every, found, strict=True))
+    needed = THRESHOLD + float(np.log(max(len(scored), 1)))
     return tuple(
         DetectionLimit(
             label=hypothesis.label,
             name=hypothesis.name,
             storeys=hypothesis.storeys,
-            parameter=found.amplitude,
-            unit=found.unit,
-            smallest=found.detectable(needed),
-            expected=_expected(hypothesis, found.amplitude),
+            parameter=one.amplitude,
+            unit=one.unit,
+            smallest=one.detectable(needed),
+            expected=_expected(hypothesis, one.amplitude),
         )
-        for hypothesis, found in zip(every, scores, strict=True)
+        for hypothesis, one in scored
     )
 
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
+import pickle
 import platform
 import sys
+import threading
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -34,7 +37,7 @@ def load_kernel(kind: str, source: str) -> ModuleType:
     path = cache_directory() / f"{kind}_{key}.py"
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(f".{os.getpid()}.tmp")
+        temporary = path.with_suffix(f".{os.getpid()}.{threading.get_ident()}.tmp")
         temporary.write_text(source)
         temporary.replace(path)
     name = f"bwbn_bayes_{path.stem}"
@@ -45,6 +48,30 @@ def load_kernel(kind: str, source: str) -> ModuleType:
     sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
+
+
+def remembered[Made](kind: str, key: str, make: Callable[[], Made]) -> Made:
+    """What ``make`` made when it was last asked under this key, in this or another process; made now if never.
+
+    Parameters
+    ----------
+    kind : str
+        First part of the file's name.
+    key : str
+        Everything that shapes the result; a hash of it names the file.
+    make : callable
+        Its result must be picklable.
+    """
+    path = cache_directory() / f"{kind}_{hashlib.sha256(key.encode()).hexdigest()[:20]}.pickle"
+    if path.exists():
+        made: Made = pickle.loads(path.read_bytes())
+        return made
+    made = make()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_suffix(f".{os.getpid()}.{threading.get_ident()}.tmp")
+    temporary.write_bytes(pickle.dumps(made))
+    temporary.replace(path)
+    return made
 
 
 def cache_directory() -> Path:

@@ -7,6 +7,7 @@ step takes one of length zero, and unfilled lanes repeat the last draw.
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -311,8 +312,16 @@ def _pool(n_threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=n_threads, thread_name_prefix="lanes")
 
 
-@cache
 def _kernel_of(law: StoreyLaw, driven: bool) -> tuple[ModuleType, LaneLayout]:
-    """The compiled kernel of a law and the layout of its rows."""
+    """The compiled kernel of a law and the layout of its rows; made once, whichever threads ask."""
+    with _MAKING:
+        return _make_kernel(law, driven)
+
+
+@cache
+def _make_kernel(law: StoreyLaw, driven: bool) -> tuple[ModuleType, LaneLayout]:
     safe, programs = programs_of(law)
     return load_kernel("lanes", lane_source(safe, programs, driven=driven)), lane_layout(safe, programs)
+
+
+_MAKING = threading.Lock()

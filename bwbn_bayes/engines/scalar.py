@@ -5,17 +5,21 @@ The scalar Runge-Kutta is the scheme of the lane engine without its lanes: the m
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from types import ModuleType
 from typing import Protocol
 
 import numpy as np
+import sympy
 from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import StoreyLaw
+from bwbn_bayes.engines import codegen
 from bwbn_bayes.engines.base import (
     ChannelMap,
     Response,
@@ -25,7 +29,7 @@ from bwbn_bayes.engines.base import (
     masses,
 )
 from bwbn_bayes.engines.codegen import LawPrograms, law_programs, spelled
-from bwbn_bayes.engines.kernel_cache import load_kernel
+from bwbn_bayes.engines.kernel_cache import load_kernel, remembered
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
@@ -167,9 +171,11 @@ def _columns(model: Structure, place: Layout) -> Floats:
 
 @cache
 def programs_of(law: StoreyLaw) -> tuple[StoreyLaw, LawPrograms]:
-    """The law with names that no kernel uses, and as straight-line code; generated once."""
+    """The law with names that no kernel uses, and as straight-line code; generated once and kept on disk."""
     safe = spelled(law)
-    return safe, law_programs(safe)
+    generator = Path(codegen.__file__).read_text()
+    key = "\n".join((repr(safe), generator, sympy.__version__, platform.python_version()))
+    return safe, remembered("programs", key, lambda: law_programs(safe))
 
 
 @cache

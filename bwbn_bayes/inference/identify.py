@@ -40,8 +40,8 @@ from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check, Result, StageFacts
 from bwbn_bayes.structures.structure import Structure
 
-Method = Literal["importance", "tmcmc", "ga", "ipv"]
-METHODS: tuple[Method, ...] = ("importance", "tmcmc")
+Method = Literal["importance", "tmcmc", "smc", "nuts", "ga", "ipv"]
+METHODS: tuple[Method, ...] = ("importance", "tmcmc", "smc", "nuts")
 """Roads to a posterior; :mod:`bwbn_bayes.baselines.methods` adds ``ga`` and ``ipv``, which give none."""
 Listener = Callable[[str, StageFacts | None], None]
 """Called with what is being done and, after each step of it, that step's facts."""
@@ -60,8 +60,8 @@ class Settings:
 
     Parameters
     ----------
-    method : {"importance", "tmcmc"}
-        The road to the posterior.
+    method : {"importance", "tmcmc", "smc", "nuts"}
+        The road to the posterior; the last two are PyMC's.
     engine : str
         Name of the engine.
     seed : int
@@ -69,7 +69,9 @@ class Settings:
     particles : int
         Effective draws wanted (importance) or particles (TMCMC).
     variant : {"default", "plain"}
-        TMCMC as calibrated, or as published.
+        TMCMC as calibrated, or as published; SMC with the batched kernel, or with PyMC's own.
+    sampler : {"pymc", "nutpie"}
+        Whose NUTS.
     """
 
     method: Method = "importance"
@@ -77,6 +79,7 @@ class Settings:
     seed: int = 1
     particles: int = 5000
     variant: Literal["default", "plain"] = "default"
+    sampler: Literal["pymc", "nutpie"] = "pymc"
 
 
 @dataclass
@@ -221,6 +224,21 @@ def _sampled(
         else:
             history.say("the proposal does not cover the posterior: falling back to TMCMC")
             method = "tmcmc"
+    if method in ("smc", "nuts"):
+        # Imported here: PyMC takes seconds to load, which the other roads need not pay.
+        from bwbn_bayes.inference.pymc.roads import sample_road
+
+        draws, roads, own_checks = sample_road(
+            posterior,
+            modes,
+            method="smc" if method == "smc" else "nuts",
+            plain=settings.variant == "plain",
+            sampler=settings.sampler,
+            particles=settings.particles,
+            seed=settings.seed,
+            say=history.say,
+        )
+        checks += own_checks
     if draws is None:
         cloud = _bridge(posterior, modes, settings, history)
         roads["tmcmc (bridge)"] = (cloud.log_evidence, cloud.log_evidence_se)

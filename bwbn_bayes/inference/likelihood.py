@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from bwbn_bayes.engines.base import Engine
@@ -175,6 +176,14 @@ class Linearisation:
     log_likelihood: Floats
     gradient: Floats
     information: Floats
+
+    def __getitem__(self, index: NDArray[np.int64]) -> Linearisation:
+        """The same at some of the points."""
+        return Linearisation(
+            log_likelihood=self.log_likelihood[index],
+            gradient=self.gradient[index],
+            information=self.information[index],
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

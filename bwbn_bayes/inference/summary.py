@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import math
 import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -117,7 +118,8 @@ def build_result(
     noise_sd = posterior.noise.draw_sd(rng, misfit, record.n_times, noise_values)
     truth = true_histories(model, record)
     tree = _tree(posterior, draws, values, rows, signals, noise_sd, truth, rng)
-    log_evidence, log_evidence_se = evidences["tmcmc (bridge)" if method == "tmcmc" else method]
+    none = (math.nan, math.nan)
+    log_evidence, log_evidence_se = evidences.get("tmcmc (bridge)" if method == "tmcmc" else method, none)
     facts = Facts(
         method=method,
         model=name,
@@ -336,7 +338,13 @@ def _verdict(
         else ", but the model does not explain the record: what is left is not noise, and the posterior holds only if "
         "the model does."
     )
-    road = {"importance": "importance sampling", "tmcmc": "transitional MCMC"}.get(method, method)
+    roads = {
+        "importance": "importance sampling",
+        "tmcmc": "transitional MCMC",
+        "smc": "PyMC's sequential Monte Carlo",
+        "nuts": "the No-U-Turn sampler",
+    }
+    road = roads.get(method, method)
     if method != asked:
         second = f"Importance sampling failed its own check, so {road} took over; its posterior stands alone."
     elif failed:

@@ -122,6 +122,13 @@ class DiscoveryContent:
         return self.discovery.added
 
     @property
+    def withdrawn(self) -> tuple[str, ...]:
+        """Effects that steps named and that are not in the final model."""
+        kept = {one.candidate.hypothesis.label for one in self.added}
+        bars = (bar for step in self.steps for bar in step.bars)
+        return tuple(bar.label for bar in bars if bar.chosen and bar.label not in kept)
+
+    @property
     def limits(self) -> tuple[DetectionLimit, ...]:
         """The smallest effects that the record could have shown."""
         return self.discovery.limits
@@ -147,7 +154,7 @@ def gather_discovery(discovery: Discovery) -> DiscoveryContent:
     brought = {name for one in discovery.added for name in one.moments}
     before, after = _equations(discovery.model), _equations(discovery.improved)
     stages = [("Model as given", discovery.before)]
-    stages += [("With what was found", discovery.after)] if discovery.added else []
+    stages += [("Improved model", discovery.after)] if discovery.added else []
     return DiscoveryContent(
         discovery=discovery,
         gaps=_gaps(discovery),

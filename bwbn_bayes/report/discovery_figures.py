@@ -42,6 +42,8 @@ GIVEN = "#a8a49b"
 NEVER = "#e9e7e2"
 """States in which the storey never was."""
 RESIDUAL_MAP, FORCE_MAP = "YlOrBr", "RdBu_r"
+_LEAST_TOP = 3.0
+"""The darkest colour is at least this many times the noise, so that noise looks pale."""
 _LINEAR_TO = 10.0
 """Log odds are drawn linearly up to this, logarithmically beyond. [nat]"""
 
@@ -88,13 +90,11 @@ def _gap(gaps: tuple[GapBar, ...]) -> Drawing:
             axis.errorbar(100.0 * value, row, xerr=100.0 * error, color=INK, linewidth=0.9, capsize=2.5)
             beyond = max(100.0 * (value + error), 100.0 * gap.floor)
             axis.text(beyond + 0.015 * reach, row, f"{100.0 * value:.3g} %", va="center")
-        label = f"noise alone, {100.0 * gap.floor:.3g} %"
-        axis.axvline(100.0 * gap.floor, color=INK, linewidth=1.0, dashes=DASHES, label=label)
+        axis.axvline(100.0 * gap.floor, color=INK, linewidth=1.0, dashes=DASHES)
         axis.set_yticks(range(len(bars)), [name for name, *_ in bars])
         axis.set_ylim(len(bars) - 0.5, -0.5)
         axis.set_xlim(0.0, reach)
-        axis.set_title(gap.label.capitalize())
-        axis.legend(loc="lower right", handlelength=1.4)
+        axis.set_title(f"{gap.label.capitalize()}; noise alone (dashed) {100.0 * gap.floor:.3g} %")
         axis.grid(visible=False, axis="y")
     axes[-1].set_xlabel("error, rms over rms of the signal [%]")
     words = "the model as given and as improved" if changed else "the model as given"
@@ -114,9 +114,9 @@ def _gap_in_words(gap: GapBar) -> str:
 
 
 def _norm(values: Sequence[np.ndarray]) -> LogNorm:
-    """White at the noise level; the colours end at the largest ratio."""
+    """Palest at the noise level; darkest at the largest ratio."""
     largest = max((float(np.nanmax(v)) for v in values if np.any(np.isfinite(v))), default=1.0)
-    return LogNorm(vmin=1.0, vmax=max(1.2 * 1.0, largest), clip=True)
+    return LogNorm(vmin=1.0, vmax=max(_LEAST_TOP, largest), clip=True)
 
 
 def _colour_bar(figure: Figure, axes: Sequence[Axes], norm: Normalize, map_name: str, label: str) -> None:
@@ -182,7 +182,7 @@ def _by_state(maps: tuple[PlaneMap, ...]) -> Drawing | None:
 
 def _loops(loops: tuple[LoopPair, ...]) -> Drawing:
     n_columns = len(loops[0].drifts)
-    figure, axes = canvas(len(loops), 0.5 + (2.0 if n_columns > 1 else 2.4) * len(loops), n_columns, share_x=False)
+    figure, axes = canvas(len(loops), 0.5 + (2.0 if n_columns > 1 else 1.7) * len(loops), n_columns, share_x=False)
     length = display_scale("m", max(float(np.abs(d).max()) for loop in loops for d in loop.drifts))
     strength = display_scale("N", max(float(np.abs(f).max()) for loop in loops for f in loop.forces))
     words = ("as given", "improved")

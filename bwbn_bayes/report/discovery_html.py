@@ -62,14 +62,14 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
         key_figures=tables.discovery_key_figures(discovery),
         figures={drawing.name: drawing for drawing in drawings},
         data_address=data_address,
-        spots=tables.spots_table(discovery),
+        spots=tables.spot_sentences(discovery),
         effects=tables.effects_table(content.added),
         notes=tables.effect_notes(content.added),
         parameters=tables.new_parameters_table(content),
         old_equations=_written(content.old_equations),
         new_equations=_written(content.new_equations),
         unexplained=found,
-        unexplained_lead=_LEADS.get(discovery.verdict, ""),
+        unexplained_leads=_leads(content),
         missing_forces=tables.missing_force_table(found) if found is not None else None,
         nearest=tables.nearest_table(found) if found is not None else None,
         steps=content.steps,
@@ -77,6 +77,18 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
         never=f"A dash ({NOTHING}) stands",
         provenance=tables.discovery_provenance(discovery),
         held_out=held_out is not None,
+    )
+
+
+def _leads(content: DiscoveryContent) -> tuple[str, ...]:
+    lead = _LEADS.get(content.discovery.verdict, "")
+    if not content.withdrawn:
+        return (lead,)
+    names = ", ".join(content.withdrawn)
+    left = 100.0 * content.discovery.unexplained_share
+    return (
+        lead,
+        f"What the steps below added was withdrawn ({names}): with it, {left:.0f} % of the disagreement stayed.",
     )
 
 

@@ -25,26 +25,29 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
         value, _ = with_uncertainty((added.candidate.log_bayes_factor, 0.0), max(evidence.log_evidence_se, 0.1))
         figures.append(KeyFigure(value=f"{value} nat", label=f"log Bayes factor of {hypothesis.name}"))
     arrow = "\N{RIGHTWARDS ARROW}"
-    fitted = percent(gap.before.nrmse)
-    fitted += f" {arrow} {percent(gap.after.nrmse)}" if discovery.added else ""
-    figures.append(KeyFigure(value=fitted, label=f"error of fit; noise alone {percent(gap.noise_floor)}"))
+    fitted = _share(gap.before.nrmse)
+    fitted += f" {arrow} {_share(gap.after.nrmse)}" if discovery.added else ""
+    figures.append(KeyFigure(value=fitted, label=f"error of fit; noise alone {_share(gap.noise_floor)}"))
     if gap.held_out_before is not None and gap.held_out_after is not None and gap.held_out_floor is not None:
-        predicted = percent(gap.held_out_before.nrmse)
-        predicted += f" {arrow} {percent(gap.held_out_after.nrmse)}" if discovery.added else ""
+        predicted = _share(gap.held_out_before.nrmse)
+        predicted += f" {arrow} {_share(gap.held_out_after.nrmse)}" if discovery.added else ""
         figures.append(
-            KeyFigure(value=predicted, label=f"error on the held-out record; noise alone {percent(gap.held_out_floor)}")
+            KeyFigure(value=predicted, label=f"error on the held-out record; noise alone {_share(gap.held_out_floor)}")
         )
-    figures.append(KeyFigure(value=percent(discovery.unexplained_share), label="of the disagreement left unexplained"))
+    if discovery.verdict != "no_missing_effect":
+        left = "of the disagreement left unexplained"
+        figures.append(KeyFigure(value=percent(discovery.unexplained_share), label=left))
     return tuple(figures)
 
 
-def spots_table(discovery: Discovery) -> Table:
+def spot_sentences(discovery: Discovery) -> tuple[str, ...]:
     """Stretches of time in which the given model's residual stands out."""
-    rows = tuple(
-        (spot.sentence.split(":")[0].capitalize(), significant(spot.residual_to_noise, 3))
-        for spot in discovery.before.spots[:MAX_SPOTS]
-    )
-    return Table(columns=("place, time and state", "residual / noise"), rows=rows)
+    return tuple(f"{spot.sentence[:1].upper()}{spot.sentence[1:]}." for spot in discovery.before.spots[:MAX_SPOTS])
+
+
+def _share(value: float) -> str:
+    """A percentage to one decimal, as the sentences have it."""
+    return f"{100.0 * value:.1f}\N{NO-BREAK SPACE}%"
 
 
 def effects_table(added: tuple[Added, ...]) -> Table:
@@ -113,7 +116,7 @@ def limits_table(limits: tuple[DetectionLimit, ...], n_storeys: int) -> Table:
         )
         for (name, symbol, unit), row in cells.items()
     )
-    headings = [_BUILDING if place == 0 else f"storey or floor {place}" for place in used]
+    headings = [_BUILDING if place == 0 else str(place) for place in used]
     return Table(columns=("effect", "unit", "expected size", *headings), rows=rows)
 
 

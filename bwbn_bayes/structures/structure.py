@@ -324,5 +324,6 @@ def _constraints(
                 values = np.where(index >= 0, draws[:, np.maximum(index, 0)], fixed)
                 return np.asarray(function(*values.T), dtype=np.bool_)  # type: ignore[operator]
 
-            result.setdefault((number, *index), Constraint(text=f"{relation}", holds=holds))
+            concerned = tuple(dict.fromkeys(int(i) for i in index if i >= 0))
+            result.setdefault((number, *index), Constraint(text=f"{relation}", holds=holds, columns=concerned))
     return tuple(result.values())

@@ -152,6 +152,7 @@ def _key(model: Structure, record: Record, engine: Engine) -> str:
     words = (
         code_digest(),
         type(model).__name__,
+        repr(model),
         repr(model.law),
         table.fixed.tobytes().hex(),
         table.index.tobytes().hex(),

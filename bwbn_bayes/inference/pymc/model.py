@@ -203,7 +203,9 @@ def _observe(values: pt.TensorVariable, problem: ForwardProblem, noise: Noise, s
     if isinstance(noise, SampledNoise):
         noise_sd = prior_twin(f"noise_sd{suffix}", [p.prior for p in noise.parameters], dims[0])
     elif not isinstance(noise, KnownNoise | IntegratedNoise):
-        raise UserError(f"noise of kind {type(noise).__name__} has no PyMC twin: use known, sampled or integrated noise")
+        raise UserError(
+            f"noise of kind {type(noise).__name__} has no PyMC twin: use known, sampled or integrated noise"
+        )
 
     def log_density(measured: pt.TensorVariable, values: pt.TensorVariable, *sd: pt.TensorVariable) -> object:
         return noise_log_likelihood(noise, _misfit(problem, measured, values), problem.record.n_times, *sd)
@@ -272,9 +274,7 @@ def draws_of(twin: pm.Model, tree: xr.DataTree, wanted: pt.TensorVariable) -> Fl
     return np.asarray(function(*arrays))
 
 
-def complete(
-    tree: xr.DataTree, twin: pm.Model, *, rng: np.random.Generator, most: int = 1000
-) -> xr.DataTree:
+def complete(tree: xr.DataTree, twin: pm.Model, *, rng: np.random.Generator, most: int = 1000) -> xr.DataTree:
     """Add pointwise log likelihoods and predictions with noise to posterior draws.
 
     Noise scales that the likelihood integrates out are drawn back from their posterior given each draw. Channels are

@@ -11,9 +11,7 @@ References
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -29,6 +27,7 @@ from pytensor.graph.replace import vectorize_graph
 
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.pymc.model import named_parameters
+from bwbn_bayes.inference.pymc.smc import quiet
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Floats, ParameterSpace
 
@@ -101,9 +100,7 @@ def laplace_start(
     points = np.clip(laplace.sample(rng, _N_LAPLACE), 1e-6, 1.0 - 1e-6)
     points = points[space.admissible(space.from_unit(points))]
     values = by_variable(twin, space, space.from_unit(points))
-    unconstrained = np.concatenate(
-        [column.reshape(len(points), -1) for column in _unconstrained(twin, values)], axis=1
-    )
+    unconstrained = np.concatenate([column.reshape(len(points), -1) for column in _unconstrained(twin, values)], axis=1)
     starts = tuple({name: column[i] for name, column in values.items()} for i in range(chains))
     covariance = np.atleast_2d(np.cov(unconstrained.T))
     return LaplaceStart(points=starts, mean=np.mean(unconstrained, axis=0), covariance=covariance)
@@ -194,7 +191,7 @@ def _pymc(
         if progress is not None and made % 100 == 0:
             progress(made)
 
-    with twin, _quiet():
+    with twin, quiet():
         step = pm.NUTS(potential=QuadPotentialFull(start.covariance), target_accept=0.9)
         return pm.sample(
             draws=draws,
@@ -224,18 +221,6 @@ def _nutpie(twin: pm.Model, start: LaplaceStart, draws: int, tune: int, chains: 
         progress_bar=False,
         save_warmup=False,
     )
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """PyMC announces every run on its logger; the caller has a listener of its own."""
-    logger = logging.getLogger("pymc")
-    level = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 def _facts(tree: xr.DataTree) -> NutsRun:

@@ -8,7 +8,9 @@ its proposals by the cloud alone, and moves until the cloud has forgotten where 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -27,6 +29,7 @@ from bwbn_bayes.parameters import Booleans, Floats
 _LEAST_SWEEPS = 4
 _WANTED_ACCEPTANCE = 0.25
 _DEGREES = 8.0
+_WORTH_REPEATING = 0.1
 
 StageListener = Callable[[Mapping[str, float]], None]
 """Called with the statistics of each finished stage."""
@@ -35,9 +38,9 @@ StageListener = Callable[[Mapping[str, float]], None]
 class Batched(IMH):
     """Batched kernel for ``pm.sample_smc``.
 
-    Each stage alternates sweeps of independence proposals (a Student-t fitted to the cloud) and of random-walk
-    proposals (the cloud's covariance, one scale for all that finds its acceptance rate), until every coordinate's
-    correlation with its start is below ``correlation_threshold``.
+    Each stage mixes sweeps of independence proposals (a Student-t fitted to the cloud), as long as they are accepted,
+    and of random-walk proposals (the cloud's covariance, one scale for all that finds its acceptance rate), until every
+    coordinate's correlation with its start is below ``correlation_threshold``.
 
     Parameters
     ----------
@@ -63,8 +66,8 @@ class Batched(IMH):
     def __init__(
         self,
         *args: Any,
-        correlation_threshold: float = 0.1,
-        most_sweeps: int = 200,
+        correlation_threshold: float = 0.2,
+        most_sweeps: int = 100,
         listener: StageListener | None = None,
         **kwargs: Any,
     ) -> None:
@@ -111,15 +114,20 @@ class Batched(IMH):
         """Sweep until every coordinate has lost its correlation with the start."""
         start = self.tempered_posterior.copy()
         accepted: list[float] = []
-        sweep = 0
-        while sweep < self.most_sweeps:
-            accepted.append(float(np.mean(self._independent() if sweep % 2 == 0 else self._walk())))
-            sweep += 1
-            if sweep >= _LEAST_SWEEPS and _largest_correlation(start, self.tempered_posterior) < (
-                self.correlation_threshold
-            ):
+        pause, until_next = 1, 0
+        while len(accepted) < self.most_sweeps:
+            if until_next == 0:
+                accepted.append(float(np.mean(self._independent())))
+                # Where the fitted Student-t hardly meets the density, its sweeps are solves lost.
+                pause = 1 if accepted[-1] > _WORTH_REPEATING else min(2 * pause, 16)
+                until_next = pause
+            else:
+                accepted.append(float(np.mean(self._walk())))
+                until_next -= 1
+            left = _largest_correlation(start, self.tempered_posterior)
+            if len(accepted) >= _LEAST_SWEEPS and left < self.correlation_threshold:
                 break
-        self.n_steps = sweep
+        self.n_steps = len(accepted)
         self.acc_rate = float(np.mean(accepted))
 
     def _independent(self) -> Booleans:
@@ -135,9 +143,10 @@ class Batched(IMH):
 
     def _accept(self, proposal: Floats, log_correction: Floats) -> Booleans:
         prior, likelihood = self._evaluate(proposal)
-        # At the very first stage a particle of zero likelihood may have survived nowhere: weights are zero there.
         density = prior + self.beta * likelihood
-        accepted: Booleans = np.log(self.rng.random(self.draws)) < density - self.tempered_posterior_logp + log_correction
+        accepted: Booleans = (
+            np.log(self.rng.random(self.draws)) < density - self.tempered_posterior_logp + log_correction
+        )
         self.tempered_posterior[accepted] = proposal[accepted]
         self.prior_logp[accepted], self.likelihood_logp[accepted] = prior[accepted], likelihood[accepted]
         self.tempered_posterior_logp[accepted] = density[accepted]
@@ -236,18 +245,31 @@ def sample_smc(
         Told of every finished stage (batched kernel only).
     """
     options: dict[str, object] = {"listener": listener} if kernel == "batched" else {}
-    tree = pm.sample_smc(
-        draws=draws,
-        kernel=KERNELS[kernel],
-        model=twin,
-        chains=chains,
-        cores=1,
-        random_seed=seed,
-        progressbar=False,
-        compute_convergence_checks=False,
-        **options,
-    )
+    with quiet():
+        tree = pm.sample_smc(
+            draws=draws,
+            kernel=KERNELS[kernel],
+            model=twin,
+            chains=chains,
+            cores=1,
+            random_seed=seed,
+            progressbar=False,
+            compute_convergence_checks=False,
+            **options,
+        )
     return tidy(tree)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """PyMC announces every run on its logger; callers of ours have a listener."""
+    logger = logging.getLogger("pymc")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def tidy(tree: xr.DataTree) -> SmcRun:
@@ -262,7 +284,10 @@ def tidy(tree: xr.DataTree) -> SmcRun:
     length = max(len(row) for rows in columns.values() for row in rows)
     tidied = xr.Dataset(
         {
-            name: (("chain", "stage"), np.array([np.pad(row, (0, length - len(row)), constant_values=np.nan) for row in rows]))
+            name: (
+                ("chain", "stage"),
+                np.array([np.pad(row, (0, length - len(row)), constant_values=np.nan) for row in rows]),
+            )
             for name, rows in columns.items()
         },
         coords={"chain": tree["posterior"]["chain"].values, "stage": np.arange(length)},

@@ -1,0 +1,167 @@
+"""The page of a discovery, for every verdict: complete, self-contained, and saying what was found."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from bwbn_bayes.discovery.unexplained import MissingForce, NearShape, Unexplained
+from bwbn_bayes.discovery.workflow import DiscoverySettings, discover
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.effects import CubicStiffness, SensorGain
+from bwbn_bayes.engines.simulation import simulate
+from bwbn_bayes.parameters import Uniform
+from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.report import write_discovery
+from bwbn_bayes.report.discovery_content import gather_discovery
+from bwbn_bayes.report.discovery_text import discovery_in_words
+from bwbn_bayes.structures.shear_building import ShearBuilding
+
+MODEL = ShearBuilding(
+    masses=[2.0], storey=BoucWen(k=Uniform(20, 120), c=Uniform(0.01, 2), alpha=0.15, beta=12.0, gamma=2.0, n=1.3)
+)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A short discovery of a cubic spring, with held-out data; the model's name needs escaping."""
+    hidden = MODEL.with_effect(CubicStiffness(k3=900.0))
+    record, held_out = (
+        replace(simulate(hidden, el_centro(version, duration=8.0), {"k": 60.0, "c": 0.4}, snr_db=30.0), truth={})
+        for version in ("chopra", "rsn6_180")
+    )
+    settings = DiscoverySettings(effects=(CubicStiffness, SensorGain), particles=200, n_workers=1)
+    return discover(MODEL, record, held_out=held_out, settings=settings, name="a <frame> & more")
+
+
+def variants(found):
+    """The same discovery under every verdict, and without held-out data."""
+    axis = np.linspace(-0.1, 0.1, 24)
+    force = np.where(np.add.outer(axis, axis) > 0.12, np.nan, np.multiply.outer(axis, axis))
+    learned = MissingForce(
+        storey=1, share=0.42, noise_share=0.1, n_neurons=12, drift=axis, drift_rate=axis, force=force
+    )
+    near = NearShape(label="backlash, storey 1", share=0.2, correlation=0.8, log_odds=3.0, sentence="It is <not> it.")
+    rest = Unexplained(forces=(learned,), nearest=(near,))
+    alone = replace(found.gap, held_out_before=None, held_out_after=None, held_out_floor=None)
+    step = replace(found.steps[0], decision=None, sentence="The residual is noise, and no effect has a score.")
+    given = {"added": (), "improved": found.model, "after": found.before}
+    return {
+        "effects_found": found,
+        "partly_explained": replace(found, verdict="partly_explained", unexplained=rest),
+        "unexplained": replace(found, verdict="unexplained", unexplained=rest, **given),
+        "unexplained, no force measured": replace(
+            found, verdict="unexplained", unexplained=Unexplained(forces=(), nearest=()), **given
+        ),
+        "no_missing_effect": replace(
+            found, verdict="no_missing_effect", gap=alone, held_out=None, steps=(step,), limits=(), **given
+        ),
+    }
+
+
+@pytest.fixture(scope="module", params=list(range(5)))
+def case(request, found, tmp_path_factory):
+    name, discovery = list(variants(found).items())[request.param]
+    files = write_discovery(discovery, tmp_path_factory.mktemp("page") / "new")
+    return name, discovery, files, files.html.read_text(encoding="utf-8")
+
+
+class Reader(HTMLParser):
+    """Open elements, images and text."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.images, self.words = [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+        if tag == "img":
+            self.images.append(dict(attributes))
+
+    def handle_startendtag(self, tag, attributes):
+        pass
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def read(page):
+    reader = Reader()
+    reader.feed(page)
+    assert reader.open == []
+    return reader, re.sub(r"\s+", " ", "".join(reader.words))
+
+
+def test_every_verdict_renders_with_its_sentences_and_figures(case):
+    name, discovery, files, page = case
+    reader, text = read(page)
+    for sentence in (*discovery.sentences, *(step.sentence for step in discovery.steps)):
+        assert sentence in text
+    names = {path.name for path in files.figures}
+    assert {"gap.png", "where_time.png", "where_state.png", "hysteresis.png"} <= names
+    assert len(reader.images) == len(files.figures)
+    assert all(len(image["alt"]) > 20 for image in reader.images)
+    assert ("posterior.png" in names) == bool(discovery.added)
+    assert ("The equations that changed" in text) == bool(discovery.added)
+    assert ("What stays unexplained" in text) == (discovery.unexplained is not None)
+    assert ("missing_force.png" in names) == bool(discovery.unexplained and discovery.unexplained.forces)
+    assert ("No held-out record" in text) == (discovery.held_out is None)
+    assert (files.html.parent / "identify" / "report.html").is_file()
+    assert name.split(",")[0] == discovery.verdict
+
+
+def test_the_page_needs_nothing_from_outside_and_escapes_names(case):
+    *_, page = case
+    assert "<script" not in page
+    assert set(re.findall(r"(?:src|href)\s*=\s*[\"'](?!data:)([^\"']*)", page)) == {"identify/report.html"}
+    assert not re.search(r"url\(|@import", page)
+    assert "a &lt;frame&gt; &amp; more" in page
+    assert "<frame>" not in page
+    assert "It is <not> it." not in page
+
+
+def test_what_was_found_stands_in_the_page(found, tmp_path):
+    files = write_discovery(found, tmp_path)
+    _, text = read(files.html.read_text(encoding="utf-8"))
+    (added,) = found.added
+    mean, sd = added.moments["k3"]
+    assert "cubic_stiffness" in text and "storey 1" in text
+    assert f"{added.candidate.log_bayes_factor:.1f}" in text
+    assert f"{100 * found.gap.before.nrmse:.1f}" in text and f"{100 * found.gap.after.nrmse:.1f}" in text
+    shown = [float(number) for number in re.findall(r"(?<![\d.])\d{3}(?:\.\d+)?(?![\d.])", text)]
+    assert any(abs(number - mean) < 0.2 * sd for number in shown)
+
+
+def test_old_and_new_equations_are_those_that_differ(found):
+    content = gather_discovery(found)
+    assert [e.caption for e in content.old_equations] == [e.caption for e in content.new_equations]
+    assert all(old.mathml != new.mathml for old, new in zip(content.old_equations, content.new_equations, strict=True))
+    assert 1 <= len(content.new_equations) <= 2
+
+
+def test_bars_are_the_candidates_best_first_and_the_added_one_is_marked(found):
+    content = gather_discovery(found)
+    first = content.steps[0]
+    odds = [bar.log_odds for bar in first.bars]
+    assert odds == sorted(odds, reverse=True)
+    assert [bar.label for bar in first.bars if bar.chosen] == [found.added[0].candidate.hypothesis.label]
+    assert content.withdrawn == ()
+    assert gather_discovery(variants(found)["unexplained"]).withdrawn == ("cubic_stiffness, storey 1",)
+    assert {len(survival.log_odds) for survival in first.survivals} == {3}
+
+
+def test_the_words_for_the_terminal(found):
+    lines = discovery_in_words(found)
+    assert lines[0] == "verdict: effects_found"
+    assert any(line.startswith("effect: cubic_stiffness, storey 1, log Bayes factor ") for line in lines)
+    assert any(line.strip().startswith("k3 = ") and line.endswith("N/m^3") for line in lines)
+    assert sum("noise alone" in line for line in lines) == 2
+    none = discovery_in_words(variants(found)["no_missing_effect"])
+    assert sum("noise alone" in line for line in none) == 1
+    assert not any("improved" in line for line in none)

@@ -73,7 +73,7 @@ def identify(
     particles: Annotated[int, typer.Option("--particles", min=100, help="Posterior draws wanted.")] = 5000,
     variant: Annotated[
         Literal["default", "plain"],
-        typer.Option("--variant", help="TMCMC as calibrated (default) or published (plain); SMC batched or PyMC's own."),
+        typer.Option("--variant", help="TMCMC as calibrated or published (plain); SMC batched or PyMC's own (plain)."),
     ] = "default",
     sampler: Annotated[Literal["pymc", "nutpie"], typer.Option("--sampler", help="Whose NUTS.")] = "pymc",
 ) -> None:
@@ -86,7 +86,9 @@ def identify(
         result = identify_model(
             file.model,
             measured,
-            settings=Settings(method=method, engine=engine, seed=seed, particles=particles, variant=variant, sampler=sampler),
+            settings=Settings(
+                method=method, engine=engine, seed=seed, particles=particles, variant=variant, sampler=sampler
+            ),
             name=file.name,
             assumptions=file.assumptions,
             listener=listener,

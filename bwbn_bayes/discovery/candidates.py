@@ -24,7 +24,7 @@ PLACED_LEVELS = ("link", "node", "observation")
 ONSET_SHARE = 0.02
 """Share of the ground motion's energy that has arrived when the strong motion begins."""
 MOST_CARRIED = 9
-"""Parameters that the effects of one compiled law may bring in all: more of them slow every solve down."""
+"""Parameters that the effects of one compiled law bring in all, in the first round."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,6 +152,7 @@ def hypotheses(
     *,
     measured: Sequence[str],
     effects: Sequence[type[Effect]] | None = None,
+    most_carried: float = MOST_CARRIED,
 ) -> tuple[Hypothesis, ...]:
     """Every catalogued effect, in every form, at every place where the present model has it not.
 
@@ -165,6 +166,9 @@ def hypotheses(
         Channels of the record: a sensor that does not exist cannot be wrong.
     effects : sequence of Effect classes, optional
         The whole catalogue by default. An effect that does not say what sizes to expect takes no part.
+    most_carried : float
+        Parameters that the effects of one compiled law may bring in all. More make every solve slower; with infinity
+        there is one law for every hypothesis, whatever the present model has of the catalogue already.
     """
     result = []
     addable: dict[tuple[str, ...], bool] = {}
@@ -181,10 +185,10 @@ def hypotheses(
                     addable[hypothesis.symbols] = _addable(base, effect)
                 if addable[hypothesis.symbols] and not _present(base, effect, storeys):
                     result.append(hypothesis)
-    return _sharing_laws(result)
+    return _sharing_laws(result, most_carried)
 
 
-def _sharing_laws(every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+def _sharing_laws(every: Sequence[Hypothesis], most_carried: float) -> tuple[Hypothesis, ...]:
     """The same hypotheses in groups of one law each: compiling a law takes longer than solving it for all of them.
 
     Sensors are read outside the law.
@@ -196,7 +200,7 @@ def _sharing_laws(every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
         symbols = hypothesis.symbols
         if effect.level == "observation" or symbols in group_of:
             continue
-        if sum(map(len, groups[-1])) + len(symbols) > MOST_CARRIED:
+        if sum(map(len, groups[-1])) + len(symbols) > most_carried:
             groups.append({})
         groups[-1][symbols] = effect
         group_of[symbols] = len(groups) - 1

@@ -186,7 +186,10 @@ def _factor(added: Added) -> str:
 
 
 def _wrapped(sentence: str) -> Iterable[str]:
-    return (f"# {line}" for line in textwrap.wrap(sentence, _WIDTH - 2, break_long_words=False))
+    # A number stays on one line with its error.
+    kept = sentence.replace(" +- ", "\N{NO-BREAK SPACE}+-\N{NO-BREAK SPACE}")
+    lines = textwrap.wrap(kept, _WIDTH - 2, break_long_words=False)
+    return (f"# {line.replace('\N{NO-BREAK SPACE}', ' ')}" for line in lines)
 
 
 def _taken(name: str) -> str:

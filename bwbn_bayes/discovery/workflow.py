@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses, scales_of
 from bwbn_bayes.discovery.evidence import laplace_evidence, present_evidence, sampled_evidence
 from bwbn_bayes.discovery.held_out import floor_of, predict
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate, Decision, decide
@@ -361,7 +361,9 @@ def _limits(present: _Present, run: _Run) -> tuple[DetectionLimit, ...]:
     if model is not present.posterior.model:
         posterior = present.posterior.with_engine(replace(_lanes(present.posterior), n_threads=1))
         channels = tuple(posterior.record.channels)
-        every = hypotheses(posterior.model, scales_of(present.posterior, present.best), measured=channels)
+        every = hypotheses(
+            posterior.model, scales_of(present.posterior, present.best), measured=channels, most_carried=np.inf
+        )
         found = scores(posterior, every, present.best, n_workers=run.settings.n_workers)
         scored = tuple(zip(every, found, strict=True))
     needed = THRESHOLD + float(np.log(max(len(scored), 1)))

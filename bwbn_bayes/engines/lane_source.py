@@ -176,7 +176,7 @@ def prepare(n_storeys, w):
 _STAGE = """
 
 @njit({flags})
-def {name}(n_storeys, n_directions, weight, share, step, ground, seed, w, t):
+def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, w, t):
     for i in range(n_storeys):
         a = i * BLOCK
         for l in range(LANES):
@@ -185,7 +185,7 @@ def {name}(n_storeys, n_directions, weight, share, step, ground, seed, w, t):
 
 
 @njit({flags})
-def {name}_with_tangents(n_storeys, n_directions, weight, share, step, ground, seed, w, t):
+def stage_with_tangents(n_storeys, n_directions, weight, share, inside, step, ground, seed, w, t):
     for i in range(n_storeys):
         a = i * BLOCK
         for l in range(LANES):
@@ -236,9 +236,9 @@ def advance(n_storeys, n_directions, shares, weights, ground_0, slope, position,
         for l in range(LANES):
             ground[l] = ground_0 + slope * (position[l] + shares[s] * step[l])
         if n_directions > 0:
-            inside_with_tangents(n_storeys, n_directions, weights[s], shares[s], step, ground, seed, w, t)
+            stage_with_tangents(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, w, t)
         else:
-            inside(n_storeys, n_directions, weights[s], shares[s], step, ground, seed, w, t)
+            stage(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, w, t)
     for l in range(LANES):
         position[l] += step[l]
         ground[l] = ground_0 + slope * position[l]
@@ -248,9 +248,9 @@ def advance(n_storeys, n_directions, shares, weights, ground_0, slope, position,
 @njit({flags})
 def close(n_storeys, n_directions, weight, step, ground, seed, w, t):
     if n_directions > 0:
-        at_end_with_tangents(n_storeys, n_directions, weight, 0.0, step, ground, seed, w, t)
+        stage_with_tangents(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, w, t)
     else:
-        at_end(n_storeys, n_directions, weight, 0.0, step, ground, seed, w, t)
+        stage(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, w, t)
 
 
 @njit({flags})
@@ -450,34 +450,28 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         "strike": _indent(_strike(law, place), 2),
         "drive": _indent(_drive(place), 2) if driven else "",
     }
-    stages = "".join(
-        _STAGE.format(
-            name=name,
-            law=_indent(_law(law, programs, place, head, with_slopes=False), 3),
-            tangent_law=_indent(_law(law, programs, place, head, with_slopes=True), 3),
-            chain=_chain(programs, place, head),
-            base=_base(law, programs, place, head, fields, with_slopes=False),
-            tangent_base=_base(law, programs, place, head, fields, with_slopes=True),
-            **fields,
-        )
-        for name, head in (("inside", _INSIDE), ("at_end", _AT_END))
+    stages = _STAGE.format(
+        law=_indent(_law(law, programs, place, with_slopes=False), 3),
+        tangent_law=_indent(_law(law, programs, place, with_slopes=True), 3),
+        chain=_chain(programs, place),
+        base=_base(law, programs, place, fields, with_slopes=False),
+        tangent_base=_base(law, programs, place, fields, with_slopes=True),
+        **fields,
     )
     return _MATHEMATICS.format(**fields) + _PREPARE.format(**fields) + stages + _ADVANCE.format(**fields)
 
 
-_INSIDE = (
+_HEAD = (
     "rate = step[l] * {array}[{rate}]",
-    "{array}[{total}] += weight * rate",
-    "{name} = {array}[{state}] + share * rate",
+    "summed = {array}[{total}] + weight * rate",
+    "{array}[{total}] = summed",
+    "{name} = inside * ({array}[{state}] + share * rate) + (1.0 - inside) * summed",
+    "{array}[{state}] = inside * {array}[{state}] + (1.0 - inside) * summed",
 )
-"""A state at a stage inside the step; the rates of the stage before join the sum."""
+"""A state at a stage; the rates of the stage before join the sum, which is the state at the step's end.
 
-_AT_END = (
-    "{name} = {array}[{total}] + weight * (step[l] * {array}[{rate}])",
-    "{array}[{state}] = {name}",
-    "{array}[{total}] = {name}",
-)
-"""A state at the end of the step."""
+``inside`` is 1 before the end and 0 at it: one function for both, since the law in it takes seconds to compile.
+"""
 
 
 def _used(names: list[str], lines: list[str]) -> list[str]:
@@ -489,7 +483,7 @@ def _indent(lines: list[str], depth: int) -> str:
     return "\n".join(" " * 4 * depth + line for line in lines or ["pass"])
 
 
-def _states(names: list[str], array: str, first: str, place: LaneLayout, head: tuple[str, ...]) -> list[str]:
+def _states(names: list[str], array: str, first: str, place: LaneLayout) -> list[str]:
     n = place.n_states
     return [
         line.format(
@@ -500,7 +494,7 @@ def _states(names: list[str], array: str, first: str, place: LaneLayout, head: t
             total=f"{first} + {2 * n + r} * LANES + l",
         )
         for r, name in enumerate(names)
-        for line in head
+        for line in _HEAD
     ]
 
 
@@ -534,9 +528,7 @@ def _code(
     return lines + (_slopes(law, part, place, block) if with_slopes else [])
 
 
-def _law(
-    law: StoreyLaw, programs: LawPrograms, place: LaneLayout, head: tuple[str, ...], *, with_slopes: bool
-) -> list[str]:
+def _law(law: StoreyLaw, programs: LawPrograms, place: LaneLayout, *, with_slopes: bool) -> list[str]:
     """Rates of one storey; it completes those of the storey above, whose acceleration is now known from below."""
     names = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
     rates = [f"w[a + BLOCK + {place.n_states + 2 + i} * LANES + l] = {{}}" for i in range(len(law.states))]
@@ -552,7 +544,7 @@ def _law(
     ]
     storey = ["force = {}", *rates[: law.n_storey_states]]
     end = own if programs.floor is not None else [*own, plain, *joined]
-    lines = _states(names, "w", "a + BLOCK", place, head)
+    lines = _states(names, "w", "a + BLOCK", place)
     lines += _code(law, programs.storey, place, storey, end, with_slopes=with_slopes)
     if programs.floor is not None:
         lines += [f"{INPUT_NAMES[FORCE_ABOVE]} = {above}", f"{INPUT_NAMES[FORCE_BELOW]} = force", _RECORDED]
@@ -568,7 +560,6 @@ def _base(
     law: StoreyLaw,
     programs: LawPrograms,
     place: LaneLayout,
-    head: tuple[str, ...],
     fields: dict[str, object],
     *,
     with_slopes: bool,
@@ -577,12 +568,12 @@ def _base(
     if programs.base is None:
         return (_ON_GROUND_TANGENT if with_slopes else _ON_GROUND).format(**fields)
     n, base_states = place.n_states, [str(s) for s in law.base_states]
-    lines = _states(base_states, "w", "a + BLOCK", place, head)
+    lines = _states(base_states, "w", "a + BLOCK", place)
     lines += [f"{INPUT_NAMES[FORCE_ABOVE]} = w[a + {place.force} * LANES + l]", _RECORDED]
     rates = [f"w[a + BLOCK + {n + r} * LANES + l] = {{}}" for r in range(len(base_states))]
     end = [f"w[a + {n + 1} * LANES + l] = w[a + {place.acceleration} * LANES + l] - below"]
     lines += _code(law, programs.base, place, ["below = {}", *rates], end, "a", with_slopes=with_slopes)
-    chain = _states([f"t{r}" for r in range(len(base_states))], "t", "o + TANGENT_BLOCK", place, head)
+    chain = _states([f"t{r}" for r in range(len(base_states))], "t", "o + TANGENT_BLOCK", place)
     tangents = {r: f"t{r}" for r in range(len(base_states))}
     tangents[len(programs.variables) - 2] = f"t[o + {place.force} * LANES + l]"
     chain += [f"below = {_slope(programs.base, 0, place, tangents)}"]
@@ -630,9 +621,9 @@ def _slope(part: Part, row: int, place: LaneLayout, tangents: dict[int, str]) ->
     return " + ".join(terms)
 
 
-def _chain(programs: LawPrograms, place: LaneLayout, head: tuple[str, ...]) -> str:
+def _chain(programs: LawPrograms, place: LaneLayout) -> str:
     n = place.n_states
-    lines = _states([f"t{r}" for r in range(n)], "t", "o + TANGENT_BLOCK", place, head)
+    lines = _states([f"t{r}" for r in range(n)], "t", "o + TANGENT_BLOCK", place)
     tangents = {r: f"t{r}" for r in range(n)}
     targets = [
         "force",

@@ -1,6 +1,6 @@
 """Structures as parts of PyMC models; the only room that imports PyMC and PyTensor.
 
-``operators`` wraps an engine as PyTensor operators with exact derivatives, ``priors`` and ``model`` build a ``pm.Model``
-from a structure and its records, ``smc`` and ``nuts`` run PyMC's samplers on it, ``roads`` brings their draws back to
-:func:`~bwbn_bayes.inference.identify.identify`.
+``operators`` wraps an engine as PyTensor operators with exact derivatives, ``priors`` and ``model`` build a
+``pm.Model`` from a structure and its records, ``smc`` and ``nuts`` run PyMC's samplers on it, ``roads`` brings their
+draws back to :func:`~bwbn_bayes.inference.identify.identify`.
 """

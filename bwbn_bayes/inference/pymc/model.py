@@ -214,7 +214,7 @@ def _observe(values: pt.TensorVariable, problem: ForwardProblem, noise: Noise, s
         *sd, _ = sd_and_size
         scale = sd[0] if sd else _prior_noise_sd(noise)
         response = ChannelResponse(problem)(values)
-        return response + scale[:, None] * pm.Normal.dist(0.0, 1.0, shape=problem.measured.shape)
+        return response + scale[:, None] * pm.Normal.dist(np.zeros(()), 1.0, shape=problem.measured.shape)
 
     inputs = [values] if noise_sd is None else [values, noise_sd]
     cores = ["(p)"] if noise_sd is None else ["(p)", "(c)"]
@@ -254,7 +254,7 @@ def noise_log_likelihood(
 def _prior_noise_sd(noise: Noise) -> pt.TensorVariable:
     """Noise scales ``(n_channels,)`` for predictions."""
     if isinstance(noise, IntegratedNoise):
-        return pt.sqrt(1.0 / pm.Gamma.dist(noise.shape, np.asarray(noise.scale)))
+        return pt.sqrt(1.0 / pm.Gamma.dist(np.asarray(noise.shape), np.asarray(noise.scale)))
     assert isinstance(noise, KnownNoise)
     return pt.as_tensor_variable(np.asarray(noise.sd))
 
@@ -308,7 +308,9 @@ def complete(tree: xr.DataTree, twin: pm.Model, *, rng: np.random.Generator, mos
         density, replicate = _predictions(observation, draws_of(twin, thinned, _inputs_of(observation)), rng)
         dims = ("chain", "draw", *observation.dims)
         shape = (chains, -1, *density.shape[1:])
-        coords = dict(zip(observation.dims, (list(observation.problem.channels), observation.problem.record.times)))
+        coords = dict(
+            zip(observation.dims, (list(observation.problem.channels), observation.problem.record.times), strict=True)
+        )
         pointwise = pointwise.assign({name: (dims, density.reshape(shape))}).assign_coords(coords)
         replicates = replicates.assign({name: (dims, replicate.reshape(shape))}).assign_coords(coords)
     posterior = thinned["posterior"].dataset

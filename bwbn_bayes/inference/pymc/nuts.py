@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import arviz_stats
-import nutpie
 import numpy as np
+import nutpie
 import pymc as pm
 import pytensor
 import pytensor.tensor as pt
@@ -185,7 +185,7 @@ def _pymc(
 ) -> xr.DataTree:
     made = 0
 
-    def count(trace: object, draw: object) -> None:
+    def count(*_: object) -> None:
         nonlocal made
         made += 1
         if progress is not None and made % 100 == 0:
@@ -193,7 +193,7 @@ def _pymc(
 
     with twin, quiet():
         step = pm.NUTS(potential=QuadPotentialFull(start.covariance), target_accept=0.9)
-        return pm.sample(
+        tree: xr.DataTree = pm.sample(
             draws=draws,
             tune=tune,
             chains=chains,
@@ -206,11 +206,12 @@ def _pymc(
             nuts_sampler="pymc",
             callback=count,
         )
+    return tree
 
 
 def _nutpie(twin: pm.Model, start: LaplaceStart, draws: int, tune: int, chains: int, seed: int) -> xr.DataTree:
     compiled = nutpie.compile_pymc_model(twin, initial_points=dict(start.points[0]), jitter_rvs=set())
-    return nutpie.sample(
+    tree: xr.DataTree = nutpie.sample(
         compiled,
         draws=draws,
         tune=tune,
@@ -221,6 +222,7 @@ def _nutpie(twin: pm.Model, start: LaplaceStart, draws: int, tune: int, chains: 
         progress_bar=False,
         save_warmup=False,
     )
+    return tree
 
 
 def _facts(tree: xr.DataTree) -> NutsRun:

@@ -130,7 +130,7 @@ class LogAdmissible(Solve):
         return [pt.zeros_like(inputs[0])]
 
 
-@_vectorize_node.register(Solve)
+@_vectorize_node.register(Solve)  # type: ignore[untyped-decorator]
 def _one_call(op: Solve, node: Apply, *inputs: Variable) -> Sequence[Variable]:
     """All batch dimensions in one call of the engine."""
     cores = [x.type.ndim for x in node.inputs]
@@ -139,7 +139,7 @@ def _one_call(op: Solve, node: Apply, *inputs: Variable) -> Sequence[Variable]:
         cores = [core - 1 for core in cores]
     n_batch = max(x.type.ndim - core for x, core in zip(inputs, cores, strict=True))
     if n_batch <= 1 and all(x.type.ndim - core == n_batch for x, core in zip(inputs, cores, strict=True)):
-        return op.make_node(*inputs).outputs
+        return list(op.make_node(*inputs).outputs)
     padded = [pt.shape_padleft(x, n_batch - (x.type.ndim - core)) for x, core in zip(inputs, cores, strict=True)]
     batch = pt.broadcast_shape(*([x.shape[i] for i in range(n_batch)] for x in padded), arrays_are_shapes=True)
     flat = [pt.broadcast_to(x, (*batch, *x.shape[n_batch:])).reshape((-1, *x.shape[n_batch:])) for x in padded]
@@ -147,7 +147,7 @@ def _one_call(op: Solve, node: Apply, *inputs: Variable) -> Sequence[Variable]:
     return [result.reshape((*batch, *op.core_shape()), ndim=n_batch + len(op.core_shape()))]
 
 
-@register_funcify_and_cache_key(Solve)
+@register_funcify_and_cache_key(Solve)  # type: ignore[untyped-decorator]
 def _compiled(op: Solve, node: Apply, **_: object) -> tuple[Callable[..., np.ndarray], str]:
     """A callback by key, and a cache key that hashes the problem and the code behind it."""
     quantity, key = op.quantity, op.key
@@ -155,19 +155,19 @@ def _compiled(op: Solve, node: Apply, **_: object) -> tuple[Callable[..., np.nda
 
     if len(node.inputs) == 1:
 
-        @numba_njit
+        @numba_njit  # type: ignore[untyped-decorator]
         def solve(values: np.ndarray) -> np.ndarray:
             with numba.objmode(result=result_type):
                 result = solved(quantity, key, (values,))
-            return result
+            return result  # noqa: RET504  (what leaves the block must have a name)
 
     else:
 
-        @numba_njit
+        @numba_njit  # type: ignore[untyped-decorator]
         def solve(values: np.ndarray, cotangents: np.ndarray) -> np.ndarray:
             with numba.objmode(result=result_type):
                 result = solved(quantity, key, (values, cotangents))
-            return result
+            return result  # noqa: RET504
 
     ranks = [x.type.ndim for x in node.inputs]
     words = (code_digest(), type(op).__qualname__, key, str(ranks))

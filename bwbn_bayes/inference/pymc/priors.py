@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pymc as pm
 import pytensor.tensor as pt
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
+from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Normal, Prior, Truncated, Uniform
 
 
 def prior_twin(name: str, priors: Sequence[Prior], dims: str | None = None) -> pt.TensorVariable:
@@ -56,28 +57,30 @@ def _distribution(
 ) -> pt.TensorVariable:
     """A variable where a name is given, an unnamed distribution otherwise."""
 
-    def each(numbers: Sequence[float]) -> object:
-        return np.array(numbers, dtype=np.float64) if vector else float(numbers[0])
+    def each(read: Callable[[Any], float]) -> Floats:
+        # Arrays also where one number would do: PyTensor makes single precision of a Python float that fits into it.
+        numbers = np.array([read(prior) for prior in priors], dtype=np.float64)
+        return numbers if vector else numbers.reshape(())
 
     first = priors[0]
     arguments: dict[str, object]
     if isinstance(first, Uniform):
-        kind = pm.Uniform
-        arguments = {"lower": each([p.support[0] for p in priors]), "upper": each([p.support[1] for p in priors])}
+        kind, arguments = pm.Uniform, {"lower": each(lambda p: p.lower), "upper": each(lambda p: p.upper)}
     elif isinstance(first, Normal):
-        kind = pm.Normal
-        arguments = {"mu": each([p.location for p in priors]), "sigma": each([p.scale for p in priors])}
+        kind, arguments = pm.Normal, {"mu": each(lambda p: p.location), "sigma": each(lambda p: p.scale)}
     elif isinstance(first, HalfNormal):
-        kind, arguments = pm.HalfNormal, {"sigma": each([p.scale for p in priors])}
+        kind, arguments = pm.HalfNormal, {"sigma": each(lambda p: p.scale)}
     elif isinstance(first, LogNormal):
         kind = pm.LogNormal
-        arguments = {"mu": each([np.log(p.median) for p in priors]), "sigma": each([p.log_sd for p in priors])}
+        arguments = {"mu": each(lambda p: np.log(p.median)), "sigma": each(lambda p: p.log_sd)}
     elif isinstance(first, Truncated):
         kind = pm.Truncated
-        ends = [each([p.support[end] for p in priors]) for end in (0, 1)]
-        lower, upper = (end if np.all(np.isfinite(end)) else None for end in ends)
-        parent = _distribution([p.parent for p in priors], vector=vector)
-        arguments = {"dist": parent, "lower": lower, "upper": upper}
+        lower, upper = each(lambda p: p.support[0]), each(lambda p: p.support[1])
+        arguments = {
+            "dist": _distribution([p.parent for p in priors if isinstance(p, Truncated)], vector=vector),
+            "lower": lower if np.all(np.isfinite(lower)) else None,
+            "upper": upper if np.all(np.isfinite(upper)) else None,
+        }
     else:
         raise UserError(
             f"prior {first} has no PyMC twin: use Uniform, Normal, HalfNormal or LogNormal, or give the parameter a "

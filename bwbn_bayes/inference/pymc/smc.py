@@ -28,7 +28,7 @@ from bwbn_bayes.parameters import Booleans, Floats
 
 _LEAST_SWEEPS = 4
 _WANTED_ACCEPTANCE = 0.25
-_DEGREES = 8.0
+_DEGREES = 8
 _WORTH_REPEATING = 0.1
 
 StageListener = Callable[[Mapping[str, float]], None]
@@ -54,6 +54,7 @@ class Batched(IMH):
         Called after every stage.
     """
 
+    beta: float
     stats_dtypes_shapes: ClassVar[dict[str, tuple[type, list[int]]]] = {
         "log_marginal_likelihood": (float, []),
         "beta": (float, []),
@@ -96,7 +97,8 @@ class Batched(IMH):
     def update_beta_and_weights(self) -> None:
         """The next tempering parameter to a relative tolerance, weights and evidence in log space."""
         self.iteration += 1
-        past, variation = self.beta, float(np.sqrt(1.0 / self.threshold - 1.0))
+        past = float(self.beta)
+        variation = float(np.sqrt(1.0 / self.threshold - 1.0))
         self.beta = next_tempering_parameter(self.likelihood_logp, past, variation)
         log_weights = (self.beta - past) * self.likelihood_logp
         self.weights = normalised(log_weights)

@@ -1,0 +1,223 @@
+"""The PyMC model of a structure: the package's own density, coordinates, several records, parts of other models."""
+
+from __future__ import annotations
+
+import arviz as az
+import numpy as np
+import pymc as pm
+import pytest
+import xarray as xr
+from pymc_cases import ENGINE, TRUTH, small_model, small_posterior, small_record
+
+from bwbn_bayes import HalfNormal, LogNormal, Normal, PerStorey, Record, ShearBuilding, Uniform, UserError, to_pymc
+from bwbn_bayes.inference.likelihood import (
+    IntegratedNoise,
+    KnownNoise,
+    Noise,
+    Posterior,
+    SampledNoise,
+    default_noise,
+)
+from bwbn_bayes.inference.pymc.model import complete, draws_of, noise_log_likelihood, observations
+from bwbn_bayes.inference.pymc.priors import prior_twin
+from bwbn_bayes.parameters import Floats, ParameterSpace, Prior
+
+
+def log_density(twin: pm.Model, values: dict[str, float], parts: list[pm.Distribution] | None = None) -> float:
+    """Log density of the model at values in their own units, without the Jacobian of PyMC's transforms."""
+    point = {}
+    for rv in twin.free_RVs:
+        transform, variable = twin.rvs_to_transforms[rv], twin.rvs_to_values[rv]
+        value = np.asarray(values[rv.name])
+        point[variable.name] = value if transform is None else transform.forward(value, *rv.owner.inputs).eval()
+    return float(twin.compile_logp(vars=parts, jacobian=False)(point))
+
+
+NOISES: dict[str, Noise] = {
+    "integrated": default_noise(small_record()),
+    "known": KnownNoise(sd=(0.2,)),
+    "sampled": SampledNoise(channels=("acceleration_1",), priors=(LogNormal(0.2, 0.5),)),
+}
+
+
+@pytest.mark.parametrize("kind", NOISES)
+def test_density_is_the_packages_own(kind: str) -> None:
+    """Prior on an admissible region that cuts the box, and each kind of noise."""
+    model, record = small_model(gamma=Uniform(-40, 20)), small_record()
+    posterior = Posterior(model=model, record=record, engine=ENGINE, noise=NOISES[kind])
+    twin = to_pymc(model, record, noise=NOISES[kind], engine=ENGINE)
+    values = {"k": 41.0, "beta": 29.0, "gamma": -10.0, "delta_eta": 0.5}
+    named = values | ({"noise_sd": np.array([0.3])} if kind == "sampled" else {})
+    flat = [values[name] for name in model.space.names] + ([0.3] if kind == "sampled" else [])
+    point = posterior.space.to_unit(np.array([flat]))
+    prior = sum(float(p.prior.log_density(v)) for p, v in zip(posterior.space.parameters, flat, strict=True))
+    expected = prior - model.space.log_admissible_mass + float(posterior.log_likelihood(point)[0])
+    assert log_density(twin, named) == pytest.approx(expected, rel=1e-10)
+    assert log_density(twin, named | {"gamma": -35.0}) == -np.inf
+
+
+def test_noise_twins_agree_with_the_noise_models() -> None:
+    misfit, n_times = np.array([[3.0, 0.5]]), 400
+    integrated = IntegratedNoise(shape=1.5, scale=(0.2, 0.7))
+    known = KnownNoise(sd=(0.1, 0.4))
+    none = np.zeros((1, 0))
+    for noise in (integrated, known):
+        got = noise_log_likelihood(noise, misfit[0], n_times)
+        assert float(got.eval()) == pytest.approx(noise.log_likelihood(misfit, n_times, none)[0], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "prior",
+    [
+        Uniform(1, 3),
+        Normal(1.0, 2.0),
+        HalfNormal(0.7),
+        LogNormal(2.0, 0.4),
+        Normal(1.0, 2.0).truncated(0.0, np.inf),
+        LogNormal(2.0, 0.4).truncated(1.5, 2.5),
+        HalfNormal(0.7).truncated(-np.inf, 0.9),
+        Uniform(1, 3).truncated(2.0, 8.0),
+    ],
+    ids=str,
+)
+def test_prior_twins_have_the_same_density_and_normalisation(prior: Prior) -> None:
+    with pm.Model() as twin:
+        prior_twin("x", [prior])
+    for share in (0.02, 0.5, 0.93):
+        value = float(prior.quantile(share))
+        assert log_density(twin, {"x": value}) == pytest.approx(float(prior.log_density(value)), rel=1e-9, abs=1e-9)
+
+
+def test_a_vector_of_mixed_priors_is_stacked() -> None:
+    with pm.Model(coords={"storey": [1, 2]}) as twin:
+        prior_twin("k", [Uniform(1, 3), LogNormal(2.0, 0.1)], "storey")
+    assert [rv.name for rv in twin.free_RVs] == ["k_1", "k_2"]
+    assert twin.named_vars_to_dims["k"] == ("storey",)
+
+
+def test_a_prior_without_a_twin_is_told() -> None:
+    class Odd(Prior):
+        def __str__(self) -> str:
+            return "Odd()"
+
+    with pm.Model(), pytest.raises(UserError, match=r"prior Odd\(\) has no PyMC twin"):
+        prior_twin("x", [Odd()])
+
+
+def two_storeys() -> tuple[ShearBuilding, Record]:
+    """A model with a stiffness for each storey, and some record of its floors."""
+    one = small_model()
+    model = ShearBuilding(
+        masses=[1.0, 1.0], storey=one.storey.__class__(**{**one.storey.values, "k": PerStorey(Uniform(20, 60))})
+    )
+    record = small_record()
+    curve = record.channels["acceleration_1"]
+    channels = {"acceleration_1": curve, "acceleration_2": 0.5 * curve}
+    return model, Record(name="two", time_step=record.time_step, excitation=record.excitation, channels=channels)
+
+
+def test_variables_have_names_and_coordinates() -> None:
+    model, record = two_storeys()
+    twin = to_pymc(model, record, engine=ENGINE)
+    assert {rv.name for rv in twin.free_RVs} == {"k", "beta"}
+    assert twin.named_vars_to_dims["k"] == ("storey",)
+    assert twin.named_vars_to_dims["measured"] == ("channel", "time")
+    assert twin.coords["storey"] == (1, 2)
+    assert twin.coords["channel"] == ("acceleration_1", "acceleration_2")
+    np.testing.assert_array_equal(twin.coords["time"], record.times)
+
+
+def test_several_records_share_the_parameters() -> None:
+    records = [small_record(seed=1), small_record(seed=2, duration=5.0)]
+    model = small_model()
+    twin = to_pymc(model, records, engine=ENGINE)
+    point = model.space.to_unit(np.array([list(TRUTH.values())]))
+    likelihoods = [float(small_posterior(record).log_likelihood(point)[0]) for record in records]
+    assert log_density(twin, TRUTH, twin.observed_RVs) == pytest.approx(sum(likelihoods), rel=1e-10)
+    assert list(observations(twin)) == ["measured_1", "measured_2"]
+
+
+def test_it_is_a_part_of_another_model() -> None:
+    """Two buildings, one prior on delta_eta: the density is that of the parts."""
+    records = [small_record(seed=1), small_record(seed=2)]
+    with pm.Model() as whole:
+        typical = pm.HalfNormal("typical", 0.5)
+        for name, record in zip(("north", "south"), records, strict=True):
+            own = pm.LogNormal(f"delta_eta_{name}", pm.math.log(typical), 0.3)
+            to_pymc(small_model(), record, engine=ENGINE, name=name, parameters={"delta_eta": own})
+    free = {rv.name for rv in whole.free_RVs}
+    assert free == {"typical", *(f"{n}::{p}" for n in ("north", "south") for p in ("k", "beta")),
+                    "delta_eta_north", "delta_eta_south"}  # fmt: skip
+    values = {"typical": 0.4, "delta_eta_north": 0.4, "delta_eta_south": 0.4}
+    values |= {f"{name}::{p}": TRUTH[p] for name in ("north", "south") for p in ("k", "beta")}
+    point = small_model().space.to_unit(np.array([list(TRUTH.values())]))
+    expected = sum(float(small_posterior(record).log_likelihood(point)[0]) for record in records)
+    assert log_density(whole, values, whole.observed_RVs) == pytest.approx(expected, rel=1e-10)
+
+
+def test_a_wrong_call_is_told_in_one_sentence() -> None:
+    model, record = small_model(), small_record()
+    with pytest.raises(UserError, match="parameters kk: the model identifies k, beta, delta_eta"):
+        to_pymc(model, record, engine=ENGINE, parameters={"kk": pm.math.constant(1.0)})
+    with pytest.raises(UserError, match="2 noise models for 1 records"):
+        to_pymc(model, record, engine=ENGINE, noise=[default_noise(record)] * 2)
+    with pytest.raises(UserError, match="no record"):
+        to_pymc(model, [], engine=ENGINE)
+
+
+def posterior_tree(space: ParameterSpace, n_draws: int) -> xr.DataTree:
+    """Two chains of draws close to the truth, as PyMC would store them."""
+    rng = np.random.default_rng(1)
+    values: Floats = np.array(list(TRUTH.values())) * (1.0 + 0.002 * rng.standard_normal((2, n_draws, space.n_dim)))
+    columns = {name: (("chain", "draw"), values[..., i]) for i, name in enumerate(space.names)}
+    return xr.DataTree.from_dict({"posterior": xr.Dataset(columns, coords={"chain": [0, 1], "draw": range(n_draws)})})
+
+
+def test_pointwise_log_likelihood_and_predictions() -> None:
+    model, record = small_model(), small_record()
+    twin = to_pymc(model, record, engine=ENGINE)
+    tree = posterior_tree(model.space, 600)
+    full = complete(tree, twin, rng=np.random.default_rng(2), most=400)
+    assert full["posterior"].sizes["draw"] == 200
+    pointwise = full["log_likelihood"]["measured"]
+    assert pointwise.dims == ("chain", "draw", "channel", "time")
+    assert pointwise.shape == (2, 200, 1, record.n_times)
+    loo = az.loo(full)
+    # At the truth each point's density is that of noise of the record's own size; se from the points themselves.
+    sd = float(np.std(record.channels["acceleration_1"] - noise_free(record)))
+    expected = -record.n_times * (np.log(sd) + 0.5 * np.log(2.0 * np.pi) + 0.5)
+    assert abs(float(loo.elpd) - expected) < 4.0 * float(loo.se)
+    replicates = full["posterior_predictive"]["measured"].values
+    spread = float(np.std(replicates - noise_free(record)))
+    assert spread == pytest.approx(sd, rel=0.1)
+
+
+def noise_free(record: Record) -> Floats:
+    """The response at the truth."""
+    model = small_model()
+    return ENGINE.simulate(model, model.draws(TRUTH), record).values[0, 0]
+
+
+def test_values_of_draws_run_chain_after_chain() -> None:
+    model = small_model()
+    twin = to_pymc(model, small_record(), engine=ENGINE)
+    tree = posterior_tree(model.space, 5)
+    got = draws_of(twin, tree, observations(twin)["measured"].values)
+    assert np.array_equal(got[:, 0], tree["posterior"]["k"].values.ravel())
+
+
+@pytest.mark.parametrize("kind", NOISES)
+def test_prior_prediction_has_the_noise_of_the_prior(kind: str) -> None:
+    model, record = small_model(), small_record()
+    twin = to_pymc(model, record, noise=NOISES[kind], engine=ENGINE)
+    tree = pm.sample_prior_predictive(40, model=twin, random_seed=3)
+    draws = draws_of(
+        twin, xr.DataTree.from_dict({"posterior": tree["prior"].dataset}), observations(twin)["measured"].values
+    )
+    response = ENGINE.simulate(model, draws, record).values
+    sd = np.std(tree["prior_predictive"]["measured"].values[0] - response, axis=(1, 2))
+    if kind == "known":
+        np.testing.assert_allclose(sd, 0.2, rtol=4.0 / np.sqrt(2.0 * record.n_times))
+    else:
+        assert np.all(sd > 0.0)
+        assert np.std(np.log(sd)) > 0.2

@@ -1,0 +1,46 @@
+"""A small building, its record and its PyMC twin, shared by the tests of ``inference/pymc``."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from inference_cases import SDOF, climbed, sdof_model
+
+from bwbn_bayes import Record, ShearBuilding, Uniform, simulate
+from bwbn_bayes.elements.effects import StiffnessDegradation, StrengthDegradation
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.inference.modes import Mode
+
+ENGINE = Lanes(substeps=2, n_threads=1)
+TRUTH = {"k": 40.0, "beta": 30.0, "delta_eta": 0.4}
+FREE = {"k": Uniform(20, 60), "beta": Uniform(1, 80), "delta_eta": Uniform(0, 2)}
+
+
+def small_model(**values: object) -> ShearBuilding:
+    """``models/sdof.py`` with k, beta and delta_eta identified, or what else is given."""
+    v = {**SDOF.truth, **FREE, **values}
+    storey = replace(sdof_model().storey, **{name: v[name] for name in ("k", "c", "alpha", "beta", "gamma", "n")})
+    model = ShearBuilding(masses=[1.0], storey=storey)
+    model = model.with_effect(StrengthDegradation(delta_nu=v["delta_nu"]))
+    return model.with_effect(StiffnessDegradation(delta_eta=v["delta_eta"]))
+
+
+@cache
+def small_record(seed: int = 1, duration: float = 8.0, snr_db: float = 20.0) -> Record:
+    """The first seconds of El Centro by the reference engine."""
+    assert SDOF.excitation is not None
+    return simulate(small_model(), SDOF.excitation.until(duration), TRUTH, snr_db=snr_db, seed=seed)
+
+
+def small_posterior(record: Record | None = None) -> Posterior:
+    """The posterior of the small model."""
+    record = record or small_record()
+    return Posterior(model=small_model(), record=record, engine=ENGINE, noise=default_noise(record))
+
+
+def small_mode(posterior: Posterior) -> Mode:
+    """Its optimum next to the truth."""
+    return climbed(posterior, posterior.model.space.to_unit(np.array([list(TRUTH.values())]))[0])

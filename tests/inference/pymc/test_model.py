@@ -85,7 +85,8 @@ def test_prior_twins_have_the_same_density_and_normalisation(prior: Prior) -> No
         prior_twin("x", [prior])
     for share in (0.02, 0.5, 0.93):
         value = float(prior.quantile(share))
-        assert log_density(twin, {"x": value}) == pytest.approx(float(prior.log_density(value)), rel=1e-9, abs=1e-9)
+        # PyMC's truncation itself computes with a constant of single precision.
+        assert log_density(twin, {"x": value}) == pytest.approx(float(prior.log_density(value)), abs=1e-7)
 
 
 def test_a_vector_of_mixed_priors_is_stacked() -> None:

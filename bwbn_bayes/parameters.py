@@ -185,8 +185,7 @@ class HalfNormal(Prior):
 
     @override
     def quantile(self, probability: Floats | float) -> Floats:
-        # From the upper tail, where one half plus a half loses digits.
-        return np.asarray(-self.scale * special.ndtri(0.5 * (1.0 - np.asarray(probability))))
+        return np.asarray(self.scale * np.sqrt(2.0) * special.erfinv(probability))
 
     @override
     def probability(self, value: Floats | float) -> Floats:
@@ -257,7 +256,8 @@ class Truncated(Prior):
     @override
     def quantile(self, probability: Floats | float) -> Floats:
         low, high = self._masses
-        return self.parent.quantile(low + np.asarray(probability) * (high - low))
+        # Rounding may carry a quantile just outside.
+        return np.clip(self.parent.quantile(low + np.asarray(probability) * (high - low)), *self.support)
 
     @override
     def probability(self, value: Floats | float) -> Floats:

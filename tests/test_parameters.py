@@ -66,6 +66,37 @@ def test_density_is_the_slope_of_probability(prior, known):
     np.testing.assert_allclose(np.exp(prior.log_density(values)), slope, rtol=1e-6)
 
 
+SHARES = np.array([1e-300, 1e-20, 1e-9, 1e-3, 0.3, 0.5, 0.9, 1.0 - 1e-9, 1.0 - 2.0**-53])
+STANDARD = np.array([-37.0, -20.0, -8.0, -1.0, -1e-9, 0.0, 1e-9, 0.7, 5.0, 8.0, 30.0])
+EXACT = {"rtol": 1e-12, "atol": 1e-300}
+
+
+def test_the_written_out_normal_is_scipys_far_into_its_tails():
+    prior, known = Normal(2.0, 0.5), stats.norm(2.0, 0.5)
+    values = 2.0 + 0.5 * STANDARD
+    np.testing.assert_allclose(prior.quantile(SHARES), known.ppf(SHARES), **EXACT)
+    np.testing.assert_allclose(prior.probability(values), known.cdf(values), **EXACT)
+    np.testing.assert_allclose(prior.log_density(values), known.logpdf(values), **EXACT)
+
+
+def test_the_written_out_half_normal_is_scipys_far_into_its_tails():
+    prior, known = HalfNormal(0.7), stats.halfnorm(scale=0.7)
+    values = 0.7 * STANDARD
+    np.testing.assert_allclose(prior.probability(values), known.cdf(values), **EXACT)
+    np.testing.assert_allclose(prior.log_density(values), known.logpdf(values), **EXACT)
+    # SciPy's ppf is good in the middle only: 1 + p loses the digits of a small p, and p near 1 is told by its distance.
+    middle = SHARES[3:7]
+    np.testing.assert_allclose(prior.quantile(middle), known.ppf(middle), **EXACT)
+    np.testing.assert_allclose(prior.quantile(SHARES[5:]), known.isf(1.0 - SHARES[5:]), **EXACT)
+    # Near zero the distribution function is a straight line, with a relative error of pi p^2 / 12.
+    np.testing.assert_allclose(prior.quantile(SHARES[:3]), 0.7 * np.sqrt(np.pi / 2.0) * SHARES[:3], **EXACT)
+
+
+def test_the_written_out_priors_end_where_they_should():
+    np.testing.assert_array_equal(Normal(2.0, 0.5).quantile(np.array([0.0, 1.0])), [-np.inf, np.inf])
+    np.testing.assert_array_equal(HalfNormal(0.7).quantile(np.array([0.0, 1.0])), [0.0, np.inf])
+
+
 def test_outside_the_support_there_is_no_density():
     assert np.isneginf(Uniform(0.0, 1.0).log_density(1.5))
     assert np.isneginf(HalfNormal(1.0).log_density(-0.1))
@@ -95,6 +126,23 @@ def test_the_joint_prior_is_normalised_over_what_is_admissible():
     assert np.exp(space.log_admissible_mass) == pytest.approx(0.5, abs=1e-3)
     inside = np.array([[0.9, 0.2], [0.2, 0.9], [1.1, 0.2]])
     np.testing.assert_allclose(space.log_prior_unit(inside), [np.log(2.0), -np.inf, -np.inf], atol=2e-3)
+
+
+def test_the_admissible_mass_does_not_depend_on_further_parameters():
+    """Evidences of a model and of a larger one share the normalisation to the last digit, wherever the columns stand."""
+
+    def admissible(*columns: int) -> Constraint:
+        one, two = columns
+        return Constraint(text="x > y", holds=lambda draws: draws[:, one] > draws[:, two], columns=columns)
+
+    small = space_of(Normal(1.0, 2.0), Uniform(0.0, 3.0), constraints=(admissible(0, 1),))
+    further = (LogNormal(1.0, 2.0), HalfNormal(3.0), Uniform(-5.0, 5.0))
+    after = space_of(Normal(1.0, 2.0), Uniform(0.0, 3.0), *further, constraints=(admissible(0, 1),))
+    between = space_of(Normal(1.0, 2.0), *further, Uniform(0.0, 3.0), constraints=(admissible(0, 4),))
+    assert small.log_admissible_mass == after.log_admissible_mass == between.log_admissible_mass
+    # P(x > y) = integral of the normal's upper tail over the uniform's interval.
+    share, _ = integrate.quad(lambda y: stats.norm.sf(y, 1.0, 2.0) / 3.0, 0.0, 3.0)
+    assert np.exp(small.log_admissible_mass) == pytest.approx(share, abs=1e-3)
 
 
 def test_without_constraints_the_mass_is_one():

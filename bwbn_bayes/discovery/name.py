@@ -140,7 +140,9 @@ class Decision:
         return float(np.hypot(candidate.evidence.log_evidence_se, self.present.log_evidence_se))
 
 
-def decide(present: Evidence, weighed: Sequence[tuple[Hypothesis, Evidence]]) -> Decision:
+def decide(
+    present: Evidence, weighed: Sequence[tuple[Hypothesis, Evidence]], considered: Sequence[Hypothesis]
+) -> Decision:
     """Turn evidences into posterior odds.
 
     Parameters
@@ -148,10 +150,12 @@ def decide(present: Evidence, weighed: Sequence[tuple[Hypothesis, Evidence]]) ->
     present : Evidence
         Of the present model.
     weighed : sequence of (Hypothesis, Evidence)
-        Every hypothesis considered.
+        Hypotheses that were fitted.
+    considered : sequence of Hypothesis
+        All that share the prior, fitted or not.
     """
-    names = {hypothesis.name for hypothesis, _ in weighed}
-    variants = {name: sum(hypothesis.name == name for hypothesis, _ in weighed) for name in names}
+    names = {hypothesis.name for hypothesis in considered}
+    variants = {name: sum(hypothesis.name == name for hypothesis in considered) for name in names}
     candidates = [
         Candidate(
             hypothesis=hypothesis,

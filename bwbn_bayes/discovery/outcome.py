@@ -31,11 +31,14 @@ class Added:
         The round that added it.
     moments : mapping of str to (float, float)
         Posterior mean and standard deviation of the parameters it brought, in the final model.
+    separation : tuple of str
+        For each effect that the record cannot tell it from, the experiment that would.
     """
 
     candidate: Candidate
     decision: Decision
     moments: Mapping[str, tuple[float, float]]
+    separation: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """One entry of ``effects``."""
@@ -47,6 +50,7 @@ class Added:
             "log_bayes_factor": self.candidate.log_bayes_factor,
             "log_bayes_factor_se": evidence.log_evidence_se,
             "equivalent": list(self.decision.equivalent),
+            "separation": list(self.separation),
             "equivalent_storeys": [list(place) for place in self.decision.equivalent_places],
             "parameters": {name: {"mean": mean, "sd": sd} for name, (mean, sd) in self.moments.items()},
         }

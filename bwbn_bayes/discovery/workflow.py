@@ -19,11 +19,13 @@ from bwbn_bayes.discovery.name import THRESHOLD, Candidate, Decision, decide
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, Step, Verdict
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.score import Score, scores
+from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.discovery.unexplained import unexplained
 from bwbn_bayes.discovery.where import Disagreement, disagreement
-from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.elements.law import Effect, StoreyLaw
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.identify import Settings, identify_from
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -150,6 +152,7 @@ def discover(
     before = disagreement(given.posterior, given.best)
     for spot in before.spots[:2]:
         run.say(spot.sentence)
+    _compile_ahead(given, run)
     present, added = _grow(given, run)
     present, added = _prune(present, added, run)
     return _conclude(given, present, added, before, held_out, name, run)
@@ -168,6 +171,17 @@ def _fit_given(model: Structure, record: Record, run: _Run) -> _Present:
     young = distinct(points, local)
     starts = np.array([mode.point for mode in (*modes[:2], *young[:2])])
     return _Present(posterior=posterior, modes=modes, starts=starts)
+
+
+def _compile_ahead(given: _Present, run: _Run) -> None:
+    """Compile, beside the first round, the law of the later ones and the last of the first round's own."""
+
+    def laws(most_carried: float) -> list[StoreyLaw]:
+        return list(dict.fromkeys(h.model.law for h in _hypotheses(given, run, most_carried)))
+
+    first = laws(MOST_CARRIED)
+    later = [law for law in laws(np.inf) if law not in first]
+    precompile([*first[-1:], *later], driven=given.posterior.model.excitation_kind == "displacement")
 
 
 def _grow(present: _Present, run: _Run) -> tuple[_Present, tuple[Added, ...]]:
@@ -191,7 +205,9 @@ def _grow(present: _Present, run: _Run) -> tuple[_Present, tuple[Added, ...]]:
         if chosen is None or decision is None:
             break
         fit = next(fit for fit in fits if fit.hypothesis is chosen.hypothesis)
-        added.append(Added(candidate=chosen, decision=decision, moments={}))
+        added.append(
+            Added(candidate=chosen, decision=decision, moments={}, separation=_separation(fit, fits, decision))
+        )
         present = _Present(
             posterior=present.posterior.with_model(chosen.hypothesis.improved),
             modes=fit.modes,
@@ -200,12 +216,18 @@ def _grow(present: _Present, run: _Run) -> tuple[_Present, tuple[Added, ...]]:
     return present, tuple(added)
 
 
+def _separation(fit: Fit, fits: Sequence[Fit], decision: Decision) -> tuple[str, ...]:
+    """For each effect that the record cannot tell from the one added, the experiment that would."""
+    others = [next(other for other in fits if other.hypothesis.name == name) for name in decision.equivalent]
+    return tuple(separating_experiment(fit, other, fit.hypothesis.scales.period) for other in others)
+
+
 def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | None]:
     """Weigh every effect at every place against the present model."""
     posterior = present.posterior
     single = posterior.with_engine(replace(_lanes(posterior), n_threads=1))
-    scales = scales_of(posterior, present.best)
-    every = hypotheses(posterior.model, scales, measured=tuple(posterior.record.channels), effects=run.settings.effects)
+    # Later models differ from run to run: one law for all of them is compiled once.
+    considered = every = _hypotheses(present, run, np.inf if run.steps else MOST_CARRIED)
     if present.is_noise:
         run.say(f"the residual is noise: scoring {len(every)} hypotheses")
         found = scores(single, every, present.best, n_workers=run.settings.n_workers)
@@ -215,10 +237,20 @@ def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | No
             return (), None
     run.say(f"fitting {len(every)} hypotheses")
     fits = race(single, every, present.starts, n_workers=run.settings.n_workers, progress=run.say)
-    return fits, _weigh(present, fits, run)
+    return fits, _weigh(present, fits, considered, run)
 
 
-def _weigh(present: _Present, fits: Sequence[Fit], run: _Run) -> Decision:
+def _hypotheses(present: _Present, run: _Run, most_carried: float) -> tuple[Hypothesis, ...]:
+    return hypotheses(
+        present.posterior.model,
+        scales_of(present.posterior, present.best),
+        measured=tuple(present.posterior.record.channels),
+        effects=run.settings.effects,
+        most_carried=most_carried,
+    )
+
+
+def _weigh(present: _Present, fits: Sequence[Fit], considered: Sequence[Hypothesis], run: _Run) -> Decision:
     """Laplace for every fit; sampling for the present model and for those close to the best."""
     run.say("weighing the hypotheses")
     evidences = [laplace_evidence(fit) for fit in fits]
@@ -229,7 +261,8 @@ def _weigh(present: _Present, fits: Sequence[Fit], run: _Run) -> Decision:
             threads = replace(_lanes(fit.posterior), n_threads=run.settings.n_workers)
             wide = replace(fit, posterior=fit.posterior.with_engine(threads))
             evidences[i] = sampled_evidence(wide, run.rng, 600)
-    return decide(own, [(fit.hypothesis, evidence) for fit, evidence in zip(fits, evidences, strict=True)])
+    weighed = [(fit.hypothesis, evidence) for fit, evidence in zip(fits, evidences, strict=True)]
+    return decide(own, weighed, considered)
 
 
 def _lanes(posterior: Posterior) -> Lanes:
@@ -303,7 +336,7 @@ def _conclude(
     result = identify_from(
         posterior,
         np.array([mode.point for mode in present.modes[:8]]),
-        settings=Settings(seed=run.settings.seed, particles=run.settings.particles),
+        settings=Settings(seed=run.settings.seed, particles=run.settings.particles, fallback=False),
         name=name,
     )
     moments = {p.name: (p.mean, p.sd) for p in result.facts.parameters}
@@ -360,10 +393,7 @@ def _limits(present: _Present, run: _Run) -> tuple[DetectionLimit, ...]:
     model, scored = run.scored
     if model is not present.posterior.model:
         posterior = present.posterior.with_engine(replace(_lanes(present.posterior), n_threads=1))
-        channels = tuple(posterior.record.channels)
-        every = hypotheses(
-            posterior.model, scales_of(present.posterior, present.best), measured=channels, most_carried=np.inf
-        )
+        every = _hypotheses(present, run, np.inf)
         found = scores(posterior, every, present.best, n_workers=run.settings.n_workers)
         scored = tuple(zip(every, found, strict=True))
     needed = THRESHOLD + float(np.log(max(len(scored), 1)))
@@ -395,12 +425,13 @@ def _sentences(
     verdict: Verdict, added: tuple[Added, ...], share: float, before: Disagreement, gap: Gap
 ) -> tuple[str, ...]:
     labels = ", then ".join(one.candidate.hypothesis.label for one in added)
+    meaning = f": {added[0].candidate.hypothesis.effect.summary}" if len(added) == 1 else ""
     shrunk = (
         f"The error of fit falls from {100 * gap.before.nrmse:.1f} % to {100 * gap.after.nrmse:.1f} % of the signal; "
         f"the noise is {100 * gap.noise_floor:.1f} %."
     )
     first = {
-        "effects_found": f"The model lacks {labels}.",
+        "effects_found": f"The model lacks {labels}{meaning}.",
         "partly_explained": f"{labels} contributes, but {100 * share:.0f} % of the disagreement stays unexplained.",
         "no_missing_effect": "The model as given explains the record: what it leaves is noise.",
         "unexplained": "Model and record disagree, and no catalogued effect explains it.",

@@ -31,10 +31,7 @@ def load_kernel(kind: str, source: str) -> ModuleType:
         Numba source. The file is named by a hash of it, of the processor and of the versions of Python, numba and
         llvmlite: changed source is another file, and a second process reuses the first one's.
     """
-    features = llvmlite.binding.get_host_cpu_name() + llvmlite.binding.get_host_cpu_features().flatten()
-    shaped_by = (source, features, numba.__version__, llvmlite.__version__, platform.python_version())
-    key = hashlib.sha256("\n".join(shaped_by).encode()).hexdigest()[:20]
-    path = cache_directory() / f"{kind}_{key}.py"
+    path = kernel_path(kind, source)
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = path.with_suffix(f".{os.getpid()}.{threading.get_ident()}.tmp")
@@ -48,6 +45,14 @@ def load_kernel(kind: str, source: str) -> ModuleType:
     sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
+
+
+def kernel_path(kind: str, source: str) -> Path:
+    """Where the module of generated source is kept."""
+    features = llvmlite.binding.get_host_cpu_name() + llvmlite.binding.get_host_cpu_features().flatten()
+    shaped_by = (source, features, numba.__version__, llvmlite.__version__, platform.python_version())
+    key = hashlib.sha256("\n".join(shaped_by).encode()).hexdigest()[:20]
+    return cache_directory() / f"{kind}_{key}.py"
 
 
 def remembered[Made](kind: str, key: str, make: Callable[[], Made]) -> Made:

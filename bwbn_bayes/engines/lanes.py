@@ -29,7 +29,7 @@ from bwbn_bayes.engines.base import (
     masses,
     measured_matrix,
 )
-from bwbn_bayes.engines.kernel_cache import load_kernel
+from bwbn_bayes.engines.kernel_cache import kernel_path, load_kernel
 from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_source
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.scalar import programs_of
@@ -325,3 +325,39 @@ def _make_kernel(law: StoreyLaw, driven: bool) -> tuple[ModuleType, LaneLayout]:
 
 
 _MAKING = threading.Lock()
+
+
+def is_compiled(law: StoreyLaw, driven: bool) -> bool:
+    """Whether the cache holds the law's kernel, or another process has begun to compile it."""
+    safe, programs = programs_of(law)
+    return kernel_path("lanes", lane_source(safe, programs, driven=driven)).exists()
+
+
+def compile_law(law: StoreyLaw, driven: bool) -> None:
+    """Compile a law's kernel into the cache, by a run of two samples at rest."""
+    kernel, place = _kernel_of(law, driven)
+    none, nowhere = np.zeros(1), np.zeros(1, dtype=np.int64)
+    starts = np.array([0, 1], dtype=np.int64)
+    kernel.run(
+        1,
+        0,
+        1.0,
+        np.zeros(2),
+        np.zeros(3 * place.block * LANES),
+        none,
+        nowhere,
+        _SHARES,
+        _WEIGHTS,
+        1,
+        0.0,
+        starts,
+        nowhere + 1,
+        nowhere,
+        none,
+        none,
+        np.zeros((1, 2)),
+        np.zeros(LANES),
+        none,
+        False,
+        none,
+    )

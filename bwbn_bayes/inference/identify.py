@@ -18,6 +18,7 @@ from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme
+from bwbn_bayes.inference.adaptive import adapt
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
     Mixture,
@@ -52,6 +53,10 @@ INFLATION = 4.0
 _PILOT = 800
 _LEAST_EFFICIENCY = 0.5
 _PILOT_LIMIT = 0.5
+_FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
+"""Where TMCMC takes over, it runs with this fraction of the draws asked for: each costs it some hundred solves."""
+_LEAST_SHARE = 0.5
+"""Share of the effective draws asked for below which the proposal is fitted to the draws."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,6 +75,8 @@ class Settings:
         Effective draws wanted (importance) or particles (TMCMC).
     variant : {"default", "plain"}
         TMCMC as calibrated, or as published; SMC with the batched kernel, or with PyMC's own.
+    fallback : bool
+        Whether TMCMC takes over where importance sampling fails its check; if not, its draws stand, the check failed.
     sampler : {"pymc", "nutpie"}
         Whose NUTS.
     """
@@ -79,6 +86,7 @@ class Settings:
     seed: int = 1
     particles: int = 5000
     variant: Literal["default", "plain"] = "default"
+    fallback: bool = True
     sampler: Literal["pymc", "nutpie"] = "pymc"
 
 
@@ -219,11 +227,12 @@ def _sampled(
         weighted = _importance(posterior, modes, rng, settings.particles, history)
         roads["importance"] = (weighted.log_evidence, weighted.log_evidence_se)
         checks += (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
-        if weighted.pareto_k <= PARETO_LIMIT:
+        if weighted.pareto_k <= PARETO_LIMIT or not settings.fallback:
             draws = Draws.of_weighted(weighted, rng, settings.particles)
         else:
             history.say("the proposal does not cover the posterior: falling back to TMCMC")
             method = "tmcmc"
+            settings = replace(settings, particles=max(_FEWEST_PARTICLES, settings.particles // _FALLBACK_SHARE))
     if method in ("smc", "nuts"):
         # Imported here: PyMC takes seconds to load, which the other roads need not pay.
         from bwbn_bayes.inference.pymc.roads import sample_road
@@ -324,7 +333,7 @@ def _tell_window(history: _History, posterior: Posterior, facts: WindowFacts) ->
 def _importance(
     posterior: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator, effective: int, history: _History
 ) -> WeightedDraws:
-    """Importance sampling; where the Gaussian at the mode covers badly, along the ridge."""
+    """Importance sampling: from the modes, along the ridge where they cover badly, from a fitted mixture after that."""
     proposal: Proposal = laplace_mixture(modes)
     pilot = sample_importance(posterior, proposal, rng, effective=_PILOT, most=_PILOT)
     if pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT:
@@ -348,7 +357,11 @@ def _importance(
             ),
         )
 
-    return sample_importance(posterior, proposal, rng, effective=effective, progress=tell)
+    weighted = sample_importance(posterior, proposal, rng, effective=effective, progress=tell)
+    if weighted.pareto_k <= PARETO_LIMIT and weighted.effective_sample_size > _LEAST_SHARE * effective:
+        return weighted
+    history.say("fitting the proposal to the draws")
+    return sample_importance(posterior, adapt(posterior, proposal, rng), rng, effective=effective, progress=tell)
 
 
 def _with_ridge(laplace: Proposal, ridge: RidgeProposal) -> Mixture:

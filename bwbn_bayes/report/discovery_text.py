@@ -36,6 +36,7 @@ def _effect(added: Added) -> list[str]:
     lines = [f"effect: {hypothesis.name}{form}, {where}, log Bayes factor {factor}"]
     if added.decision.equivalent:
         lines.append(f"    cannot be told from {', '.join(added.decision.equivalent)}")
+        lines += [f"    {sentence}" for sentence in added.separation]
     units = {p.name: p.unit for p in hypothesis.model.space.parameters}
     for name, (mean, sd) in added.moments.items():
         texts = (text.replace(MINUS, "-") for text in with_uncertainty((mean, sd), sd))

@@ -1,13 +1,22 @@
 """Whiteness under noise and under a known colour; the checks at the truth, at a wrong fit and for a wrong model."""
 
 import numpy as np
+import pytest
 from inference_cases import SDOF, climbed, posterior_of, recorded, sdof_model, true_point
-from scipy import signal, stats
+from scipy import optimize, signal, stats
 
 from bwbn_bayes import Record
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.residuals import LARGEST_RATIO, LEAST_PROBABILITY, residual_checks, whiteness_probability
+from bwbn_bayes.inference.residuals import (
+    LARGEST_RATIO,
+    LEAST_PROBABILITY,
+    coloured_noise,
+    is_noise,
+    residual_checks,
+    whiteness_probability,
+)
+from bwbn_bayes.parameters import Floats
 
 
 def test_whiteness_is_uniform_under_white_noise() -> None:
@@ -75,3 +84,72 @@ def test_a_noise_free_record_passes_at_its_truth(record: Record) -> None:
     level, white = residual_checks(clean, point)
     assert level.value == 0.0
     assert white.value == 1.0
+
+
+def autoregression(rng: np.random.Generator, coefficients: tuple[float, ...], n: int = 1500) -> Floats:
+    """A stationary stretch of autoregressive noise."""
+    return np.asarray(signal.lfilter([1.0], [1.0, *(-c for c in coefficients)], rng.standard_normal(n + 500))[500:])
+
+
+@pytest.mark.parametrize("coefficients", [(), (0.5,), (0.95,), (-0.4,), (0.6, -0.3)], ids=str)
+def test_stationary_noise_is_noise(coefficients: tuple[float, ...]) -> None:
+    """At the limit of 1e-5 for either test three hundred draws fail once in a hundred runs; three failures are allowed."""
+    rng = np.random.default_rng(3)
+    passed = [is_noise(0.01 * autoregression(rng, coefficients)) for _ in range(300)]
+    assert np.mean(passed) >= 0.99
+
+
+def test_what_comes_and_goes_with_the_motion_is_not_noise() -> None:
+    """A coloured residual under an envelope as large as the noise, and a sine of the noise's size."""
+    rng = np.random.default_rng(4)
+    t = np.arange(1500) * 0.02
+    envelope = np.exp(-(((t - 10.0) / 3.0) ** 2))
+    for _ in range(20):
+        assert not is_noise(rng.standard_normal(1500) * (1.0 + 2.0 * envelope))
+        assert not is_noise(rng.standard_normal(1500) + np.sin(2.0 * np.pi * 1.3 * t))
+
+
+def test_innovations_are_what_the_past_does_not_tell() -> None:
+    rng = np.random.default_rng(5)
+    driven = rng.standard_normal(5000)
+    residual = np.asarray(signal.lfilter([1.0], [1.0, -0.8], driven))
+    fitted = coloured_noise(residual)
+    # The estimate of the coefficient has a standard error of sqrt((1 - 0.64) / 5000).
+    assert abs(fitted.coefficients[0] - 0.8) < 4.0 * np.sqrt(0.36 / 5000) + 0.02 * (len(fitted.coefficients) - 1)
+    innovations = fitted.innovations(residual)
+    assert np.corrcoef(innovations, driven[len(fitted.coefficients) :])[0, 1] > 0.999
+
+
+def exact_gain(residual: Floats) -> float:
+    """Log ratio of the largest exact likelihoods of stationary AR(1) and of white noise."""
+    n = len(residual)
+    centred = residual - np.mean(residual)
+
+    def minus_log_likelihood(rho: float) -> float:
+        squares = (1.0 - rho**2) * centred[0] ** 2 + np.sum((centred[1:] - rho * centred[:-1]) ** 2)
+        return float(0.5 * n * np.log(squares / n) - 0.5 * np.log(1.0 - rho**2))
+
+    best = optimize.minimize_scalar(minus_log_likelihood, bounds=(-0.999, 0.999), method="bounded")
+    return minus_log_likelihood(0.0) - float(best.fun)
+
+
+@pytest.mark.parametrize("rho", [0.15, 0.5, 0.9])
+def test_the_gain_is_the_exact_likelihood_ratio_less_the_price_of_the_coefficients(rho: float) -> None:
+    rng = np.random.default_rng(6)
+    n = 1500
+    for _ in range(20):
+        residual = 2.0 * autoregression(rng, (rho,), n)
+        exact = exact_gain(residual) - 0.5 * np.log(n)
+        # A higher order is chosen only where it gains more than it costs: seldom, and little.
+        assert abs(coloured_noise(residual).gain - exact) < 4.0
+
+
+def test_white_noise_and_silence_gain_nothing() -> None:
+    rng = np.random.default_rng(7)
+    gains = [coloured_noise(rng.standard_normal(1500)).gain for _ in range(200)]
+    # A coefficient is worth its price, ln(n) / 2, with the probability that chi-square exceeds ln(n).
+    assert np.mean(np.array(gains) > 0.0) < 4.0 * stats.chi2.sf(np.log(1500), 1)
+    assert max(gains) < 6.0
+    silent = coloured_noise(np.zeros(100))
+    assert silent.gain == 0.0
+    assert len(silent.coefficients) == 0

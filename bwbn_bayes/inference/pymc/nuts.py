@@ -11,7 +11,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -146,7 +146,6 @@ def sample_nuts(
     tune: int = 500,
     chains: int = 2,
     seed: int,
-    progress: Callable[[int], None] | None = None,
 ) -> NutsRun:
     """Sample with PyMC's own NUTS under the Laplace metric, or with nutpie, which adapts its metric from there.
 
@@ -164,13 +163,11 @@ def sample_nuts(
         Draws kept and warm-up draws of each chain, number of chains.
     seed : int
         The run is a function of it.
-    progress : callable, optional
-        Called with the number of draws made so far (PyMC only).
     """
     if sampler == "nutpie":
         tree = _nutpie(twin, start, draws, tune, chains, seed)
     else:
-        tree = _pymc(twin, start, draws, tune, chains, seed, progress)
+        tree = _pymc(twin, start, draws, tune, chains, seed)
     return _facts(tree)
 
 
@@ -181,16 +178,7 @@ def _pymc(
     tune: int,
     chains: int,
     seed: int,
-    progress: Callable[[int], None] | None,
 ) -> xr.DataTree:
-    made = 0
-
-    def count(*_: object) -> None:
-        nonlocal made
-        made += 1
-        if progress is not None and made % 100 == 0:
-            progress(made)
-
     with twin, quiet():
         step = pm.NUTS(potential=QuadPotentialFull(start.covariance), target_accept=0.9)
         tree: xr.DataTree = pm.sample(
@@ -204,7 +192,6 @@ def _pymc(
             progressbar=False,
             compute_convergence_checks=False,
             nuts_sampler="pymc",
-            callback=count,
         )
     return tree
 

@@ -21,14 +21,14 @@ import xarray as xr
 from pymc.pytensorf import join_nonshared_inputs, make_shared_replacements
 from pymc.smc.kernels import IMH
 from pytensor.graph.replace import vectorize_graph
-from scipy import stats
 
+from bwbn_bayes.inference.tmcmc.mixture import fit_mixture
 from bwbn_bayes.inference.tmcmc.tempering import log_mean, next_tempering_parameter, normalised
 from bwbn_bayes.parameters import Booleans, Floats
 
 _LEAST_SWEEPS = 4
 _WANTED_ACCEPTANCE = 0.25
-_DEGREES = 8
+_INFLATION = 1.2
 _WORTH_REPEATING = 0.1
 
 StageListener = Callable[[Mapping[str, float]], None]
@@ -38,9 +38,9 @@ StageListener = Callable[[Mapping[str, float]], None]
 class Batched(IMH):
     """Batched kernel for ``pm.sample_smc``.
 
-    Each stage mixes sweeps of independence proposals (a Student-t fitted to the cloud), as long as they are accepted,
-    and of random-walk proposals (the cloud's covariance, one scale for all that finds its acceptance rate), until every
-    coordinate's correlation with its start is below ``correlation_threshold``.
+    Each stage mixes sweeps of independence proposals (a Gaussian mixture fitted to the cloud), as long as they are
+    accepted, and of random-walk proposals (the cloud's covariance, one scale for all that finds its acceptance rate),
+    until the log likelihood and every coordinate have lost their correlation with the start.
 
     Parameters
     ----------
@@ -106,36 +106,41 @@ class Batched(IMH):
 
     def tune(self) -> None:
         """Fit the proposals to the cloud."""
-        mean, covariance = np.mean(self.tempered_posterior, axis=0), np.atleast_2d(np.cov(self.tempered_posterior.T))
+        covariance = np.atleast_2d(np.cov(self.tempered_posterior.T))
         # Few distinct particles leave the matrix singular; a share of its own diagonal mends that at any scale.
         covariance = covariance + 1e-6 * np.diag(np.diag(covariance))
-        self.proposal_dist = stats.multivariate_t(mean, covariance, df=_DEGREES)
+        distinct = len(np.unique(self.resampling_indexes))
+        equal = np.full(self.draws, 1.0 / self.draws)
+        self.mixture = fit_mixture(self.tempered_posterior, equal, float(distinct)).inflated(_INFLATION)
         self.factor = np.linalg.cholesky(covariance)
 
     def mutate(self) -> None:
-        """Sweep until every coordinate has lost its correlation with the start."""
-        start = self.tempered_posterior.copy()
+        """Sweep until log likelihood and coordinates have lost their correlation with the start."""
+        start = self._watched()
         accepted: list[float] = []
         pause, until_next = 1, 0
         while len(accepted) < self.most_sweeps:
             if until_next == 0:
                 accepted.append(float(np.mean(self._independent())))
-                # Where the fitted Student-t hardly meets the density, its sweeps are solves lost.
+                # Where the fitted mixture hardly meets the density, its sweeps are solves lost.
                 pause = 1 if accepted[-1] > _WORTH_REPEATING else min(2 * pause, 16)
                 until_next = pause
             else:
                 accepted.append(float(np.mean(self._walk())))
                 until_next -= 1
-            left = _largest_correlation(start, self.tempered_posterior)
+            left = _largest_correlation(start, self._watched())
             if len(accepted) >= _LEAST_SWEEPS and left < self.correlation_threshold:
                 break
         self.n_steps = len(accepted)
         self.acc_rate = float(np.mean(accepted))
 
+    def _watched(self) -> Floats:
+        return np.column_stack([self.tempered_posterior, self.likelihood_logp])
+
     def _independent(self) -> Booleans:
-        proposal = np.reshape(self.proposal_dist.rvs(self.draws, random_state=self.rng), self.tempered_posterior.shape)
-        back, forth = self.proposal_dist.logpdf(self.tempered_posterior), self.proposal_dist.logpdf(proposal)
-        return self._accept(proposal, back - forth)
+        proposal = self.mixture.sample(self.rng, self.draws)
+        correction = self.mixture.log_density(self.tempered_posterior) - self.mixture.log_density(proposal)
+        return self._accept(proposal, correction)
 
     def _walk(self) -> Booleans:
         step = self.rng.standard_normal(self.tempered_posterior.shape) @ self.factor.T

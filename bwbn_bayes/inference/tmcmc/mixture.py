@@ -5,6 +5,7 @@ It lives in the unbounded coordinates of :mod:`bwbn_bayes.inference.tmcmc.coordi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.linalg import solve_triangular
 
 from bwbn_bayes.inference.tmcmc.target import Floats, Integers
 
-_SIZES = (1, 2, 4)
+SIZES = (1, 2, 4)
 _ITERATIONS = 10
 _RIDGE = 1e-9
 
@@ -55,8 +56,10 @@ class GaussianMixture(NamedTuple):
         return self._replace(factors=self.factors * factor, inverses=self.inverses / factor)
 
 
-def fit_mixture(points: Floats, weights: Floats, effective_size: float) -> GaussianMixture:
-    """Fit mixtures of one, two and four Gaussians, as long as each improves the Bayesian information criterion.
+def fit_mixture(
+    points: Floats, weights: Floats, effective_size: float, sizes: Sequence[int] = SIZES
+) -> GaussianMixture:
+    """Fit mixtures of one, two and four Gaussians (or other ``sizes``), as long as each improves the Bayesian information criterion.
 
     The states of chains are correlated, so the criterion counts effective draws. Judging by held-out states instead
     let related chains on both sides vote for ever more components, and the sampler then fed on its own overfit.
@@ -69,6 +72,8 @@ def fit_mixture(points: Floats, weights: Floats, effective_size: float) -> Gauss
         Their weights, summing to one.
     effective_size : float
         Number of independent draws that they are worth.
+    sizes : sequence of int
+        Numbers of components, increasing from one.
 
     Returns
     -------
@@ -77,7 +82,7 @@ def fit_mixture(points: Floats, weights: Floats, effective_size: float) -> Gauss
     """
     n_dim = points.shape[1]
     best, best_score = fit_gaussian(points, weights), -np.inf
-    for size in _SIZES:
+    for size in sizes:
         fit = best if size == 1 else _expectation_maximisation(points, weights, size)
         n_coefficients = len(fit.weights) * (1 + n_dim + n_dim * (n_dim + 1) // 2)
         score = float(weights @ fit.log_density(points)) - information_penalty(n_coefficients, effective_size)

@@ -1,0 +1,61 @@
+"""Which experiment would tell effects apart that this record cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from bwbn_bayes.discovery.race import Fit
+from bwbn_bayes.inference.residuals import noise_floor
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+
+STRENGTHS = (0.3, 1.5, 2.0)
+N_CYCLES = 12
+
+
+def separating_experiment(first: Fit, second: Fit, period: float) -> str:
+    """The experiment under which two fits predict most differently, in a sentence.
+
+    Parameters
+    ----------
+    first, second : Fit
+        Hypotheses that explain the record about equally well.
+    period : float
+        First period of the structure. [s]
+    """
+    record = first.posterior.record
+    noise = np.array([noise_floor(signal) for signal in record.channels.values()])[:, None]
+    names = first.hypothesis.name, second.hypothesis.name
+    best, ratio = "", 0.0
+    for description, experiment in _experiments(record, period).items():
+        difference = (_predict(first, experiment) - _predict(second, experiment)) / noise
+        size = float(np.sqrt(np.mean(np.square(difference))))
+        if np.isfinite(size) and size > ratio:
+            best, ratio = description, size
+    if not best:
+        return f"No experiment tried would tell {names[0]} from {names[1]}."
+    return f"{best} would tell {names[0]} from {names[1]}: predictions lie {ratio:.1f} times the noise apart."
+
+
+def _experiments(record: Record, period: float) -> Mapping[str, Record]:
+    """The same ground motion weaker and stronger, and a sine at the first period that grows to its peak."""
+    scaled = {
+        f"The same ground motion at {strength:g} times its strength": replace(
+            record, excitation=strength * record.excitation
+        )
+        for strength in STRENGTHS
+    }
+    time = record.times
+    growth = np.minimum(time / (N_CYCLES * period), 1.0)
+    peak = 0.5 * float(np.max(np.abs(record.excitation)))
+    sine = replace(record, excitation=peak * growth * np.sin(2.0 * np.pi * time / period))
+    return {**scaled, f"A sine at the first period of {period:.2f} s that grows to {peak:.2g} m/s^2": sine}
+
+
+def _predict(fit: Fit, record: Record) -> Floats:
+    values, _ = fit.posterior.split(fit.modes[0].point[None])
+    response: Floats = fit.posterior.engine.simulate(fit.posterior.model, values, record).values[0]
+    return response

@@ -1,0 +1,31 @@
+"""The tutorial's blocks run in order and find what the page says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+PAGE = Path(__file__).parents[2] / "docs" / "pymc.md"
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # arviz on the few draws of a page that runs in seconds
+def test_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for block in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+        exec(compile(block, PAGE.name, "exec"), names)
+    truth = names["truth"]
+    assert isinstance(truth, dict)
+    for tree in (names["tree"], names["heavy"], names["run"].tree):  # type: ignore[attr-defined]
+        assert isinstance(tree, xr.DataTree)
+        for name, value in truth.items():
+            draws = tree["posterior"][name].values
+            assert abs(draws.mean() - value) < 4.0 * draws.std(), name
+    assert (tmp_path / "smc.nc").is_file()
+    record = names["record"]
+    noise = record.noise_sd if hasattr(record, "noise_sd") else None
+    assert noise is None or np.isfinite(float(names["inside"]))  # type: ignore[arg-type]

@@ -51,7 +51,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-EngineName = Literal["lanes", "cvodes", "reference", "scalar"]
+EngineName = Literal["lanes", "cvodes", "reference", "scalar", "sunode"]
 ModelArgument = Annotated[Path, typer.Argument(help="Python file that defines `model`.", show_default=False)]
 OutOption = Annotated[Path, typer.Option("--out", help="Directory to write to.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="The run is a function of it.")]

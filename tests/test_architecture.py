@@ -16,7 +16,7 @@ ORDER = (
 )  # fmt: skip
 """From the top of the house to the bottom: a module may import its own room and those below."""
 
-GUARDED = {"pymc": "inference/pymc", "pytensor": "inference/pymc"}
+GUARDED = {"pymc": "inference/pymc", "pytensor": "inference/pymc", "nutpie": "inference/pymc", "sunode": "engines"}
 """Libraries that one room alone may import."""
 
 

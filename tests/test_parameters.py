@@ -129,7 +129,7 @@ def test_the_joint_prior_is_normalised_over_what_is_admissible():
 
 
 def test_the_admissible_mass_does_not_depend_on_further_parameters():
-    """Evidences of a model and of a larger one share the normalisation to the last digit, wherever the columns stand."""
+    """A model and a larger one share the normalisation to the last digit, wherever the columns stand."""
 
     def admissible(*columns: int) -> Constraint:
         one, two = columns

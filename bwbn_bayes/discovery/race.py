@@ -11,17 +11,23 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, polish
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 
 ROUNDS = ((4, 1.0), (6, 0.5), (25, 0.2))
 """Iterations of each round, and the share of the hypotheses that enter it."""
 _LEAST = 8
 """Hypotheses that enter every round, if there are as many."""
+_GUESSED_FROM = slice(None, None, 2)
+"""Fits of the present model from which guesses start: the best of the whole record and the best of its beginning."""
+_REFITS = 3
+_NEAR = 1e-3
+"""Distance from neutral of the starts there, in prior probability."""
 _REACH = 50.0
 """Candidates further below the best of their family do not keep it waiting. [nat]"""
 _BLOCK = 16
@@ -68,6 +74,7 @@ def race(
     base_points: Floats,
     *,
     n_workers: int,
+    guess: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Fit, ...]:
     """Fit hypotheses, best first.
@@ -82,6 +89,8 @@ def race(
         Fits of the present model, in its unit cube: to the whole record and to its beginning.
     n_workers : int
         Hypotheses fitted at once.
+    guess : bool
+        Whether fits start from guessed sizes too; where the residual is noise, the scores' own steps are enough.
     progress : callable, optional
         Told the best hypothesis after each round.
     """
@@ -94,9 +103,10 @@ def race(
             last = number == len(ROUNDS) - 1
 
             def further(family: Family, n: int = n_iterations, end: bool = last) -> list[Fit]:
-                points = [
-                    fits[member].points if member in fits else member.starts(base_points) for member in family.members
-                ]
+                if all(member in fits for member in family.members):
+                    points = [fits[member].points for member in family.members]
+                else:
+                    points = _starts(present, family, base_points, guess=guess)
                 return _fit_family(present, family, points, n, end)
 
             for found in pool.map(further, families(kept)):
@@ -107,26 +117,53 @@ def race(
     return tuple(sorted(fits.values(), key=lambda fit: -fit.log_likelihood))
 
 
+def _starts(present: Posterior, family: Family, base_points: Floats, *, guess: bool) -> list[Floats]:
+    """Where a family's fits start: neutral over what vanishes there, since the first step is the score's, and guesses."""
+    neutral = [member.neutral_points(base_points[0], member.amplitudes[0], _NEAR) for member in family.members]
+    if not guess:
+        return neutral
+    pairs = zip(_guesses(present, family, base_points), neutral, strict=True)
+    return [np.concatenate(pair) for pair in pairs]
+
+
+def _guesses(present: Posterior, family: Family, base_points: Floats) -> list[Floats]:
+    """For each member the best of its grid.
+
+    A guess of the effect stands beside a fit of the rest that does without it, and looks worse than it is: before the
+    grid is judged, the rest is refitted to each guess.
+    """
+    view = family.posterior(present)
+    grids = [member.starts(base_points[_GUESSED_FROM]) for member in family.members]
+    points, held, owner = _together(family, grids)
+    brought = {name for member in family.members for name in member.brought}
+    columns = [name in brought for name in family.model.space.names]
+    points, local = polish(view, points, n_iterations=_REFITS, held=held | np.array(columns), reach=_REACH)
+    result = []
+    for number, member in enumerate(family.members):
+        rows = np.flatnonzero(owner == number)
+        n_best = max(_BLOCK // len(family.members) - 1, len(rows) // 4)
+        best = rows[np.argsort(-local.log_likelihood[rows], kind="stable")[:n_best]]
+        result.append(points[best][:, family.columns(member)])
+    return result
+
+
+def _together(family: Family, points: Sequence[Floats]) -> tuple[Floats, Booleans, NDArray[np.int64]]:
+    """The members' points among the family's coordinates, which of those are held, and whose each point is."""
+    embedded = [family.embed(member, own) for member, own in zip(family.members, points, strict=True)]
+    chosen, held = (np.concatenate(part) for part in zip(*embedded, strict=True))
+    return chosen, held, np.repeat(np.arange(len(points)), [len(own) for own in points])
+
+
 def _fit_family(
     present: Posterior, family: Family, points: Sequence[Floats], n_iterations: int, finished: bool
 ) -> list[Fit]:
-    """Fit the members of a family together, each from the best of its starts."""
+    """Fit the members of a family together, each from its own points."""
     view = family.posterior(present)
-    chosen, held, owner = [], [], []
-    for number, (member, own) in enumerate(zip(family.members, points, strict=True)):
-        embedded, fixed = family.embed(member, own)
-        value = view.log_likelihood(embedded)
-        n_starts = max(_BLOCK // len(family.members), len(own) // 4)
-        best = np.argsort(-value, kind="stable")[:n_starts]
-        chosen.append(embedded[best])
-        held.append(fixed[best])
-        owner += [number] * len(best)
-    found, local = polish(
-        view, np.concatenate(chosen), n_iterations=n_iterations, held=np.concatenate(held), reach=_REACH
-    )
+    chosen, held, owner = _together(family, points)
+    found, local = polish(view, chosen, n_iterations=n_iterations, held=held, reach=_REACH)
     result = []
     for number, member in enumerate(family.members):
-        rows = np.flatnonzero(np.array(owner) == number)
+        rows = np.flatnonzero(owner == number)
         result.append(
             Fit(
                 hypothesis=member,

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import noise_floor, residual_of
@@ -22,7 +23,8 @@ N_WINDOWS = 24
 N_PLANE = 12
 """Bins of drift and of drift rate."""
 NOTEWORTHY = 1.3
-"""Residual to noise from which a window is worth a sentence."""
+"""Residual to noise from which a window is worth a sentence, if noise alone seldom reaches it anywhere."""
+_CHANCE = 0.01
 _LEAST_CONCENTRATION = 1.3
 
 
@@ -108,7 +110,7 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
         by_storey=by_storey,
         by_state=_plane(force, rows),
         by_condition=by_condition,
-        spots=_spots(channels, edges, by_window, by_storey, by_condition),
+        spots=_spots(channels, edges, by_window, by_storey, by_condition, record.n_times // N_WINDOWS),
     )
 
 
@@ -182,16 +184,22 @@ def _bins(history: Floats) -> NDArray[np.int64]:
 
 
 def _spots(
-    channels: tuple[str, ...], edges: Floats, by_window: Floats, by_storey: Floats, by_condition: Mapping[str, Floats]
+    channels: tuple[str, ...],
+    edges: Floats,
+    by_window: Floats,
+    by_storey: Floats,
+    by_condition: Mapping[str, Floats],
+    n_samples: int,
 ) -> tuple[Spot, ...]:
     """Runs of windows above the noise: of storey forces where they are measured, of channels elsewhere."""
     forces = [(f"acceleration_{i + 1}", f"storey {i + 1}", i, row) for i, row in enumerate(by_storey)]
     rows = [entry for entry in forces if np.all(np.isfinite(entry[3]))]
     rows = rows or [(name, _place(name), 0, row) for name, row in zip(channels, by_window, strict=True)]
     largest = max(float(np.max(ratios)) for *_, ratios in rows)
+    chance = float(np.sqrt(chi2.isf(_CHANCE / (len(rows) * N_WINDOWS), n_samples) / n_samples))
     spots = []
     for channel, place, storey, ratios in rows:
-        for first, last in _runs(ratios > max(NOTEWORTHY, 0.4 * largest)):
+        for first, last in _runs(ratios > max(NOTEWORTHY, chance, 0.4 * largest)):
             ratio = float(np.sqrt(np.mean(np.square(ratios[first:last]))))
             start, end = float(edges[first]), float(edges[last])
             words = _words(by_condition, storey)

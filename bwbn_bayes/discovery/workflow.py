@@ -30,7 +30,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.identify import Settings, identify_from
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish
-from bwbn_bayes.inference.residuals import is_noise, residual_of
+from bwbn_bayes.inference.residuals import is_noise, is_quiet, residual_of
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
@@ -88,6 +88,12 @@ class _Present:
     def is_noise(self) -> bool:
         """Whether what it leaves could be noise."""
         return all(is_noise(rest) for rest in residual_of(self.posterior, self.best))
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether nothing of note is left, so that a score tells what a hypothesis could gain."""
+        signals = self.posterior.record.channels.values()
+        return all(map(is_quiet, residual_of(self.posterior, self.best), signals))
 
 
 @dataclass
@@ -228,7 +234,8 @@ def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | No
     single = posterior.with_engine(replace(_lanes(posterior), n_threads=1))
     # Later models differ from run to run: one law for all of them is compiled once.
     considered = every = _hypotheses(present, run, np.inf if run.steps else MOST_CARRIED)
-    if present.is_noise:
+    quiet = present.is_quiet
+    if quiet:
         run.say(f"the residual is noise: scoring {len(every)} hypotheses")
         found = scores(single, every, present.best, n_workers=run.settings.n_workers)
         run.scored = (posterior.model, tuple(zip(every, found, strict=True)))
@@ -236,7 +243,7 @@ def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | No
         if not every:
             return (), None
     run.say(f"fitting {len(every)} hypotheses")
-    fits = race(single, every, present.starts, n_workers=run.settings.n_workers, progress=run.say)
+    fits = race(single, every, present.starts, n_workers=run.settings.n_workers, guess=not quiet, progress=run.say)
     return fits, _weigh(present, fits, considered, run)
 
 

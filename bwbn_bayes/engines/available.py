@@ -9,9 +9,10 @@ from bwbn_bayes.engines.cvodes import Cvodes, load_library
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
+from bwbn_bayes.engines.sunode import Sunode, load_sunode
 from bwbn_bayes.errors import UserError
 
-NAMES = ("lanes", "cvodes", "reference", "scalar")
+NAMES = ("lanes", "cvodes", "reference", "scalar", "sunode")
 """Every engine, the default first."""
 
 _SUMMARIES = {
@@ -19,6 +20,7 @@ _SUMMARIES = {
     "cvodes": "SUNDIALS CVODES with a compiled right-hand side and sensitivities under error control",
     "reference": "SciPy at tight tolerances: makes synthetic records and judges the others",
     "scalar": "the scheme of lanes, one draw at a time: for comparison",
+    "sunode": "SUNDIALS CVODES by way of sunode (conda-forge), with adjoint gradients",
 }
 
 
@@ -64,6 +66,9 @@ def engine(name: str, n_threads: int | None = None) -> Engine:
         return Lanes() if n_threads is None else Lanes(n_threads=n_threads)
     if name == "scalar":
         return ScalarRk4(n_threads=n_threads or 1)
+    if name == "sunode":
+        load_sunode()
+        return Sunode()
     load_library()
     return Cvodes(n_threads=n_threads or 1)
 

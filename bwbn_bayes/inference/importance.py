@@ -179,21 +179,27 @@ def effective_draws(log_ratio: Floats) -> float:
     return float(np.exp(2.0 * logsumexp(log_ratio) - logsumexp(2.0 * log_ratio)))
 
 
+def pareto_smoothed(log_ratio: Floats) -> tuple[Floats, float]:
+    """Normalised log weights ``(n,)`` whose tail is smoothed, and the shape of that tail."""
+    finite = np.isfinite(log_ratio)
+    # ArviZ expects the log likelihood of a left-out point, that is minus the log weight.
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        smoothed, shape = arviz_base.array_stats.psislw(-log_ratio[finite])
+    log_weights = np.full(len(log_ratio), -np.inf)
+    log_weights[finite] = smoothed - logsumexp(smoothed)
+    return log_weights, float(shape)
+
+
 def _summarise(points: Floats, log_likelihood: Floats, log_ratio: Floats) -> WeightedDraws:
     n = len(log_ratio)
     log_evidence = float(logsumexp(log_ratio) - np.log(n))
     relative = np.exp(log_ratio - log_evidence)
-    finite = np.isfinite(log_ratio)
-    # ArviZ expects the log likelihood of a left-out point, that is minus the log weight.
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        smoothed, pareto_k = arviz_base.array_stats.psislw(-log_ratio[finite])
-    log_weights = np.full(n, -np.inf)
-    log_weights[finite] = smoothed - logsumexp(smoothed)
+    log_weights, pareto_k = pareto_smoothed(log_ratio)
     return WeightedDraws(
         points=points,
         log_likelihood=log_likelihood,
         log_weights=log_weights,
         log_evidence=log_evidence,
         log_evidence_se=float(np.std(relative) / np.sqrt(n)),
-        pareto_k=float(pareto_k),
+        pareto_k=pareto_k,
     )

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.stats import chi2, levene
+from scipy.signal import lfilter
+from scipy.stats import chi2, f, levene
 
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
@@ -18,6 +19,7 @@ MAX_ORDER = 4
 N_STRETCHES = 12
 LEAST_PROBABILITY = 1e-5
 LARGEST_RATIO = 1.25
+QUIET_PROBABILITY, QUIET_RATIO = 1e-3, 1.15
 
 
 def whiteness_probability(residual: Floats) -> float:
@@ -46,6 +48,15 @@ class ColouredNoise(NamedTuple):
     """``(order,)``; none where white noise is the better account."""
     gain: float
     """Log evidence over white noise. [nat]"""
+
+    @property
+    def correlation_samples(self) -> float:
+        """Samples over which magnitudes are correlated: the sum of the squared autocorrelations over all lags."""
+        impulse = np.zeros(1024)
+        impulse[0] = 1.0
+        response = lfilter([1.0], np.concatenate([[1.0], -self.coefficients]), impulse)
+        covariance = np.correlate(response, response, mode="full")
+        return float(np.sum(np.square(covariance / np.max(covariance))))
 
     def innovations(self, residual: Floats) -> Floats:
         """What of a residual ``(n_times,)`` its past does not tell, ``(n_times - order,)``."""
@@ -81,13 +92,32 @@ def coloured_noise(residual: Floats) -> ColouredNoise:
 def is_noise(residual: Floats) -> bool:
     """Whether a residual ``(n_times,)`` could be stationary noise, white or autoregressive.
 
-    Its innovations must be white (Ljung and Box) and equally strong throughout (Levene's test over twelve stretches):
-    what a model lacks comes and goes with the motion.
+    Its innovations must be white (Ljung and Box), and they and the residual itself equally strong throughout (Levene's
+    test over twelve stretches): what a model lacks comes and goes with the motion.
     """
-    innovations = coloured_noise(residual).innovations(residual)
-    stretches = np.array_split(innovations, N_STRETCHES)
-    steady = float(levene(*stretches, center="mean").pvalue)
+    noise = coloured_noise(residual)
+    innovations = noise.innovations(residual)
+    steady = min(_steadiness(innovations), _steadiness(residual, noise.correlation_samples))
     return min(whiteness_probability(innovations), steady) > LEAST_PROBABILITY
+
+
+def is_quiet(residual: Floats, signal: Floats) -> bool:
+    """Whether a residual ``(n_times,)`` of a channel is white, steady and no louder than its model-free noise level.
+
+    Stricter than :func:`is_noise`: nothing of note is left, and first-order scores can be believed.
+    """
+    ratio = float(np.std(residual)) / noise_floor(signal)
+    return ratio < QUIET_RATIO and min(whiteness_probability(residual), _steadiness(residual)) > QUIET_PROBABILITY
+
+
+def _steadiness(residual: Floats, correlation_samples: float = 1.0) -> float:
+    """Probability of stretches as unequal in strength if the residual were equally strong throughout.
+
+    So many successive magnitudes count as one.
+    """
+    statistic = float(levene(*np.array_split(residual, N_STRETCHES), center="mean").statistic)
+    n_counted = len(residual) / correlation_samples
+    return float(f.sf(statistic / correlation_samples, N_STRETCHES - 1, max(n_counted - N_STRETCHES, 1.0)))
 
 
 def residual_of(posterior: Posterior, point: Floats) -> Floats:
@@ -95,7 +125,7 @@ def residual_of(posterior: Posterior, point: Floats) -> Floats:
     values, _ = posterior.split(point[None])
     posterior.solves.total += 1
     response = posterior.engine.simulate(posterior.model, values, posterior.record).values[0]
-    return np.stack(list(posterior.record.channels.values())) - response
+    return np.asarray(np.stack(list(posterior.record.channels.values())) - response)
 
 
 def noise_floor(signal: Floats) -> float:

@@ -79,12 +79,13 @@ def place_in_words(level: str, storeys: tuple[int, ...]) -> str:
 
 
 def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:
-    """What each added effect is, in a sentence."""
-    return tuple(
-        f"{one.candidate.hypothesis.label}: {one.candidate.hypothesis.effect.summary} "
-        f"({one.candidate.hypothesis.effect.source})."
-        for one in added
-    )
+    """What each added effect is, and which experiment would tell it from its equivalents, in sentences."""
+    notes: list[str] = []
+    for one in added:
+        hypothesis = one.candidate.hypothesis
+        notes.append(f"{hypothesis.label}: {hypothesis.effect.summary} ({hypothesis.effect.source}).")
+        notes += one.separation
+    return tuple(notes)
 
 
 def new_parameters_table(content: DiscoveryContent) -> Table:

@@ -106,7 +106,7 @@ def test_prior_odds_run_over_what_was_considered_not_over_what_was_fitted() -> N
 
 
 def test_an_effect_collects_its_forms_and_places() -> None:
-    """Two places of equal evidence: together ln 2 more than each, so that the effect is named though the place is not."""
+    """Two places of nearly equal evidence share one name: the effect is named, the place is not."""
     made = decision((hypothesis(CUBIC, 1), evidence(20.0)), (hypothesis(CUBIC, 2), evidence(19.0)))
     assert made.by_name["cubic_stiffness"] == pytest.approx(np.logaddexp(20.0, 19.0) - np.log(2.0))
     assert made.leader is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
+from bwbn_bayes.engines.sunode import Sunode
 from bwbn_bayes.parameters import Floats, PerStorey, Uniform, Value
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -29,7 +31,9 @@ ENGINES: dict[str, Engine] = {
     "scalar": ScalarRk4(substeps=16),
     "reference": Reference(),
 }
-"""Each engine at settings whose error is below :data:`CONVERGED`."""
+if find_spec("sunode") is not None:
+    ENGINES["sunode"] = Sunode(rtol=1e-10, atol=1e-12)
+"""Each engine at settings whose error is below :data:`CONVERGED`; sunode where it is installed."""
 
 CONVERGED = 1e-5
 TIME_STEP = 0.02

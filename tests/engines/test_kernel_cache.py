@@ -9,7 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from bwbn_bayes.engines.kernel_cache import load_kernel
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.engines.kernel_cache import load_kernel, remembered
+from bwbn_bayes.engines.lanes import is_compiled
+from bwbn_bayes.engines.precompile import precompile
+from bwbn_bayes.structures.shear_building import ShearBuilding
 
 _USE = """
 import numpy as np
@@ -45,3 +49,68 @@ def test_changed_source_is_another_file(tmp_path: Path, monkeypatch: pytest.Monk
     one, two = (load_kernel("probe", f"def answer():\n    return {value}\n") for value in (1, 2))
     assert (one.answer(), two.answer()) == (1, 2)
     assert len(list(tmp_path.glob("probe_*.py"))) == 2
+
+
+def test_what_was_made_is_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Made once under a key, anew under another key or kind; nothing half-written is left behind."""
+    monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path / "new"))
+    made: list[str] = []
+
+    def make(word: str) -> dict[str, int]:
+        made.append(word)
+        return {word: len(made)}
+
+    assert remembered("probe", "key", lambda: make("first")) == {"first": 1}
+    assert remembered("probe", "key", lambda: make("never")) == {"first": 1}
+    assert remembered("probe", "another key", lambda: make("second")) == {"second": 2}
+    assert remembered("other", "key", lambda: make("third")) == {"third": 3}
+    assert made == ["first", "second", "third"]
+    assert len(list((tmp_path / "new").iterdir())) == 3
+    assert all(path.suffix == ".pickle" for path in (tmp_path / "new").iterdir())
+
+
+def test_what_cannot_be_made_is_not_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path))
+
+    def fail() -> int:
+        raise ArithmeticError
+
+    with pytest.raises(ArithmeticError):
+        remembered("probe", "key", fail)
+    assert remembered("probe", "key", lambda: 4) == 4
+
+
+_SOLVE = """
+import numpy as np
+from bwbn_bayes import BoucWen, ShearBuilding, Uniform, el_centro
+from bwbn_bayes.engines import lanes
+
+model = ShearBuilding(masses=[1.0], storey=BoucWen(k=Uniform(5, 60), beta=1.0, gamma=1.0))
+ground = el_centro("chopra", duration=2.0)
+record = ground.with_channels({"acceleration_1": np.array(ground.excitation)})
+engine = lanes.Lanes(substeps=2, resolution=0.5, n_threads=1)
+draws = np.full((3, 1), 20.0)
+engine.simulate(model, draws, record)
+engine.misfit(model, draws, record)
+engine.normal_equations(model, draws, record)
+kernel, _ = lanes._kernel_of(model.law, False)
+print(sum(kernel.run.stats.cache_hits.values()), sum(kernel.run.stats.cache_misses.values()))
+"""
+
+
+def test_a_law_compiled_ahead_needs_no_compiling(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another process compiles; a third finds the kernel under the very types that every kind of solve asks for."""
+    monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path))
+    law = ShearBuilding(masses=[1.0], storey=BoucWen(k=10.0, beta=1.0, gamma=1.0)).law
+    assert not is_compiled(law, False)
+    compiling = precompile([law, law], driven=False)
+    assert compiling is not None
+    compiling.join(timeout=300)
+    assert not compiling.is_alive()
+    assert is_compiled(law, False)
+    assert not is_compiled(law, True)
+    assert precompile([law], driven=False) is None
+    environment = {**os.environ, "BWBN_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", _SOLVE], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["1", "0"]
+    assert not list(tmp_path.glob("*.tmp"))

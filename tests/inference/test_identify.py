@@ -8,7 +8,7 @@ import pytest
 from inference_cases import climbed, posterior_of, recorded, sdof_model, true_point, with_free_a
 
 from bwbn_bayes import BoucWen, Record, Result, Settings, ShearBuilding, UserError, identify
-from bwbn_bayes.inference.identify import METHODS
+from bwbn_bayes.inference.identify import METHODS, identify_from
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.parameters import Floats
@@ -179,6 +179,18 @@ def test_tmcmc_agrees_with_importance(result: Result) -> None:
     assert any("from the prior" in text for text in told)
 
 
+def test_from_known_optima_the_same_posterior(result: Result, posterior: Posterior, mode: Mode) -> None:
+    """No search: from the optimum next to the truth, and from a worse point beside it that polishing takes there."""
+    beside = np.clip(mode.point + 0.01, 1e-3, 1.0 - 1e-3)
+    settings = Settings(seed=5, particles=2000)
+    known = identify_from(posterior, np.stack([mode.point, beside]), settings=settings, name="sdof")
+    require_agreement(known, result)
+    assert known.facts.method == "importance"
+    assert [check.name for check in known.facts.checks] == [check.name for check in result.facts.checks]
+    assert all(check.passed for check in known.facts.checks)
+    assert not np.any(np.isin(known.tree["posterior"]["k"], result.tree["posterior"]["k"]))
+
+
 def test_a_missing_effect_is_not_silent(slip_record: Record) -> None:
     """The record slips, the model does not."""
     facts = identify(sdof_model(), slip_record, settings=Settings(particles=400)).facts
@@ -199,8 +211,8 @@ def test_a_redundant_scale_is_said_and_sampled(record: Record) -> None:
     assert "residual" not in " ".join(check.sentence for check in facts.checks if not check.passed)
 
 
-def test_methods_are_two() -> None:
-    assert METHODS == ("importance", "tmcmc")
+def test_methods_are_four() -> None:
+    assert METHODS == ("importance", "tmcmc", "smc", "nuts")
 
 
 def test_nothing_to_identify_is_a_user_error(record: Record) -> None:

@@ -93,7 +93,7 @@ def autoregression(rng: np.random.Generator, coefficients: tuple[float, ...], n:
 
 @pytest.mark.parametrize("coefficients", [(), (0.5,), (0.95,), (-0.4,), (0.6, -0.3)], ids=str)
 def test_stationary_noise_is_noise(coefficients: tuple[float, ...]) -> None:
-    """At the limit of 1e-5 for either test three hundred draws fail once in a hundred runs; three failures are allowed."""
+    """Each of three tests fails one draw in 1e5; successive magnitudes at 0.95 are correlated over 20 samples."""
     rng = np.random.default_rng(3)
     passed = [is_noise(0.01 * autoregression(rng, coefficients)) for _ in range(300)]
     assert np.mean(passed) >= 0.99
@@ -140,8 +140,11 @@ def test_the_gain_is_the_exact_likelihood_ratio_less_the_price_of_the_coefficien
     for _ in range(20):
         residual = 2.0 * autoregression(rng, (rho,), n)
         exact = exact_gain(residual) - 0.5 * np.log(n)
-        # A higher order is chosen only where it gains more than it costs: seldom, and little.
-        assert abs(coloured_noise(residual).gain - exact) < 4.0
+        # A higher order is chosen only where it gains more than it costs: seldom, and little. Yule and Walker's
+        # equations take silence before and after for measured: a cost of the order of the first and last values squared
+        # over the innovations' variance.
+        ends = 0.5 * (residual[0] ** 2 + residual[-1] ** 2) * rho**2 / 4.0
+        assert -3.0 - ends < coloured_noise(residual).gain - exact < 4.0
 
 
 def test_white_noise_and_silence_gain_nothing() -> None:

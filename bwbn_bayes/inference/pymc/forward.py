@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from bwbn_bayes.engines.base import Engine, check_record, masses
+from bwbn_bayes.engines.sunode import Sunode
 from bwbn_bayes.inference.likelihood import SolveCount
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
@@ -84,9 +85,10 @@ class ForwardProblem:
 
     def response_pullback(self, values: Floats, cotangents: Floats) -> Floats:
         """Products ``(n_draws, n_parameters)`` of cotangents and exact tangents; zero where the solve failed."""
+        if isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint":
+            return self._counted_slopes(self.solver.adjoint_pullback(self.model, values, self.record, cotangents))
         _, slopes = self.solver.sensitivities(self.model, values, self.record)
-        products = np.einsum("npct,nct->np", slopes, cotangents)
-        return self._counted_slopes(products)
+        return self._counted_slopes(np.einsum("npct,nct->np", slopes, cotangents))
 
     def squared_residuals(self, values: Floats) -> Floats:
         """Sums over time ``(n_draws, n_channels)``; infinite where the solve failed."""
@@ -96,6 +98,9 @@ class ForwardProblem:
 
     def squared_residuals_pullback(self, values: Floats, cotangents: Floats) -> Floats:
         """Products ``(n_draws, n_parameters)`` of cotangents and the sums' exact derivatives; zero where failed."""
+        if isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint":
+            residual = self.measured - self.solver.simulate(self.model, values, self.record).values
+            return self.response_pullback(values, -2.0 * cotangents[:, :, None] * residual)
         gradient = self.solver.normal_equations(self.model, values, self.record).gradient
         return self._counted_slopes(-2.0 * np.einsum("nc,ncp->np", cotangents, gradient))
 

@@ -24,7 +24,7 @@ DIVERGENT_LIMIT = 0.01
 """Share of divergent trajectories above which NUTS is called unfit."""
 SPREAD_LIMIT = 1.0
 """Largest difference between the log evidences of two chains. [nat]"""
-_TUNE = 500
+_TUNE = 300
 
 Say = Callable[[str, StageFacts | None], None]
 

@@ -22,13 +22,13 @@ from pymc.pytensorf import join_nonshared_inputs, make_shared_replacements
 from pymc.smc.kernels import IMH
 from pytensor.graph.replace import vectorize_graph
 
-from bwbn_bayes.inference.tmcmc.mixture import fit_mixture
+from bwbn_bayes.inference.tmcmc.mixture import GaussianMixture, fit_mixture
 from bwbn_bayes.inference.tmcmc.tempering import log_mean, next_tempering_parameter, normalised
 from bwbn_bayes.parameters import Booleans, Floats
 
 _LEAST_SWEEPS = 4
 _WANTED_ACCEPTANCE = 0.25
-_INFLATION = 1.2
+_DEGREES = 8.0
 _WORTH_REPEATING = 0.1
 
 StageListener = Callable[[Mapping[str, float]], None]
@@ -38,7 +38,7 @@ StageListener = Callable[[Mapping[str, float]], None]
 class Batched(IMH):
     """Batched kernel for ``pm.sample_smc``.
 
-    Each stage mixes sweeps of independence proposals (a Gaussian mixture fitted to the cloud), as long as they are
+    Each stage mixes sweeps of independence proposals (a Student-t mixture fitted to the cloud), as long as they are
     accepted, and of random-walk proposals (the cloud's covariance, one scale for all that finds its acceptance rate),
     until the log likelihood and every coordinate have lost their correlation with the start.
 
@@ -67,7 +67,7 @@ class Batched(IMH):
     def __init__(
         self,
         *args: Any,
-        correlation_threshold: float = 0.2,
+        correlation_threshold: float = 0.1,
         most_sweeps: int = 100,
         listener: StageListener | None = None,
         **kwargs: Any,
@@ -111,7 +111,7 @@ class Batched(IMH):
         covariance = covariance + 1e-6 * np.diag(np.diag(covariance))
         distinct = len(np.unique(self.resampling_indexes))
         equal = np.full(self.draws, 1.0 / self.draws)
-        self.mixture = fit_mixture(self.tempered_posterior, equal, float(distinct)).inflated(_INFLATION)
+        self.mixture = fit_mixture(self.tempered_posterior, equal, float(distinct))
         self.factor = np.linalg.cholesky(covariance)
 
     def mutate(self) -> None:
@@ -138,9 +138,9 @@ class Batched(IMH):
         return np.column_stack([self.tempered_posterior, self.likelihood_logp])
 
     def _independent(self) -> Booleans:
-        proposal = self.mixture.sample(self.rng, self.draws)
-        correction = self.mixture.log_density(self.tempered_posterior) - self.mixture.log_density(proposal)
-        return self._accept(proposal, correction)
+        proposal = _student_sample(self.mixture, self.rng, self.draws)
+        back, forth = (_student_log_density(self.mixture, x) for x in (self.tempered_posterior, proposal))
+        return self._accept(proposal, back - forth)
 
     def _walk(self) -> Booleans:
         step = self.rng.standard_normal(self.tempered_posterior.shape) @ self.factor.T
@@ -186,6 +186,24 @@ def _batched_density(model: pm.Model, compile_kwargs: Mapping[str, Any]) -> Call
     function = pm.compile([points], batched, **{**compile_kwargs, "on_unused_input": "ignore"})
     function.trust_input = True
     return function  # type: ignore[no-any-return]
+
+
+def _student_sample(mixture: GaussianMixture, rng: np.random.Generator, n: int) -> Floats:
+    """Draws ``(n, d)`` of the mixture with Student-t components; light tails would leave far particles behind."""
+    labels = mixture.labels(rng, n)
+    noise = rng.standard_normal((n, mixture.means.shape[1])) / np.sqrt(rng.chisquare(_DEGREES, (n, 1)) / _DEGREES)
+    return np.asarray(mixture.means[labels] + np.einsum("nij,nj->ni", mixture.factors[labels], noise))
+
+
+def _student_log_density(mixture: GaussianMixture, points: Floats) -> Floats:
+    """Its log density ``(n,)`` but for a constant."""
+    end = 0.5 * (_DEGREES + points.shape[1])
+    parts = []
+    for weight, mean, inverse in zip(mixture.weights, mixture.means, mixture.inverses, strict=True):
+        radius = np.sum(np.square((points - mean) @ inverse.T), axis=1)
+        log_scale = np.log(weight) + np.sum(np.log(np.diag(inverse)))
+        parts.append(log_scale - end * np.log1p(radius / _DEGREES))
+    return np.asarray(np.logaddexp.reduce(parts, axis=0))
 
 
 def _largest_correlation(start: Floats, now: Floats) -> float:

@@ -72,7 +72,7 @@ def roads(posterior: Posterior, mode: Mode, draws: int) -> tuple[dict[str, Momen
 
 def test_the_samplers_agree_with_each_other_and_with_the_truth() -> None:
     posterior = small_posterior()
-    found, evidences = roads(posterior, small_mode(posterior), 400)
+    found, evidences = roads(posterior, small_mode(posterior), 300)
     require_agreement(found, np.array(list(TRUTH.values())))
     exact, _ = evidences["importance"]
     assert all(abs(value - exact) < 4.0 * se + 0.2 for value, se in evidences.values()), evidences
@@ -94,7 +94,7 @@ def test_identify_by_pymc(method: str, tmp_path: object) -> None:
     result = identify(
         posterior.model,
         posterior.record,
-        settings=Settings(method=method, particles=300, seed=2),  # type: ignore[arg-type]
+        settings=Settings(method=method, particles=200, seed=2),  # type: ignore[arg-type]
     )
     assert result.facts.method == method
     assert all(abs(z) < 4.0 for p in result.facts.parameters if (z := p.z_score) is not None)

@@ -1,0 +1,191 @@
+"""Hypotheses: every effect wherever it may act, nothing that is there already, starts that can be solved."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses, scales_of
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorGain, SlipLock, StoreyParameter
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.engines.available import engine
+from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.parameters import HalfNormal, Normal, PerStorey, Uniform
+from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
+
+STOREY = BoucWen(
+    k=PerStorey(Uniform(5, 60)), c=Uniform(0.01, 1), alpha=Uniform(0.01, 0.5), beta=Uniform(0.5, 8), gamma=1.0, n=1.5
+)
+BASE = ShearBuilding(masses=[1.0, 1.0], storey=STOREY)
+SCALES = Scales(
+    drift=0.2, drift_rate=1.0, hysteretic_displacement=0.15, energy=8.0, force=4.0, stiffness=25.0, damping=0.1,
+    alpha=0.05, beta=2.0, gamma=1.0, n=1.5, mass=1.0, floor_rate=1.5, acceleration=1.0, ground_acceleration=1.0,
+    period=1.3, onset=1.0, duration=20.0, time_step=0.02,
+)  # fmt: skip
+CHANNELS = ("acceleration_1", "acceleration_2")
+EVERY = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS)
+POINT = np.full(BASE.space.n_dim, 0.4)
+
+
+def places(every: tuple[Hypothesis, ...]) -> dict[str, set[tuple[int, ...]]]:
+    found: dict[str, set[tuple[int, ...]]] = {}
+    for hypothesis in every:
+        found.setdefault(hypothesis.name, set()).add(hypothesis.storeys)
+    return found
+
+
+def test_places_follow_the_level() -> None:
+    """Storeys and floors one by one; the ground, the base and the building once."""
+    found = places(EVERY)
+    levels = {effect.name: effect.level for effect in registered()}
+    assert found.keys() == levels.keys()
+    for name, where in found.items():
+        expected = {(1,), (2,)} if levels[name] in ("link", "node", "observation") else {()}
+        assert where == expected, name
+
+
+def test_a_sensor_that_does_not_exist_cannot_be_wrong() -> None:
+    found = places(hypotheses(BASE, [SCALES, SCALES], measured=("acceleration_2", "drift_1")))
+    assert found["sensor_gain"] == found["sensor_bias"] == found["sensor_lag"] == {(2,)}
+    assert found["cubic_stiffness"] == {(1,), (2,)}
+
+
+def test_a_specimen_has_storey_effects_only() -> None:
+    specimen = Specimen(storey=BoucWen(k=Uniform(5, 60), beta=2.0, gamma=1.0))
+    every = hypotheses(specimen, [SCALES], measured=("force",))
+    assert {h.effect.level for h in every} == {"link"}
+    assert {h.storeys for h in every} == {(1,)}
+
+
+def test_nothing_that_is_there_already() -> None:
+    """Slip at storey 2 leaves storey 1; a damper everywhere leaves nothing."""
+    base = BASE.with_effect(SlipLock(delta_s=HalfNormal(0.01), sigma=0.01), storeys=[2])
+    base = base.with_effect(QuadraticDamping(c2=HalfNormal(0.1)))
+    found = places(hypotheses(base, [SCALES, SCALES], measured=CHANNELS))
+    assert found["slip_lock"] == {(1,)}
+    assert "quadratic_damping" not in found
+    assert found["cubic_stiffness"] == {(1,), (2,)}
+
+
+def test_another_form_may_join_one_that_is_there() -> None:
+    base = BASE.with_effect(StoreyParameter(parameter="alpha", offset=Normal(0.0, 0.1)), storeys=[1])
+    forms = {(h.effect.form, h.storeys) for h in hypotheses(base, [SCALES, SCALES], measured=CHANNELS)
+             if h.name == "storey_parameter"}  # fmt: skip
+    assert ("alpha", (1,)) not in forms
+    assert {("alpha", (2,)), ("beta", (1,)), ("beta", (2,))} <= forms
+
+
+def test_a_storey_with_a_parameter_of_its_own_needs_no_offset() -> None:
+    own = replace(BASE, storey=replace(STOREY, alpha=PerStorey(Uniform(0.01, 0.5)), n=PerStorey([1.0, 2.0])))
+    every = hypotheses(own, [SCALES, SCALES], measured=CHANNELS, effects=[StoreyParameter])
+    assert {h.effect.form for h in every} == {"beta", "gamma"}
+    every = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS, effects=[StoreyParameter])
+    assert {h.effect.form for h in every} == {"alpha", "beta", "gamma", "n"}
+
+
+@pytest.mark.parametrize("hypothesis", [h for h in EVERY if h.storeys in ((), (2,))], ids=lambda h: h.label)
+def test_starts_are_admissible_and_keep_the_base_point(hypothesis: Hypothesis) -> None:
+    """Every point lies inside the cube and has prior density; what the present model identifies stays as it was."""
+    space = hypothesis.model.space
+    base_points = np.stack([POINT, POINT + 0.1])
+    starts = hypothesis.starts(base_points)
+    assert len(starts) > 0
+    assert np.all((starts > 0.0) & (starts < 1.0))
+    assert np.all(np.isfinite(space.log_prior_unit(starts)))
+    known = [space.names.index(name) for name in BASE.space.names]
+    for start in starts[:, known]:
+        assert np.min(np.max(np.abs(start - base_points), axis=1)) < 1e-9
+    assert len(np.unique(starts.round(9), axis=0)) == len(starts)
+    assert hypothesis.n_brought == space.n_dim - BASE.space.n_dim > 0
+    assert set(hypothesis.amplitudes) <= set(hypothesis.brought)
+
+
+def test_starts_are_every_combination() -> None:
+    """Two widths of slip times three, from two base points."""
+    slip = next(h for h in EVERY if h.name == "slip_lock" and h.storeys == (1,))
+    assert len(slip.starts(np.stack([POINT, POINT + 0.1]))) == 2 * 2 * 3
+
+
+def test_neutral_points_differ_from_neutral_by_little() -> None:
+    """Slip at storey 2: the amplitude a thousandth of the prior above zero, three widths, the base point as it is."""
+    slip = next(h for h in EVERY if h.name == "slip_lock" and h.storeys == (2,))
+    (amplitude,) = slip.amplitudes
+    assert amplitude == "delta_s[2]"
+    points = slip.neutral_points(POINT, amplitude, 1e-3)
+    space = slip.model.space
+    assert len(points) == 3
+    np.testing.assert_allclose(points[:, space.names.index(amplitude)], 1e-3)
+    widths = space.from_unit(points)[:, space.names.index("sigma[2]")]
+    np.testing.assert_allclose(widths, slip.effect.start_grid(SCALES)["sigma"])
+    np.testing.assert_allclose(
+        points[:, [space.names.index(name) for name in BASE.space.names]], POINT[None].repeat(3, 0)
+    )
+
+
+def test_groups_share_a_law() -> None:
+    """Compiling is what takes long: many hypotheses, few laws, and no law with more than nine further parameters."""
+    bare = len(BASE.law.parameters)
+    laws = Counter(h.model.law for h in EVERY)
+    alone = {h.improved.law for h in EVERY}
+    assert len(laws) < 0.6 * len(alone)
+    for law in laws:
+        assert len(law.parameters) - bare <= MOST_CARRIED
+    sensors = [h for h in EVERY if h.effect.level == "observation"]
+    assert sensors
+    assert {h.model.law for h in sensors} == {BASE.law}
+
+
+def test_one_law_for_all_where_asked() -> None:
+    every = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS, most_carried=np.inf)
+    assert len({h.model.law for h in every if h.effect.level != "observation"}) == 1
+
+
+def test_what_a_law_carries_brings_no_coordinate() -> None:
+    for hypothesis in EVERY:
+        assert hypothesis.model.space.names == hypothesis.improved.space.names, hypothesis.label
+
+
+def test_labels_say_effect_form_and_place() -> None:
+    labels = {h.label for h in EVERY}
+    assert {"cubic_stiffness, storey 2", "storey_parameter (alpha), storey 1", "sensor_gain, floor 2"} <= labels
+    assert "input_scale" in labels
+
+
+def test_scales_are_what_the_response_reaches() -> None:
+    """Against the reference engine's own response; the period against the closed form of two equal storeys."""
+    record = el_centro("chopra", duration=8.0)
+    one = replace(BASE, storey=replace(STOREY, k=Uniform(20, 60)))
+    point = np.full(one.space.n_dim, 0.5)
+    reference = engine("reference")
+    values = one.space.from_unit(point[None])
+    names = ("acceleration_2", "drift_1", "drift_2")
+    rows = dict(zip(names, reference.simulate(one, values, record, names).values[0], strict=True))
+    measured = record.with_channels({"acceleration_2": rows["acceleration_2"]})
+    posterior = Posterior(model=one, record=measured, engine=reference, noise=default_noise(measured))
+    first, second = scales_of(posterior, point)
+    assert first.drift == pytest.approx(np.max(np.abs(rows["drift_1"])), rel=1e-6)
+    assert second.drift == pytest.approx(np.max(np.abs(rows["drift_2"])), rel=1e-6)
+    assert second.acceleration == pytest.approx(np.std(rows["acceleration_2"]), rel=1e-6)
+    assert first.stiffness == second.stiffness == pytest.approx(40.0)
+    # omega_1 = 2 sqrt(k / m) sin(pi / 10) for two storeys, clamped below.
+    assert first.period == pytest.approx(np.pi / (np.sqrt(40.0) * np.sin(np.pi / 10.0)), rel=1e-9)
+    assert (first.duration, first.time_step) == (record.duration, record.time_step)
+    energy = np.cumsum(record.excitation**2) / np.sum(record.excitation**2)
+    assert energy[round(first.onset / record.time_step)] == pytest.approx(0.02, abs=0.01)
+
+
+def test_a_sensors_hypothesis_uses_the_scale_of_its_floor() -> None:
+    scales = [SCALES, replace(SCALES, acceleration=5.0)]
+    biases = {h.storeys: h for h in hypotheses(BASE, scales, measured=CHANNELS) if h.name == "sensor_bias"}
+    ratio = biases[(2,)].effect.values["bias"].sd / biases[(1,)].effect.values["bias"].sd  # type: ignore[union-attr]
+    assert ratio == pytest.approx(5.0)
+
+
+def test_only_the_effects_asked_for() -> None:
+    every = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS, effects=[CubicStiffness, SensorGain])
+    assert {h.name for h in every} == {"cubic_stiffness", "sensor_gain"}

@@ -1,0 +1,175 @@
+"""Projected scores against least squares on finite differences of the reference engine, and what they promise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.score import Score, scores
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorGain
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.engines.reference import Reference
+from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
+from bwbn_bayes.inference.modes import polish
+from bwbn_bayes.parameters import Floats, Uniform
+from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.shear_building import ShearBuilding
+
+MODEL = ShearBuilding(
+    masses=[2.0],
+    storey=BoucWen(
+        k=Uniform(20, 120), c=Uniform(0.01, 2), alpha=Uniform(0.01, 0.5), beta=Uniform(0.5, 40), gamma=2.0, n=1.3
+    ),
+)
+TRUTH = MODEL.space.to_unit(np.array([[60.0, 0.4, 0.15, 12.0]]))[0]
+GROUND = el_centro("chopra", duration=10.0)
+ENGINE = Lanes(substeps=2, n_threads=1)
+SD = 0.03
+CHANNEL = "acceleration_1"
+EFFECTS = (CubicStiffness, QuadraticDamping, SensorGain)
+
+
+def posterior_of(record: Record) -> Posterior:
+    """Known noise, so that the gain of a noise-free record is its expectation."""
+    return Posterior(model=MODEL, record=record, engine=ENGINE, noise=KnownNoise(sd=(SD,)))
+
+
+@pytest.fixture(scope="module")
+def clean() -> Posterior:
+    """The model's own record, without noise."""
+    values = ENGINE.simulate(MODEL, MODEL.space.from_unit(TRUTH[None]), GROUND, (CHANNEL,)).values[0]
+    return posterior_of(GROUND.with_channels({CHANNEL: values[0]}))
+
+
+@pytest.fixture(scope="module")
+def every(clean: Posterior) -> dict[str, Hypothesis]:
+    found = hypotheses(MODEL, scales_of(clean, TRUTH), measured=(CHANNEL,), effects=EFFECTS)
+    return {hypothesis.name: hypothesis for hypothesis in found}
+
+
+@pytest.fixture(scope="module")
+def found(clean: Posterior, every: dict[str, Hypothesis]) -> dict[str, Score]:
+    return dict(zip(every, scores(clean, list(every.values()), TRUTH, n_workers=1), strict=True))
+
+
+def values_with(hypothesis: Hypothesis, amount: float) -> Floats:
+    """The true base parameters and an amplitude above neutral, ``(1, n_parameters)``."""
+    model = hypothesis.model
+    known = dict(zip(MODEL.space.names, MODEL.space.from_unit(TRUTH[None])[0], strict=True))
+    (name,) = hypothesis.brought
+    known[name] = hypothesis.neutral(name) + amount
+    return np.array([[known[label] for label in model.space.names]])
+
+
+def with_effect(hypothesis: Hypothesis, amount: float) -> Posterior:
+    """The present model given the response of the model with the effect."""
+    values = ENGINE.simulate(hypothesis.model, values_with(hypothesis, amount), GROUND, (CHANNEL,)).values[0]
+    return posterior_of(GROUND.with_channels({CHANNEL: values[0]}))
+
+
+def slopes(hypothesis: Hypothesis, expected: float) -> tuple[Floats, Floats]:
+    """Central differences of the reference response by base parameters ``(n_times, n_base)`` and by the amplitude."""
+    model, reference = hypothesis.model, Reference()
+    centre = values_with(hypothesis, 0.0)[0]
+    (name,) = hypothesis.brought
+    column = model.space.names.index(name)
+    steps = 1e-4 * np.abs(centre)
+    # The amplitude is neutral at an end of its range: a one-sided difference of a size that the response hardly feels.
+    steps[column] = 1e-4 * expected
+    moved = np.concatenate(
+        [centre + np.diag(steps), centre - np.diag(np.where(np.arange(len(steps)) == column, 0, steps))]
+    )
+    rows = reference.simulate(model, moved, GROUND, (CHANNEL,)).values[:, 0]
+    up, down = rows[: len(steps)], rows[len(steps) :]
+    width = np.where(np.arange(len(steps)) == column, steps, 2.0 * steps)
+    difference = ((up - down) / width[:, None]).T
+    return np.delete(difference, column, axis=1), difference[:, column]
+
+
+@pytest.mark.parametrize("name", ["cubic_stiffness", "quadratic_damping", "sensor_gain"])
+def test_the_smallest_effect_is_that_of_least_squares(
+    name: str, every: dict[str, Hypothesis], found: dict[str, Score]
+) -> None:
+    """One nat is half the square of what is left of the effect's slope, over the noise, beside the base's slopes."""
+    base, own = slopes(every[name], found[name].smallest)
+    left = own - base @ np.linalg.lstsq(base, own)[0]
+    expected = SD * np.sqrt(2.0) / np.linalg.norm(left)
+    assert found[name].smallest == pytest.approx(expected, rel=0.02)
+    assert found[name].detectable(9.0) == pytest.approx(3.0 * found[name].smallest)
+
+
+@pytest.mark.parametrize("name", ["cubic_stiffness", "quadratic_damping", "sensor_gain"])
+def test_the_score_is_what_least_squares_gains(
+    name: str, every: dict[str, Hypothesis], found: dict[str, Score]
+) -> None:
+    """A noisy record with a small effect, at the present model's optimum: residual against both sets of slopes."""
+    hypothesis = every[name]
+    hidden = with_effect(hypothesis, found[name].detectable(25.0))
+    noise = SD * np.random.default_rng(1).standard_normal(GROUND.n_times)
+    posterior = replace(hidden, record=hidden.record.with_channels({CHANNEL: hidden.record.channels[CHANNEL] + noise}))
+    (point,), _ = polish(posterior, TRUTH[None], n_iterations=20)
+    (score,) = scores(posterior, [hypothesis], point, n_workers=1)
+    base, own = slopes(hypothesis, found[name].smallest)
+    at_point = ENGINE.simulate(MODEL, MODEL.space.from_unit(point[None]), GROUND, (CHANNEL,)).values[0, 0]
+    residual = posterior.record.channels[CHANNEL] - at_point
+    energies = []
+    for design in (base, np.column_stack([base, own])):
+        left = residual - design @ np.linalg.lstsq(design, residual)[0]
+        energies.append(float(left @ left))
+    gained = (energies[0] - energies[1]) / (2.0 * SD**2)
+    # Slopes at the truth and at the optimum differ a little.
+    assert score.nats == pytest.approx(gained, rel=0.1)
+    assert score.amplitude == hypothesis.brought[0]
+
+
+@pytest.mark.parametrize("nats", [8.0, 25.0])
+@pytest.mark.parametrize("name", ["cubic_stiffness", "quadratic_damping", "sensor_gain"])
+def test_an_effect_at_the_detection_limit_gains_what_was_promised(
+    name: str, nats: float, every: dict[str, Hypothesis], found: dict[str, Score]
+) -> None:
+    """The record has the effect and no noise: what the present model's best fit lacks to a perfect fit is the gain."""
+    posterior = with_effect(every[name], found[name].detectable(nats))
+    _, local = polish(posterior, TRUTH[None], n_iterations=30)
+    perfect = posterior.noise.log_likelihood(np.zeros((1, 1)), GROUND.n_times, np.empty((1, 0)))[0]
+    assert perfect - local.log_likelihood[0] == pytest.approx(nats, rel=0.3)
+
+
+def test_one_sided_amplitudes_gain_on_their_side_only(every: dict[str, Hypothesis], found: dict[str, Score]) -> None:
+    """A damper that would have to be negative explains nothing; a spring may be softening."""
+    damper, spring = every["quadratic_damping"], every["cubic_stiffness"]
+    unit = found["quadratic_damping"].smallest
+    # The response is linear in so little: what a damper adds is taken away instead.
+    added = with_effect(damper, 5.0 * unit).record.channels[CHANNEL]
+    own = with_effect(damper, 0.0).record.channels[CHANNEL]
+    for sign, size in ((1.0, 25.0), (-1.0, 0.0)):
+        posterior = posterior_of(GROUND.with_channels({CHANNEL: own + sign * (added - own)}))
+        (score,) = scores(posterior, [damper], TRUTH, n_workers=1)
+        assert score.nats == pytest.approx(size, rel=0.2)
+    for sign in (1.0, -1.0):
+        posterior = with_effect(spring, 5.0 * sign * found["cubic_stiffness"].smallest)
+        (score,) = scores(posterior, [spring], TRUTH, n_workers=1)
+        assert score.nats == pytest.approx(25.0, rel=0.2)
+
+
+def test_noise_alone_scores_half_a_nat(clean: Posterior, every: dict[str, Hypothesis]) -> None:
+    """Twice the score of one two-sided amplitude is chi-square with one degree: 40 records know its mean to 0.22."""
+    doubled = []
+    for seed in range(40):
+        noise = SD * np.random.default_rng([3, seed]).standard_normal(GROUND.n_times)
+        record = clean.record.with_channels({CHANNEL: clean.record.channels[CHANNEL] + noise})
+        posterior = replace(clean, record=record)
+        (score,) = scores(posterior, [every["cubic_stiffness"]], TRUTH, n_workers=1)
+        doubled.append(2.0 * score.nats)
+    assert abs(np.mean(doubled) - 1.0) < 4.0 * np.sqrt(2.0 / 40)
+    assert max(doubled) < 12.0
+
+
+def test_the_order_and_the_number_of_workers_do_not_matter(clean: Posterior, every: dict[str, Hypothesis]) -> None:
+    noise = SD * np.random.default_rng(4).standard_normal(GROUND.n_times)
+    record = clean.record.with_channels({CHANNEL: clean.record.channels[CHANNEL] + noise})
+    posterior, listed = replace(clean, record=record), list(every.values())
+    one = scores(posterior, listed, TRUTH, n_workers=1)
+    assert scores(posterior, listed[::-1], TRUTH, n_workers=2) == one[::-1]

@@ -118,7 +118,7 @@ def race(
 
 
 def _starts(present: Posterior, family: Family, base_points: Floats, *, guess: bool) -> list[Floats]:
-    """Where a family's fits start: neutral over what vanishes there, since the first step is the score's, and guesses."""
+    """Where fits start: neutral over what vanishes there, since the first step is the score's, and guesses."""
     neutral = [member.neutral_points(base_points[0], member.amplitudes[0], _NEAR) for member in family.members]
     if not guess:
         return neutral

@@ -29,7 +29,7 @@ from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.identify import Settings, identify_from
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
-from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish
+from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, settled
 from bwbn_bayes.inference.residuals import is_noise, is_quiet, residual_of
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
@@ -39,10 +39,12 @@ from bwbn_bayes.structures.structure import Structure
 Listener = Callable[[str], None]
 
 LEAST_SCORE = 4.0
-"""Where the residual is noise, hypotheses whose score is below this are not refitted. [nat]"""
+"""Where the residual is noise, and in later rounds, hypotheses whose score is below this are not fitted. [nat]"""
+MOST_LATER = 24
+"""Hypotheses with the largest scores that are fitted in a later round."""
 CONTENDER = 40.0
 """Hypotheses this close to the best by Laplace are sampled. [nat]"""
-FOUND_SHARE, PARTLY_SHARE = 0.1, 0.5
+FOUND_SHARE, PARTLY_SHARE = 0.1, 0.25
 """Unexplained share up to which effects count as found, and as contributing."""
 
 
@@ -214,11 +216,9 @@ def _grow(present: _Present, run: _Run) -> tuple[_Present, tuple[Added, ...]]:
         added.append(
             Added(candidate=chosen, decision=decision, moments={}, separation=_separation(fit, fits, decision))
         )
-        present = _Present(
-            posterior=present.posterior.with_model(chosen.hypothesis.improved),
-            modes=fit.modes,
-            starts=np.array([mode.point for mode in fit.modes[:3]]),
-        )
+        posterior = present.posterior.with_model(chosen.hypothesis.improved)
+        modes = settled(posterior, fit.modes[:N_CANDIDATES], run.rng)
+        present = _Present(posterior=posterior, modes=modes, starts=np.array([mode.point for mode in modes[:3]]))
     return present, tuple(added)
 
 
@@ -234,16 +234,17 @@ def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | No
     single = posterior.with_engine(replace(_lanes(posterior), n_threads=1))
     # Later models differ from run to run: one law for all of them is compiled once.
     considered = every = _hypotheses(present, run, np.inf if run.steps else MOST_CARRIED)
-    quiet = present.is_quiet
-    if quiet:
-        run.say(f"the residual is noise: scoring {len(every)} hypotheses")
+    first = not run.steps
+    if present.is_quiet or not first:
+        run.say(f"scoring {len(every)} hypotheses")
         found = scores(single, every, present.best, n_workers=run.settings.n_workers)
         run.scored = (posterior.model, tuple(zip(every, found, strict=True)))
-        every = tuple(h for h, s in run.scored[1] if s.nats > LEAST_SCORE)
+        ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
+        every = tuple(h for h, s in ranked if s.nats > LEAST_SCORE)[: len(every) if first else MOST_LATER]
         if not every:
             return (), None
     run.say(f"fitting {len(every)} hypotheses")
-    fits = race(single, every, present.starts, n_workers=run.settings.n_workers, guess=not quiet, progress=run.say)
+    fits = race(single, every, present.starts, n_workers=run.settings.n_workers, guess=first, progress=run.say)
     return fits, _weigh(present, fits, considered, run)
 
 

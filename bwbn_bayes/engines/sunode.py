@@ -10,6 +10,8 @@ References
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -63,6 +65,7 @@ class Sunode(Reduction):
         self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
+        load_sunode()
         names = tuple(record.channels) if channels is None else tuple(channels)
         problem = scalar_problem(model, draws, record, names, with_tangents=False)
         return solve_each(problem, self._solve)[0]
@@ -74,6 +77,7 @@ class Sunode(Reduction):
 
         They carry error control; at an event of unknown time they jump by the difference of the rates.
         """
+        load_sunode()
         names = tuple(record.channels) if channels is None else tuple(channels)
         problem = scalar_problem(model, draws, record, names, with_tangents=True)
         return solve_each(problem, self._solve)
@@ -90,6 +94,7 @@ class Sunode(Reduction):
         record : Record
         cotangents : (n_draws, n_channels, n_times) array
         """
+        load_sunode()
         problem = scalar_problem(model, draws, record, tuple(record.channels), with_tangents=True)
         if problem.sensors is not None or model.law.events or problem.driven:
             slopes = solve_each(problem, self._solve)[1]
@@ -226,17 +231,25 @@ def _solver_errors() -> tuple[type[Exception], ...]:
 
 @cache
 def load_sunode() -> None:
-    """Import sunode once.
+    """Import sunode once, its SUNDIALS bound to itself.
+
+    The engine cvodes makes the symbols of another SUNDIALS known to the whole process. Bound to those, sunode's library
+    would call functions of another version and crash.
 
     Raises
     ------
     UserError
         If it is not installed or cannot be loaded.
     """
+    flags = sys.getdlopenflags()
     try:
+        sys.setdlopenflags(flags | os.RTLD_NOW | getattr(os, "RTLD_DEEPBIND", 0))
+        import_module("_sundials_cvodes")
+        sys.setdlopenflags(flags)
         import_module("sunode")
     except ImportError as error:
         raise UserError(
-            f"the engine sunode needs the package sunode ({error}): it is on conda-forge only, install it with "
-            "`conda env create -f environment.yml`"
+            f"the engine sunode needs the package sunode ({error}), on conda-forge only: see environment.yml"
         ) from error
+    finally:
+        sys.setdlopenflags(flags)

@@ -227,7 +227,7 @@ def _sampled(
         weighted = _importance(posterior, modes, rng, settings.particles, history)
         roads["importance"] = (weighted.log_evidence, weighted.log_evidence_se)
         checks += (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
-        if weighted.pareto_k <= PARETO_LIMIT or not settings.fallback:
+        if weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k)):
             draws = Draws.of_weighted(weighted, rng, settings.particles)
         else:
             history.say("the proposal does not cover the posterior: falling back to TMCMC")

@@ -25,6 +25,7 @@ from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Floats
 
 PARETO_LIMIT = 0.7
+_LEAST_DRAWS = 30
 
 
 class Proposal(Protocol):
@@ -160,7 +161,7 @@ def sample_importance(
         if progress is not None:
             progress(reached, len(points))
         short = effective - reached
-        if short <= 0.0 or len(points) >= most or reached < 0.01 * len(points):
+        if short <= 0.0 or len(points) >= most or not reached >= 0.01 * len(points):
             return _summarise(points, log_likelihood, log_ratio)
         batch = int(min(1.1 * short * len(points) / reached, most - len(points))) // 16 * 16 + 16
 
@@ -180,8 +181,13 @@ def effective_draws(log_ratio: Floats) -> float:
 
 
 def pareto_smoothed(log_ratio: Floats) -> tuple[Floats, float]:
-    """Normalised log weights ``(n,)`` whose tail is smoothed, and the shape of that tail."""
+    """Normalised log weights ``(n,)`` whose tail is smoothed, and the shape of that tail.
+
+    The shape is infinite where fewer draws than a tail takes have any weight.
+    """
     finite = np.isfinite(log_ratio)
+    if np.count_nonzero(finite) < _LEAST_DRAWS:
+        return log_ratio - logsumexp(log_ratio) if np.any(finite) else log_ratio, np.inf
     # ArviZ expects the log likelihood of a left-out point, that is minus the log weight.
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         smoothed, shape = arviz_base.array_stats.psislw(-log_ratio[finite])
@@ -193,7 +199,7 @@ def pareto_smoothed(log_ratio: Floats) -> tuple[Floats, float]:
 def _summarise(points: Floats, log_likelihood: Floats, log_ratio: Floats) -> WeightedDraws:
     n = len(log_ratio)
     log_evidence = float(logsumexp(log_ratio) - np.log(n))
-    relative = np.exp(log_ratio - log_evidence)
+    relative = np.exp(log_ratio - log_evidence) if np.isfinite(log_evidence) else np.zeros(n)
     log_weights, pareto_k = pareto_smoothed(log_ratio)
     return WeightedDraws(
         points=points,

@@ -8,7 +8,7 @@ are kept throughout.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,6 +101,12 @@ def find_modes(
         if number < len(ends) - 1:
             points = np.concatenate([points, _cloud(view, modes, rng)])
     return modes
+
+
+def settled(view: Posterior, modes: Sequence[Mode], rng: np.random.Generator) -> tuple[Mode, ...]:
+    """The modes again, after a cloud around them has looked for something better nearby."""
+    points = np.concatenate([np.array([mode.point for mode in modes]), _cloud(view, tuple(modes), rng)])
+    return distinct(*polish(view, _best(view, points, N_CANDIDATES), n_iterations=40, reach=50.0))
 
 
 def _best(view: Posterior, points: Floats, n: int) -> Floats:

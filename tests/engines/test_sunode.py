@@ -9,6 +9,7 @@ from engine_cases import FREE, building, record_of, relative_error
 from bwbn_bayes import Settings, Uniform, UserError, identify, simulate
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.base import Status
+from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.sunode import Sunode, load_sunode
 from bwbn_bayes.parameters import Floats
@@ -89,6 +90,16 @@ def test_a_failed_draw_spoils_no_other() -> None:
     assert np.all(response.status[1:] != Status.OK)
     assert np.all(np.isnan(response.values[1:]))
     np.testing.assert_array_equal(response.values[:1], ENGINE.simulate(model, draws[:1], record).values)
+
+
+@needs_sunode
+def test_it_works_after_the_other_cvodes() -> None:
+    """Both bring a SUNDIALS, of other versions: the first one's symbols must not catch the second's calls."""
+    model = plain(1)
+    record = record_of(model)
+    other = Cvodes().simulate(model, means(model), record).values
+    assert relative_error(ENGINE.simulate(model, means(model), record).values, other) < 1e-5
+    assert relative_error(Cvodes().simulate(model, means(model), record).values, other) == 0.0
 
 
 @needs_sunode

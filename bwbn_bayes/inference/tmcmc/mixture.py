@@ -59,7 +59,7 @@ class GaussianMixture(NamedTuple):
 def fit_mixture(
     points: Floats, weights: Floats, effective_size: float, sizes: Sequence[int] = SIZES
 ) -> GaussianMixture:
-    """Fit mixtures of one, two and four Gaussians (or other ``sizes``), as long as each improves the Bayesian information criterion.
+    """Fit mixtures of growing size, as long as each improves the Bayesian information criterion.
 
     The states of chains are correlated, so the criterion counts effective draws. Judging by held-out states instead
     let related chains on both sides vote for ever more components, and the sampler then fed on its own overfit.

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
+from bwbn_bayes.engines.sunode import Sunode
 from bwbn_bayes.inference.pymc.forward import forward_problem
 from bwbn_bayes.inference.pymc.operators import ChannelResponse, LogAdmissible, SquaredResiduals
 from bwbn_bayes.parameters import Floats
@@ -75,7 +77,11 @@ def around_truth(n: int) -> Floats:
     return np.array(list(TRUTH.values())) * np.random.default_rng(1).uniform(0.98, 1.02, (n, 3))
 
 
-@pytest.mark.parametrize("engine", [ENGINE, ScalarRk4(substeps=2), Cvodes()], ids=lambda engine: engine.name)
+WITHOUT_SUNODE = pytest.mark.skipif(find_spec("sunode") is None, reason="sunode is on conda-forge only, not installed")
+SOLVERS = [ENGINE, ScalarRk4(substeps=2), Cvodes(), pytest.param(Sunode(gradient="adjoint"), marks=WITHOUT_SUNODE)]
+
+
+@pytest.mark.parametrize("engine", SOLVERS, ids=lambda engine: engine.name)
 def test_values_are_the_engines_own(engine: Engine) -> None:
     problem = forward_problem(small_model(), small_record(), engine)
     x, draws = pt.vector("x"), around_truth(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -31,7 +32,7 @@ def quick_start() -> list[str]:
 
 def test_a_fresh_machine_needs_exactly_two_commands() -> None:
     assert quick_start() == [
-        f"{INSTALL}uv run bwbn identify models/three_storey_el_centro.py",
+        f"{INSTALL}uv run bwbn discover models/hidden_effect.py",
         f"{INSTALL}uv run pytest -q",
     ]
 
@@ -47,14 +48,17 @@ def test_the_main_job_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     with pytest.raises(SystemExit) as leaving:
         main([*arguments, "--out", str(tmp_path)])
     assert leaving.value.code == 0
-    facts = Result.load(tmp_path / "result.nc").facts
-    assert facts.effective_sample_size > 0.95 * 5000
-    assert all(check.passed for check in facts.checks)
+    found = json.loads((tmp_path / "discovery.json").read_text(encoding="utf-8"))
+    assert found["verdict"] == "effects_found"
+    assert [(effect["name"], effect["storeys"]) for effect in found["effects"]] == [("slip_lock", [2])]
+    gap = found["gap"]["held_out"]
+    assert gap["after"] < 1.1 * gap["noise_floor"] < gap["before"]
+    assert all(check.passed for check in Result.load(tmp_path / "identify" / "result.nc").facts.checks)
 
 
 def test_every_command_of_the_page_exists(capsys: pytest.CaptureFixture[str]) -> None:
     commands = set(re.findall(r"bwbn ([a-z]+)", README))
-    assert commands == {"identify", "simulate", "effects", "engines"}
+    assert commands == {"discover", "identify", "simulate", "reproduce", "effects", "engines"}
     for command in sorted(commands):
         with pytest.raises(SystemExit) as leaving:
             main([command, "--help"])

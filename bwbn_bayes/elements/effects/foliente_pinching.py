@@ -85,15 +85,14 @@ class FolientePinching(Effect):
     @override
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
         z = scales.hysteretic_displacement
-        # What widens the pinch as it deepens is hard to see: delta_psi and lambda stand at usual values.
         return (
             cls(
                 zeta_s=HalfNormal(0.5).truncated(0.0, 1.0),
                 p=LogNormal(3.0 / scales.energy, 1.2).truncated(0.1 / scales.energy, 100.0 / scales.energy),
                 q=Uniform(-0.2, 0.8),
                 psi_0=Uniform(0.03 * z, 1.0 * z),
-                delta_psi=0.0,
-                lambda_=0.1,
+                delta_psi=Uniform(0.0, 1.0 * z / scales.energy),
+                lambda_=Uniform(0.01, 0.8),
             ),
         )
 
@@ -104,6 +103,8 @@ class FolientePinching(Effect):
             "p": (1.0 / scales.energy, 10.0 / scales.energy),
             "q": (0.05, 0.35),
             "psi_0": (0.15 * scales.hysteretic_displacement, 0.5 * scales.hysteretic_displacement),
+            "delta_psi": (0.1 * scales.hysteretic_displacement / scales.energy,),
+            "lambda_": (0.25,),
         }
 
     @override

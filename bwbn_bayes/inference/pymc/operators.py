@@ -130,7 +130,7 @@ class LogAdmissible(Solve):
         return [pt.zeros_like(inputs[0])]
 
 
-@_vectorize_node.register(Solve)  # type: ignore[untyped-decorator]
+@_vectorize_node.register(Solve)
 def _one_call(op: Solve, node: Apply, *inputs: Variable) -> Sequence[Variable]:
     """All batch dimensions in one call of the engine."""
     cores = [x.type.ndim for x in node.inputs]
@@ -147,7 +147,7 @@ def _one_call(op: Solve, node: Apply, *inputs: Variable) -> Sequence[Variable]:
     return [result.reshape((*batch, *op.core_shape()), ndim=n_batch + len(op.core_shape()))]
 
 
-@register_funcify_and_cache_key(Solve)  # type: ignore[untyped-decorator]
+@register_funcify_and_cache_key(Solve)
 def _compiled(op: Solve, node: Apply, **_: object) -> tuple[Callable[..., np.ndarray], str]:
     """A callback by key, and a cache key that hashes the problem and the code behind it."""
     quantity, key = op.quantity, op.key
@@ -155,7 +155,7 @@ def _compiled(op: Solve, node: Apply, **_: object) -> tuple[Callable[..., np.nda
 
     if len(node.inputs) == 1:
 
-        @numba_njit  # type: ignore[untyped-decorator]
+        @numba_njit
         def solve(values: np.ndarray) -> np.ndarray:
             with numba.objmode(result=result_type):
                 result = solved(quantity, key, (values,))
@@ -163,7 +163,7 @@ def _compiled(op: Solve, node: Apply, **_: object) -> tuple[Callable[..., np.nda
 
     else:
 
-        @numba_njit  # type: ignore[untyped-decorator]
+        @numba_njit
         def solve(values: np.ndarray, cotangents: np.ndarray) -> np.ndarray:
             with numba.objmode(result=result_type):
                 result = solved(quantity, key, (values, cotangents))

@@ -30,6 +30,8 @@ _NEAR = 1e-3
 """Distance from neutral of the starts there, in prior probability."""
 _REACH = 50.0
 """Candidates further below the best of their family do not keep it waiting. [nat]"""
+_FEWEST = 5
+"""Candidates of a hypothesis that enter each later round, at least."""
 _BLOCK = 16
 """Candidates that are solved at the cost of one."""
 
@@ -61,6 +63,10 @@ class Fit:
     def log_likelihood(self) -> float:
         """Best so far."""
         return float(np.max(self.local.log_likelihood))
+
+    def best(self, n: int) -> Floats:
+        """The best ``n`` of its points, ``(n, n_dim)``."""
+        return self.points[np.argsort(-self.local.log_likelihood, kind="stable")[:n]]
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -104,7 +110,8 @@ def race(
 
             def further(family: Family, n: int = n_iterations, end: bool = last) -> list[Fit]:
                 if all(member in fits for member in family.members):
-                    points = [fits[member].points for member in family.members]
+                    n_kept_points = max(_BLOCK // len(family.members), _FEWEST)
+                    points = [fits[member].best(n_kept_points) for member in family.members]
                 else:
                     points = _starts(present, family, base_points, guess=guess)
                 return _fit_family(present, family, points, n, end)

@@ -23,7 +23,7 @@ from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.discovery.unexplained import unexplained
 from bwbn_bayes.discovery.where import Disagreement, disagreement
-from bwbn_bayes.elements.law import Effect, StoreyLaw
+from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
@@ -183,13 +183,11 @@ def _fit_given(model: Structure, record: Record, run: _Run) -> _Present:
 
 def _compile_ahead(given: _Present, run: _Run) -> None:
     """Compile, beside the first round, the law of the later ones and the last of the first round's own."""
-
-    def laws(most_carried: float) -> list[StoreyLaw]:
-        return list(dict.fromkeys(h.model.law for h in _hypotheses(given, run, most_carried)))
-
-    first = laws(MOST_CARRIED)
-    later = [law for law in laws(np.inf) if law not in first]
-    precompile([*first[-1:], *later], driven=given.posterior.model.excitation_kind == "displacement")
+    laws = []
+    for most_carried in (MOST_CARRIED, np.inf):
+        sharing = [h for h in _hypotheses(given, run, most_carried) if h.carried]
+        laws += [hypothesis.model.law for hypothesis in sharing[-1:]]
+    precompile(laws, driven=given.posterior.model.excitation_kind == "displacement")
 
 
 def _grow(present: _Present, run: _Run) -> tuple[_Present, tuple[Added, ...]]:

@@ -12,7 +12,7 @@ from bwbn_bayes.baselines.genetic import Generation, GeneticSettings, search
 from bwbn_bayes.baselines.ipv import Variant, fit_forces
 from bwbn_bayes.baselines.outcome import forces_result, genetic_result
 from bwbn_bayes.engines.available import engine as engine_by_name
-from bwbn_bayes.engines.base import Engine, masses
+from bwbn_bayes.engines.base import Engine, masses, require_channels, require_parameters
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER
@@ -93,14 +93,8 @@ def _by_search(
     assumptions: Sequence[str],
     listener: Listener | None,
 ) -> Result:
-    if model.space.n_dim == 0:
-        raise UserError(
-            f"model {name!r} identifies no parameter: give at least one of them a prior instead of a number"
-        )
-    if not record.channels:
-        raise UserError(
-            f"record {record.name!r} measures nothing: it needs at least one channel such as acceleration_1"
-        )
+    require_parameters(model, name)
+    require_channels(record)
     began = time.perf_counter()
     stages: list[StageFacts] = []
 

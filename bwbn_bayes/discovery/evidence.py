@@ -73,9 +73,9 @@ def present_evidence(present: Posterior, modes: tuple[Mode, ...], rng: np.random
     return _sampled(present, modes, _at_modes(present, modes, None), None, rng, n)
 
 
-def sampled_evidence(fit: Fit, rng: np.random.Generator, n: int) -> Evidence:
+def sampled_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: int) -> Evidence:
     """Importance-sampled evidence of a fit; Laplace's stays where the weights have no usable tail."""
-    return _sampled(fit.posterior, fit.modes, laplace_evidence(fit), fit.hypothesis, rng, n)
+    return _sampled(fit.posterior, fit.modes, laplace, fit.hypothesis, rng, n)
 
 
 def _at_modes(posterior: Posterior, modes: tuple[Mode, ...], hypothesis: Hypothesis | None) -> Evidence:

@@ -49,15 +49,12 @@ class Fit:
         Optima so far, in the unit cube.
     local : Linearisation
         There.
-    finished : bool
-        Whether it was fitted to the end.
     """
 
     hypothesis: Hypothesis
     posterior: Posterior
     points: Floats
     local: Linearisation
-    finished: bool = False
 
     @property
     def log_likelihood(self) -> float:
@@ -103,18 +100,17 @@ def race(
     fits: dict[Hypothesis, Fit] = {}
     kept: Sequence[Hypothesis] = hypotheses
     with ThreadPoolExecutor(max_workers=n_workers) as pool:
-        for number, (n_iterations, share) in enumerate(ROUNDS):
+        for n_iterations, share in ROUNDS:
             n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(kept))
             kept = kept[:n_kept]
-            last = number == len(ROUNDS) - 1
 
-            def further(family: Family, n: int = n_iterations, end: bool = last) -> list[Fit]:
+            def further(family: Family, n: int = n_iterations) -> list[Fit]:
                 if all(member in fits for member in family.members):
                     n_kept_points = max(_BLOCK // len(family.members), _FEWEST)
                     points = [fits[member].best(n_kept_points) for member in family.members]
                 else:
                     points = _starts(present, family, base_points, guess=guess)
-                return _fit_family(present, family, points, n, end)
+                return _fit_family(present, family, points, n)
 
             for found in pool.map(further, families(kept)):
                 fits.update((fit.hypothesis, fit) for fit in found)
@@ -161,9 +157,7 @@ def _together(family: Family, points: Sequence[Floats]) -> tuple[Floats, Boolean
     return chosen, held, np.repeat(np.arange(len(points)), [len(own) for own in points])
 
 
-def _fit_family(
-    present: Posterior, family: Family, points: Sequence[Floats], n_iterations: int, finished: bool
-) -> list[Fit]:
+def _fit_family(present: Posterior, family: Family, points: Sequence[Floats], n_iterations: int) -> list[Fit]:
     """Fit the members of a family together, each from its own points."""
     view = family.posterior(present)
     chosen, held, owner = _together(family, points)
@@ -177,7 +171,6 @@ def _fit_family(
                 posterior=present.with_model(member.model),
                 points=found[rows][:, family.columns(member)],
                 local=family.extract(member, local[rows]),
-                finished=finished,
             )
         )
     return result

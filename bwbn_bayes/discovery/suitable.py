@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bwbn_bayes.engines.base import channel_map
+from bwbn_bayes.engines.base import channel_map, require_channels, require_parameters
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -29,10 +29,7 @@ def require_suitable(model: Structure, record: Record, held_out: Record | None, 
         If the model identifies nothing; if a record measures nothing, does not move, belongs to another kind of test or
         to another building; if the held-out record is the training record or shares no channel with it.
     """
-    if model.space.n_dim == 0:
-        raise UserError(
-            f"model {name!r} identifies no parameter: give at least one of them a prior instead of a number"
-        )
+    require_parameters(model, name)
     _require_usable(model, record)
     if held_out is None:
         return
@@ -58,10 +55,7 @@ def _require_usable(model: Structure, record: Record) -> None:
             f"record {record.name!r} gives the {record.excitation_kind.replace('_', ' ')}, but the model is driven by "
             f"the {model.excitation_kind.replace('_', ' ')}: use the structure that fits the test"
         )
-    if not record.channels:
-        raise UserError(
-            f"record {record.name!r} measures nothing: it needs at least one channel such as acceleration_1"
-        )
+    require_channels(record)
     channel_map(model, tuple(record.channels))
     if np.ptp(record.excitation) == 0.0:
         raise UserError(f"record {record.name!r} has no excitation: its {record.excitation_kind} never changes")

@@ -229,21 +229,31 @@ def _separation(fit: Fit, fits: Sequence[Fit], decision: Decision) -> tuple[str,
 def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | None]:
     """Weigh every effect at every place against the present model."""
     posterior = present.posterior
-    single = posterior.with_engine(replace(_lanes(posterior), n_threads=1))
     # Later models differ from run to run: one law for all of them is compiled once.
     considered = every = _hypotheses(present, run, np.inf if run.steps else MOST_CARRIED)
     first = not run.steps
     if present.is_quiet or not first:
         run.say(f"scoring {len(every)} hypotheses")
-        found = scores(single, every, present.best, n_workers=run.settings.n_workers)
-        run.scored = (posterior.model, tuple(zip(every, found, strict=True)))
+        run.scored = (posterior.model, _scored(present, every, run))
         ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
         every = tuple(h for h, s in ranked if s.nats > LEAST_SCORE)[: len(every) if first else MOST_LATER]
         if not every:
             return (), None
     run.say(f"fitting {len(every)} hypotheses")
-    fits = race(single, every, present.starts, n_workers=run.settings.n_workers, guess=first, progress=run.say)
+    fits = race(
+        _single(posterior), every, present.starts, n_workers=run.settings.n_workers, guess=first, progress=run.say
+    )
     return fits, _weigh(present, fits, considered, run)
+
+
+def _single(posterior: Posterior) -> Posterior:
+    """The posterior on one thread: hypotheses are what runs beside each other."""
+    return posterior.with_engine(replace(_lanes(posterior), n_threads=1))
+
+
+def _scored(present: _Present, every: Sequence[Hypothesis], run: _Run) -> tuple[tuple[Hypothesis, Score], ...]:
+    found = scores(_single(present.posterior), every, present.best, n_workers=run.settings.n_workers)
+    return tuple(zip(every, found, strict=True))
 
 
 def _hypotheses(present: _Present, run: _Run, most_carried: float) -> tuple[Hypothesis, ...]:
@@ -266,7 +276,7 @@ def _weigh(present: _Present, fits: Sequence[Fit], considered: Sequence[Hypothes
         if evidences[i].total > best - CONTENDER:
             threads = replace(_lanes(fit.posterior), n_threads=run.settings.n_workers)
             wide = replace(fit, posterior=fit.posterior.with_engine(threads))
-            evidences[i] = sampled_evidence(wide, run.rng, 600)
+            evidences[i] = sampled_evidence(wide, evidences[i], run.rng, 600)
     weighed = [(fit.hypothesis, evidence) for fit, evidence in zip(fits, evidences, strict=True)]
     return decide(own, weighed, considered)
 
@@ -398,10 +408,7 @@ def _verdict(present: _Present, added: tuple[Added, ...], share: float) -> Verdi
 def _limits(present: _Present, run: _Run) -> tuple[DetectionLimit, ...]:
     model, scored = run.scored
     if model is not present.posterior.model:
-        posterior = present.posterior.with_engine(replace(_lanes(present.posterior), n_threads=1))
-        every = _hypotheses(present, run, np.inf)
-        found = scores(posterior, every, present.best, n_workers=run.settings.n_workers)
-        scored = tuple(zip(every, found, strict=True))
+        scored = _scored(present, _hypotheses(present, run, np.inf), run)
     needed = THRESHOLD + float(np.log(max(len(scored), 1)))
     return tuple(
         DetectionLimit(

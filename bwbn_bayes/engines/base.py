@@ -219,6 +219,22 @@ def check_record(model: Structure, record: Record) -> None:
         )
 
 
+def require_parameters(model: Structure, name: str) -> None:
+    """Raise :class:`UserError` unless a model, called ``name`` in reports, identifies a parameter."""
+    if model.space.n_dim == 0:
+        raise UserError(
+            f"model {name!r} identifies no parameter: give at least one of them a prior instead of a number"
+        )
+
+
+def require_channels(record: Record) -> None:
+    """Raise :class:`UserError` unless a record measures something."""
+    if not record.channels:
+        raise UserError(
+            f"record {record.name!r} measures nothing: it needs at least one channel such as acceleration_1"
+        )
+
+
 def measured_matrix(record: Record, names: Sequence[str]) -> Floats:
     """Measured channels ``(n_channels, n_times)`` in the given order."""
     return np.ascontiguousarray([record.channels[name] for name in names], dtype=np.float64).reshape(

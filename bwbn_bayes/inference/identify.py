@@ -14,9 +14,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from bwbn_bayes.engines.available import engine as engine_by_name
-from bwbn_bayes.engines.base import Engine
+from bwbn_bayes.engines.base import Engine, require_channels, require_parameters
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme
 from bwbn_bayes.inference.adaptive import adapt
 from bwbn_bayes.inference.importance import (
@@ -150,14 +149,8 @@ def identify(
     settings = settings or Settings()
     if settings.method not in METHODS:
         raise ValueError(f"method {settings.method!r} gives no posterior: call bwbn_bayes.identify")
-    if model.space.n_dim == 0:
-        raise UserError(
-            f"model {name!r} identifies no parameter: give at least one of them a prior instead of a number"
-        )
-    if not record.channels:
-        raise UserError(
-            f"record {record.name!r} measures nothing: it needs at least one channel such as acceleration_1"
-        )
+    require_parameters(model, name)
+    require_channels(record)
     began = time.perf_counter()
     history = _History(listener, began, [])
     posterior = Posterior(

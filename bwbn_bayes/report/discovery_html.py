@@ -9,7 +9,7 @@ from bwbn_bayes.report import discovery_tables as tables
 from bwbn_bayes.report.canvas import Drawing
 from bwbn_bayes.report.discovery_content import DiscoveryContent, gather_discovery
 from bwbn_bayes.report.discovery_figures import draw_discovery
-from bwbn_bayes.report.html import ReportFiles, data_address, mathml_of, template, write_report
+from bwbn_bayes.report.html import ReportFiles, data_address, mathml_of, template, write_page, write_report
 from bwbn_bayes.report.numbers import NOTHING
 from bwbn_bayes.results import Equation
 
@@ -36,16 +36,9 @@ def write_discovery(discovery: Discovery, directory: Path) -> ReportFiles:
     """
     content = gather_discovery(discovery)
     drawings = draw_discovery(content)
-    directory.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for drawing in drawings:
-        path = directory / drawing.name
-        path.write_bytes(drawing.png)
-        paths.append(path)
-    html = directory / "report.html"
-    html.write_text(render_discovery(content, drawings), encoding="utf-8")
+    files = write_page(render_discovery(content, drawings), drawings, directory)
     write_report(discovery.result, directory / "identify")
-    return ReportFiles(html=html, figures=tuple(paths))
+    return files
 
 
 def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -> str:

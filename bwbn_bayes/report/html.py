@@ -40,6 +40,11 @@ def write_report(result: Result, directory: Path) -> ReportFiles:
     """
     content = gather(result)
     drawings = draw_all(content)
+    return write_page(render(content, drawings), drawings, directory)
+
+
+def write_page(page: str, drawings: tuple[Drawing, ...], directory: Path) -> ReportFiles:
+    """Write a page as ``report.html`` and its figures as PNG files; the directory is made where it does not exist."""
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
     for drawing in drawings:
@@ -47,7 +52,7 @@ def write_report(result: Result, directory: Path) -> ReportFiles:
         path.write_bytes(drawing.png)
         paths.append(path)
     html = directory / "report.html"
-    html.write_text(render(content, drawings), encoding="utf-8")
+    html.write_text(page, encoding="utf-8")
     return ReportFiles(html=html, figures=tuple(paths))
 
 

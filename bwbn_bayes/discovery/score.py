@@ -15,13 +15,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
-from bwbn_bayes.inference.likelihood import Linearisation, Posterior
+from bwbn_bayes.engines.base import measured_matrix
+from bwbn_bayes.engines.lane_source import LANES
+from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
 
 _NEAR = 1e-3
@@ -71,54 +75,108 @@ def scores(
     n_workers : int
         Families scored at once.
     """
+    present = _Slopes.at(posterior, point)
     with ThreadPoolExecutor(max_workers=n_workers) as pool:
-        found = pool.map(lambda family: _score_family(posterior, family, point), families(hypotheses))
+        found = pool.map(lambda family: _score_family(posterior, family, point, present), families(hypotheses))
         by_hypothesis = {hypothesis: one for part in found for hypothesis, one in part}
     return tuple(by_hypothesis[hypothesis] for hypothesis in hypotheses)
 
 
-def _score_family(posterior: Posterior, family: Family, point: Floats) -> list[tuple[Hypothesis, Score]]:
+@dataclass(frozen=True, kw_only=True)
+class _Slopes:
+    """The response's derivatives by the present model's parameters, in posterior units.
+
+    Attributes
+    ----------
+    noise : (n_channels, 1) array
+        Noise standard deviation of each channel.
+    base : (n_channels * n_times, n_dim) array
+        Derivatives in unit coordinates over the noise.
+    measured : (n_channels, n_times) array
+    """
+
+    noise: Floats
+    base: Floats
+    measured: Floats
+
+    @classmethod
+    def at(cls, posterior: Posterior, point: Floats) -> _Slopes:
+        """At a point ``(n_dim,)`` of the unit cube."""
+        record, (values, noise_values) = posterior.record, posterior.split(point[None])
+        measured = measured_matrix(record, tuple(record.channels))
+        response, slopes = posterior.engine.sensitivities(posterior.model, values, record)
+        misfit = np.sum(np.square(measured - response.values), axis=2)
+        noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_times, noise_values)[0][:, None])
+        scale = posterior.model.space.unit_scale(values)[0]
+        base = (slopes[0] / noise).reshape(len(scale), -1).T * scale
+        return cls(noise=noise, base=base, measured=measured)
+
+    @cached_property
+    def factor(self) -> Floats:
+        """Lower Cholesky factor of their information, with the prior's."""
+        return np.linalg.cholesky(self.base.T @ self.base + _PRIOR_PRECISION * np.eye(self.base.shape[1]))
+
+    def projected(self, values: Floats, slope: Floats) -> tuple[float, float]:
+        """Slope of the log likelihood and information in one direction, with the present parameters projected out.
+
+        Parameters
+        ----------
+        values, slope : (n_channels, n_times) array
+            Response, and its derivative in that direction.
+        """
+        residual, own = ((one / self.noise).ravel() for one in (self.measured - values, slope))
+        weights = cho_solve((self.factor, True), self.base.T @ own)
+        whole = float(own @ own)
+        left = float(whole - weights @ (self.base.T @ own))
+        # What is left must exceed the rounding of what was taken away.
+        if not left >= 1e-9 * whole > 0.0:
+            return 0.0, 0.0
+        return float(own @ residual - weights @ (self.base.T @ residual)), left
+
+
+def _score_family(
+    posterior: Posterior, family: Family, point: Floats, present: _Slopes
+) -> list[tuple[Hypothesis, Score]]:
     view = family.posterior(posterior)
     asked = [(member, amplitude) for member in family.members for amplitude in member.amplitudes]
-    points = [member.neutral_points(point, amplitude, _NEAR) for member, amplitude in asked]
-    embedded = [family.embed(member, own)[0] for (member, _), own in zip(asked, points, strict=True)]
-    local = view.linearise(np.concatenate(embedded))
-    first = 0
     best: dict[Hypothesis, Score] = {}
-    for (member, amplitude), own in zip(asked, points, strict=True):
-        rows = np.arange(first, first + len(own))
-        first += len(own)
-        one = _best(member, amplitude, own, family.extract(member, local[rows]))
+    grids = [member.neutral_points(point, amplitude, _NEAR) for member, amplitude in asked]
+    owner = np.repeat(np.arange(len(asked)), [len(grid) for grid in grids])
+    points = np.concatenate([family.embed(m, grid)[0] for (m, _), grid in zip(asked, grids, strict=True)])
+    columns = np.array([family.model.space.names.index(amplitude) for _, amplitude in asked])[owner]
+    projected = np.concatenate([_chunk(view, present, points[rows], columns[rows]) for rows in _by(LANES, len(points))])
+    for number, (member, amplitude) in enumerate(asked):
+        one = _best(member, amplitude, projected[owner == number])
         if member not in best or one.nats > best[member].nats:
             best[member] = one
     return list(best.items())
 
 
-def _best(member: Hypothesis, amplitude: str, points: Floats, local: Linearisation) -> Score:
+def _by(n: int, total: int) -> list[slice]:
+    return [slice(start, start + n) for start in range(0, total, n)]
+
+
+def _chunk(view: Posterior, present: _Slopes, points: Floats, columns: NDArray[np.int64]) -> Floats:
+    """Projected slope and information ``(n, 2)`` of each point in its own coordinate."""
+    values, _ = view.split(points)
+    free = np.equal(columns[:, None], np.arange(values.shape[1]))
+    response, slopes = view.engine.sensitivities(view.model, values, view.record, free=free)
+    rows = np.arange(len(points))
+    return np.array([present.projected(*pair) for pair in zip(response.values, slopes[rows, columns], strict=True)])
+
+
+def _best(member: Hypothesis, amplitude: str, projected: Floats) -> Score:
     """The best score of one amplitude over the grid of nuisances."""
     space = member.model.space
-    column = space.names.index(amplitude)
-    base = np.array([space.names.index(name) for name in member.base.space.names])
-    parameter = space.parameters[column]
-    scale = space.unit_scale(space.from_unit(points))[:, column]
+    parameter = space.parameters[space.names.index(amplitude)]
     one_sided = parameter.prior.support[0] >= member.neutral(amplitude)
-    nats, smallest = 0.0, np.inf
-    for gradient, information, unit in zip(local.gradient, local.information, scale, strict=True):
-        slope, left = _projected(gradient, information, base, column)
-        if left <= 0.0:
-            continue
-        smallest = min(smallest, float(unit * np.sqrt(2.0 / left)))
-        if slope > 0.0 or not one_sided:
-            nats = max(nats, slope**2 / (2.0 * left))
-    return Score(nats=nats, amplitude=amplitude, unit=parameter.unit, smallest=smallest)
-
-
-def _projected(gradient: Floats, information: Floats, base: NDArray[np.int64], column: int) -> tuple[float, float]:
-    """Slope and information of one coordinate with the base coordinates projected out."""
-    own = information[np.ix_(base, base)] + _PRIOR_PRECISION * np.eye(len(base))
-    weights = np.linalg.solve(own, information[base, column])
-    left = float(information[column, column] - weights @ information[base, column])
-    # What is left must exceed the rounding of what was taken away.
-    if left < 1e-9 * float(information[column, column]):
-        return 0.0, 0.0
-    return float(gradient[column] - weights @ gradient[base]), left
+    slope, left = projected[projected[:, 1] > 0.0].T
+    if len(left) == 0:
+        return Score(nats=0.0, amplitude=amplitude, unit=parameter.unit, smallest=np.inf)
+    gain = np.where((slope > 0.0) | (not one_sided), slope**2 / (2.0 * left), 0.0)
+    return Score(
+        nats=float(np.max(gain)),
+        amplitude=amplitude,
+        unit=parameter.unit,
+        smallest=float(np.sqrt(2.0 / np.max(left))),
+    )

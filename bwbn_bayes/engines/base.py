@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
@@ -108,17 +108,29 @@ class Engine(Protocol):
         ...
 
     def sensitivities(
-        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+        self,
+        model: Structure,
+        draws: Floats,
+        record: Record,
+        channels: Sequence[str] | None = None,
+        *,
+        free: Booleans | None = None,
     ) -> tuple[Response, Floats]:
-        """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``."""
+        """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``.
+
+        ``free``, ``(n_draws, n_parameters)``, tells which derivatives are wanted; what stands for the others is
+        undefined.
+        """
         ...
 
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
         """Sum of squared residuals ``(n_draws, n_channels)`` over the measured channels; infinite where it failed."""
         ...
 
-    def normal_equations(self, model: Structure, draws: Floats, record: Record) -> NormalEquations:
-        """Least squares in summary over the measured channels."""
+    def normal_equations(
+        self, model: Structure, draws: Floats, record: Record, *, free: Booleans | None = None
+    ) -> NormalEquations:
+        """Least squares in summary over the measured channels; ``free`` as in :meth:`sensitivities`."""
         ...
 
 

@@ -27,7 +27,7 @@ from bwbn_bayes.engines.scalar import (
     solve_each,
 )
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -77,7 +77,13 @@ class Cvodes(Reduction):
         return self._solve_each(model, draws, problem)[0]
 
     def sensitivities(
-        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+        self,
+        model: Structure,
+        draws: Floats,
+        record: Record,
+        channels: Sequence[str] | None = None,
+        *,
+        free: Booleans | None = None,
     ) -> tuple[Response, Floats]:
         """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``.
 

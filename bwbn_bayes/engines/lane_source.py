@@ -176,7 +176,7 @@ def prepare(n_storeys, w):
 _STAGE = """
 
 @njit({flags})
-def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, w, t):
+def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, active, w, t):
     for i in range(n_storeys):
         a = i * BLOCK
         for l in range(LANES):
@@ -185,7 +185,7 @@ def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, w,
 
 
 @njit({flags})
-def stage_with_tangents(n_storeys, n_directions, weight, share, inside, step, ground, seed, w, t):
+def stage_with_tangents(n_storeys, n_directions, weight, share, inside, step, ground, seed, active, w, t):
     for i in range(n_storeys):
         a = i * BLOCK
         for l in range(LANES):
@@ -193,6 +193,7 @@ def stage_with_tangents(n_storeys, n_directions, weight, share, inside, step, gr
         for k in range(n_directions):
             o = (k * (n_storeys + 2) + i) * TANGENT_BLOCK
             moved = w[a + seed[k * n_storeys + i] * LANES:]
+            moves = active[(k * n_storeys + i) * LANES:]
             for l in range(LANES):
 {chain}
 {tangent_base}
@@ -223,6 +224,7 @@ _ON_BASE_TANGENT = (
     for k in range(n_directions):
         o = (k * (n_storeys + 2) + n_storeys) * TANGENT_BLOCK
         moved = w[a + seed[(k + 1) * n_storeys - 1] * LANES:]
+        moves = active[((k + 1) * n_storeys - 1) * LANES:]
         for l in range(LANES):
 {base_chain}"""
 )
@@ -230,27 +232,27 @@ _ON_BASE_TANGENT = (
 _ADVANCE = """
 
 @njit({flags})
-def advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, w, t):
+def advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, active, w, t):
     # One step of every lane's own length, and the rates at its end.
     for s in range(shares.shape[0]):
         for l in range(LANES):
             ground[l] = ground_0 + slope * (position[l] + shares[s] * step[l])
         if n_directions > 0:
-            stage_with_tangents(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, w, t)
+            stage_with_tangents(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, active, w, t)
         else:
-            stage(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, w, t)
+            stage(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, active, w, t)
     for l in range(LANES):
         position[l] += step[l]
         ground[l] = ground_0 + slope * position[l]
-    close(n_storeys, n_directions, weights[shares.shape[0]], step, ground, seed, w, t)
+    close(n_storeys, n_directions, weights[shares.shape[0]], step, ground, seed, active, w, t)
 
 
 @njit({flags})
-def close(n_storeys, n_directions, weight, step, ground, seed, w, t):
+def close(n_storeys, n_directions, weight, step, ground, seed, active, w, t):
     if n_directions > 0:
-        stage_with_tangents(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, w, t)
+        stage_with_tangents(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, active, w, t)
     else:
-        stage(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, w, t)
+        stage(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, active, w, t)
 
 
 @njit({flags})
@@ -298,7 +300,7 @@ def next_event(n_storeys, w):
 
 
 @njit({flags})
-def strike(n_storeys, n_directions, until, position, step, flipped, ground, seed, w, t):
+def strike(n_storeys, n_directions, until, position, step, flipped, ground, seed, active, w, t):
     # Events that are due happen one by one; each adds (rate before - rate after) d time / d parameter to the tangents.
     for i in range(n_storeys):
         a = i * BLOCK
@@ -306,7 +308,7 @@ def strike(n_storeys, n_directions, until, position, step, flipped, ground, seed
 
 
 @njit({flags})
-def flip(n_storeys, n_directions, storey, event, column, step, flipped, ground, seed, w, t):
+def flip(n_storeys, n_directions, storey, event, column, step, flipped, ground, seed, active, w, t):
     for l in range(LANES):
         step[l] = 0.0
     for i in range({n_blocks}):
@@ -317,20 +319,21 @@ def flip(n_storeys, n_directions, storey, event, column, step, flipped, ground, 
     for l in range(LANES):
         w[a + l] += flipped[l]
     prepare(n_storeys, w)
-    close(n_storeys, n_directions, 0.0, step, ground, seed, w, t)
+    close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)
     for k in range(n_directions):
         if seed[k * n_storeys + storey] == column:
+            moves = active[(k * n_storeys + storey) * LANES:]
             for i in range({n_blocks}):
                 a = (i + 1) * BLOCK
                 o = (k * (n_storeys + 2) + i + 1) * TANGENT_BLOCK
                 for r in range({n_states}):
                     for l in range(LANES):
                         m = r * LANES + l
-                        jump = flipped[l] * (w[a + {before} * LANES + m] - w[a + {n_states} * LANES + m])
+                        jump = moves[l] * flipped[l] * (w[a + {before} * LANES + m] - w[a + {n_states} * LANES + m])
                         t[o + m] += jump
                         t[o + {n_states2} * LANES + m] += jump
     if n_directions > 0:
-        close(n_storeys, n_directions, 0.0, step, ground, seed, w, t)
+        close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)
 
 
 @njit({flags})
@@ -371,7 +374,7 @@ def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
 
 
 @njit({flags})
-def run(n_storeys, n_directions, dt, excitation, w, t, seed, shares, weights, substeps, resolution, starts,
+def run(n_storeys, n_directions, dt, excitation, w, t, seed, active, shares, weights, substeps, resolution, starts,
         block, row, coefficient, ground_part, measured, misfit, gram, store, stored):
     n_times = excitation.shape[0]
     n_channels = ground_part.shape[0]
@@ -384,9 +387,9 @@ def run(n_storeys, n_directions, dt, excitation, w, t, seed, shares, weights, su
     for l in range(LANES):
         ground[l] = excitation[0]
     prepare(n_storeys, w)
-    strike(n_storeys, 0, 1e-9 * dt, position, step, flipped, ground, seed, w, t)
+    strike(n_storeys, 0, 1e-9 * dt, position, step, flipped, ground, seed, active, w, t)
     event = next_event(n_storeys, w)
-    close(n_storeys, n_directions, 0.0, step, ground, seed, w, t)
+    close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)
     for j in range(n_times):
         ground_0 = excitation[j]
         ahead = min(j + 1, n_times - 1)
@@ -408,9 +411,10 @@ def run(n_storeys, n_directions, dt, excitation, w, t, seed, shares, weights, su
         arrived = False
         while not arrived:
             arrived = next_step(n_storeys, dt, start, event, position, length, step, w)
-            advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, w, t)
+            advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, active,
+                    w, t)
             if event < start + dt * (1.0 + 1e-9):
-                strike(n_storeys, n_directions, start + 1e-9 * dt, position, step, flipped, ground, seed, w, t)
+                strike(n_storeys, n_directions, start + 1e-9 * dt, position, step, flipped, ground, seed, active, w, t)
                 event = next_event(n_storeys, w)
 """
 
@@ -612,7 +616,7 @@ def _slopes(law: StoreyLaw, part: Part, place: LaneLayout, block: str) -> list[s
 def _slope(part: Part, row: int, place: LaneLayout, tangents: dict[int, str]) -> str:
     """Derivative of one output in the direction at hand, given those of the variables it is a function of."""
     first = place.slope + row * place.n_columns
-    terms = [f"moved[BLOCK + {first} * LANES + l]"]
+    terms = [f"moves[l] * moved[BLOCK + {first} * LANES + l]"]
     terms += [
         f"w[a + BLOCK + {first + variable} * LANES + l] * {tangents[variable]}"
         for output, variable in part.partials
@@ -719,7 +723,7 @@ def _strike(law: StoreyLaw, place: LaneLayout) -> list[str]:
             "    due += flipped[l]",
             "if due > 0.0:",
             f"    flip(n_storeys, n_directions, i, {number}, {place.n_states + column}, step, flipped, ground, seed,",
-            "         w, t)",
+            "         active, w, t)",
         ]
     return lines
 
@@ -734,5 +738,5 @@ def _drive(place: LaneLayout) -> list[str]:
         "    w[BLOCK + LANES + l] = slope",
         f"    w[BLOCK + {2 * n} * LANES + l] = ground_0",
         f"    w[BLOCK + {2 * n + 1} * LANES + l] = slope",
-        "close(n_storeys, n_directions, 0.0, step, ground, seed, w, t)",
+        "close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)",
     ]

@@ -29,12 +29,13 @@ from bwbn_bayes.engines.base import (
     masses,
     measured_matrix,
 )
+from bwbn_bayes.engines.directions import NONE, Directions
 from bwbn_bayes.engines.kernel_cache import kernel_path, load_kernel
 from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_source
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.scalar import programs_of
 from bwbn_bayes.engines.step_rules import steps_in_words
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -70,20 +71,26 @@ class Lanes:
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        values, _ = self._stored(model, draws, record, names, with_tangents=False)
+        values, _ = self._stored(model, draws, record, names, wanted=None)
         return _response(names, values)
 
     def sensitivities(
-        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+        self,
+        model: Structure,
+        draws: Floats,
+        record: Record,
+        channels: Sequence[str] | None = None,
+        *,
+        free: Booleans | None = None,
     ) -> tuple[Response, Floats]:
-        """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``."""
+        """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``; zero for those not free."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        values, slopes = self._stored(model, draws, record, names, with_tangents=True)
+        values, slopes = self._stored(model, draws, record, names, wanted=_wanted(model, draws, free))
         return _response(names, values), slopes
 
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
         """Sum of squared residuals ``(n_draws, n_channels)``; infinite where the solve failed."""
-        problem = _Problem.build(model, record, tuple(record.channels), with_tangents=False)
+        problem = _Problem.build(model, record, tuple(record.channels), wanted=None)
         result = np.empty((len(draws), len(record.channels)))
 
         def solve(block: _Block) -> None:
@@ -91,48 +98,50 @@ class Lanes:
                 values, _ = problem.solve(self, block)
                 result[block.rows] = np.sum((problem.measured - values) ** 2, axis=2)
                 return
-            outcome = problem.run(self, block.parameters, store=False)
+            outcome = problem.run(self, block, store=False)
             result[block.rows] = outcome.misfit.reshape(-1, LANES).T[: block.n_draws]
 
         self._over_blocks(problem, model, draws, solve)
         return np.where(np.isfinite(result), result, np.inf)
 
-    def normal_equations(self, model: Structure, draws: Floats, record: Record) -> NormalEquations:
-        """Least squares in summary over the measured channels, summed inside the kernel.
+    def normal_equations(
+        self, model: Structure, draws: Floats, record: Record, *, free: Booleans | None = None
+    ) -> NormalEquations:
+        """Least squares in summary over the measured channels, summed inside the kernel; zero for those not free.
 
         Sensors that distort stand after the kernel: then the response of one block at a time is stored and summed.
         """
-        problem = _Problem.build(model, record, tuple(record.channels), with_tangents=True)
+        problem = _Problem.build(model, record, tuple(record.channels), wanted=_wanted(model, draws, free))
         n, c, d = len(draws), len(record.channels), model.space.n_dim
         misfit, gradient, information = np.empty((n, c)), np.empty((n, c, d)), np.empty((n, c, d, d))
-        left, right = np.tril_indices(d)
+        directions = problem.directions
+        left, right = np.tril_indices(directions.n)
 
         def solve(block: _Block) -> None:
             if problem.sensors is not None:
                 summed = problem.summed(self, block)
                 misfit[block.rows], gradient[block.rows], information[block.rows] = summed
                 return
-            outcome = problem.run(self, block.parameters, store=False)
+            outcome = problem.run(self, block, store=False)
             misfit[block.rows] = outcome.misfit.reshape(c, LANES).T[: block.n_draws]
             gram = np.moveaxis(outcome.gram.reshape(c, -1, LANES), 2, 0)[: block.n_draws]
-            triangle = _unpack(gram, d)
-            gradient[block.rows] = triangle[..., 1:, 0]
-            full = np.zeros((block.n_draws, c, d, d))
-            full[..., left, right] = triangle[..., 1:, 1:][..., left, right]
-            full[..., right, left] = full[..., left, right]
-            information[block.rows] = full
+            triangle = _unpack(gram, directions.n)
+            square = triangle[..., 1:, 1:]
+            square[..., right, left] = square[..., left, right]
+            own = directions.of_parameters(block.rows, d)
+            gradient[block.rows] = np.einsum("nck,nkp->ncp", triangle[..., 1:, 0], own)
+            information[block.rows] = np.swapaxes(own, 1, 2)[:, None] @ square @ own[:, None]
 
         self._over_blocks(problem, model, draws, solve)
         misfit = np.where(np.isfinite(misfit), misfit, np.inf)
         return NormalEquations(misfit=misfit, gradient=gradient, information=information)
 
     def _stored(
-        self, model: Structure, draws: Floats, record: Record, names: tuple[str, ...], *, with_tangents: bool
+        self, model: Structure, draws: Floats, record: Record, names: tuple[str, ...], *, wanted: Booleans | None
     ) -> tuple[Floats, Floats]:
-        problem = _Problem.build(model, record, names, with_tangents=with_tangents)
-        d = problem.n_directions
+        problem = _Problem.build(model, record, names, wanted=wanted)
         values = np.empty((len(draws), len(names), record.n_times))
-        slopes = np.empty((len(draws), d, len(names), record.n_times))
+        slopes = np.empty((len(draws), problem.n_parameters, len(names), record.n_times))
 
         def solve(block: _Block) -> None:
             values[block.rows], slopes[block.rows] = problem.solve(self, block)
@@ -155,6 +164,7 @@ class Lanes:
 @dataclass(frozen=True, kw_only=True)
 class _Block:
     rows: slice
+    lanes: NDArray[np.int64]
     n_draws: int
     parameters: Floats
     sensor_parameters: Floats
@@ -166,6 +176,7 @@ class _Block:
         rows = slice(start, start + min(LANES, len(local) - start))
         return cls(
             rows=rows,
+            lanes=chosen,
             n_draws=rows.stop - start,
             parameters=np.moveaxis(local[chosen, :, :n_law], 0, 2),
             sensor_parameters=local[rows, :, n_law:],
@@ -190,17 +201,18 @@ class _Problem:
     kernel: ModuleType
     layout: LaneLayout
     n_storeys: int
-    n_directions: int
+    n_parameters: int
+    directions: Directions
     time_step: float
     excitation: Floats
     inverse_masses: Floats
-    seed: NDArray[np.int64]
     channels: ChannelMap
     measured: Floats
     sensors: Sensors | None
 
     @classmethod
-    def build(cls, model: Structure, record: Record, names: tuple[str, ...], *, with_tangents: bool) -> _Problem:
+    def build(cls, model: Structure, record: Record, names: tuple[str, ...], *, wanted: Booleans | None) -> _Problem:
+        """The problem of one call; the derivatives ``wanted`` of each draw, ``(n_draws, n_parameters)``, or none."""
         check_record(model, record)
         known = all(name in record.channels for name in names)
         kernel, layout = _kernel_of(model.law, model.excitation_kind == "displacement")
@@ -208,11 +220,11 @@ class _Problem:
             kernel=kernel,
             layout=layout,
             n_storeys=model.n_storeys,
-            n_directions=model.space.n_dim if with_tangents else 0,
+            n_parameters=0 if wanted is None else model.space.n_dim,
+            directions=NONE if wanted is None else Directions.of(_moved(model, layout), layout.n_columns - 1, wanted),
             time_step=record.time_step,
             excitation=np.array(record.excitation),  # a copy: read-only arrays are another type to numba
             inverse_masses=1.0 / masses(model),
-            seed=_seed(model, layout) if with_tangents else np.zeros(1, dtype=np.int64),
             channels=channel_map(model, names),
             measured=measured_matrix(record, names) if known else np.zeros((len(names), record.n_times)),
             sensors=sensors_of(model, record, names),
@@ -220,10 +232,12 @@ class _Problem:
 
     def solve(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats]:
         """Channels ``(n_draws, n_channels, n_times)`` of a block as sensors show them, and their derivatives."""
-        shape = len(self.excitation), 1 + self.n_directions, len(self.channels.names), LANES
-        stored = self.run(engine, block.parameters, store=True).stored.reshape(shape)
+        shape = len(self.excitation), 1 + self.directions.n, len(self.channels.names), LANES
+        stored = self.run(engine, block, store=True).stored.reshape(shape)
         table = np.ascontiguousarray(np.moveaxis(stored, (0, 3), (3, 0))[: block.n_draws])
-        values, slopes = table[:, 0], table[:, 1:]
+        values, slopes = table[:, 0], np.zeros((block.n_draws, self.n_parameters, *table.shape[2:]))
+        draw, direction = np.nonzero(self.directions.owner[block.rows] >= 0)
+        slopes[draw, self.directions.owner[block.rows][draw, direction]] = table[draw, 1 + direction]
         if self.sensors is not None:
             self.sensors.read(block.sensor_parameters, values, slopes)
         return values, slopes
@@ -239,8 +253,9 @@ class _Problem:
             np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)),
         )
 
-    def run(self, engine: Lanes, parameters: Floats, *, store: bool) -> _Outcome:
-        c, d, n, place = len(self.channels.names), self.n_directions, self.n_storeys, self.layout
+    def run(self, engine: Lanes, block: _Block, *, store: bool) -> _Outcome:
+        """The kernel on one block."""
+        c, d, n, place = len(self.channels.names), self.directions.n, self.n_storeys, self.layout
         outcome = _Outcome(
             misfit=np.zeros(c * LANES),
             gram=np.zeros(c * (d * (d + 3) // 2) * LANES if not store else 1),
@@ -248,7 +263,7 @@ class _Problem:
         )
         blocks = np.zeros((n + 2, place.block, LANES))
         storeys = blocks[n:0:-1]
-        storeys[:, place.parameters : place.parameters + parameters.shape[1]] = parameters
+        storeys[:, place.parameters : place.parameters + block.parameters.shape[1]] = block.parameters
         storeys[:, place.inverse_mass] = self.inverse_masses[:, None]
         kind, storey = np.divmod(self.channels.row, n)
         # The base stands one block below the storeys.
@@ -260,7 +275,8 @@ class _Problem:
             self.excitation,
             blocks.ravel(),
             np.zeros(d * (n + 2) * place.tangent_block * LANES),
-            self.seed,
+            self.directions.seed.ravel(),
+            np.moveaxis(self.directions.active[block.lanes], 0, 2).ravel() if d else np.zeros(1),
             _SHARES,
             _WEIGHTS,
             engine.substeps,
@@ -289,15 +305,20 @@ def _unpack(gram: Floats, d: int) -> Floats:
     return square
 
 
-def _seed(model: Structure, place: LaneLayout) -> NDArray[np.int64]:
-    """Column of the table of partials that each direction moves, at each storey from the roof down."""
+def _wanted(model: Structure, draws: Floats, free: Booleans | None) -> Booleans:
+    """Which derivatives to compute: all of them unless some are free."""
+    return np.ones((len(draws), model.space.n_dim), dtype=np.bool_) if free is None else free
+
+
+def _moved(model: Structure, place: LaneLayout) -> NDArray[np.int64]:
+    """Column of the table of partials that each parameter moves, at each storey from the roof down."""
     first = 2 + len(model.law.states)
-    seed = np.full((model.space.n_dim, model.n_storeys), place.n_columns - 1, dtype=np.int64)
+    moved = np.full((model.space.n_dim, model.n_storeys), place.n_columns - 1, dtype=np.int64)
     for storey, row in enumerate(model.table.index):
         for column, parameter in enumerate(row[: len(model.law.parameters)]):
             if parameter >= 0:
-                seed[parameter, model.n_storeys - 1 - storey] = first + column
-    return seed.ravel()
+                moved[parameter, model.n_storeys - 1 - storey] = first + column
+    return moved
 
 
 def _response(names: tuple[str, ...], values: Floats) -> Response:
@@ -346,6 +367,7 @@ def compile_law(law: StoreyLaw, driven: bool) -> None:
         np.zeros(3 * place.block * LANES),
         none,
         nowhere,
+        none,
         _SHARES,
         _WEIGHTS,
         1,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bwbn_bayes.engines.base import NormalEquations, Response, measured_matrix
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -25,7 +25,13 @@ class Reduction:
         raise NotImplementedError
 
     def sensitivities(
-        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+        self,
+        model: Structure,
+        draws: Floats,
+        record: Record,
+        channels: Sequence[str] | None = None,
+        *,
+        free: Booleans | None = None,
     ) -> tuple[Response, Floats]:
         """See :class:`~bwbn_bayes.engines.base.Engine`."""
         raise NotImplementedError
@@ -40,14 +46,17 @@ class Reduction:
             result[i] = np.sum((measured - values) ** 2, axis=1)
         return np.where(np.isfinite(result), result, np.inf)
 
-    def normal_equations(self, model: Structure, draws: Floats, record: Record) -> NormalEquations:
+    def normal_equations(
+        self, model: Structure, draws: Floats, record: Record, *, free: Booleans | None = None
+    ) -> NormalEquations:
         """Least squares in summary over the measured channels; NaN slopes where the solve failed."""
         names = tuple(record.channels)
         measured = measured_matrix(record, names)
         n, c, d = len(draws), len(names), model.space.n_dim
         misfit, gradient, information = np.empty((n, c)), np.empty((n, c, d)), np.empty((n, c, d, d))
         for i in range(n):
-            response, slopes = self.sensitivities(model, draws[i : i + 1], record, names)
+            own = None if free is None else free[i : i + 1]
+            response, slopes = self.sensitivities(model, draws[i : i + 1], record, names, free=own)
             residual, slope = measured - response.values[0], slopes[0]
             misfit[i] = np.sum(residual**2, axis=1)
             gradient[i] = np.einsum("dct,ct->cd", slope, residual)

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from bwbn_bayes.engines.base import Response, Status
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar import ScalarProblem, scalar_problem, solve_each
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -77,7 +77,13 @@ class Reference(Reduction):
         return solve_each(problem, self._solve)[0]
 
     def sensitivities(
-        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+        self,
+        model: Structure,
+        draws: Floats,
+        record: Record,
+        channels: Sequence[str] | None = None,
+        *,
+        free: Booleans | None = None,
     ) -> tuple[Response, Floats]:
         """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)`` by central differences."""
         response = self.simulate(model, draws, record, channels)

@@ -34,7 +34,7 @@ from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
 from bwbn_bayes.engines.step_rules import steps_in_words
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -263,7 +263,13 @@ class ScalarRk4(Reduction):
         return solve_each(problem, self._solve, self.n_threads)[0]
 
     def sensitivities(
-        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+        self,
+        model: Structure,
+        draws: Floats,
+        record: Record,
+        channels: Sequence[str] | None = None,
+        *,
+        free: Booleans | None = None,
     ) -> tuple[Response, Floats]:
         """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``."""
         names = tuple(record.channels) if channels is None else tuple(channels)

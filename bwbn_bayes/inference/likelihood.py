@@ -16,7 +16,7 @@ from scipy.special import gammaln
 
 from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import Floats, FreeParameter, ParameterSpace, Prior
+from bwbn_bayes.parameters import Booleans, Floats, FreeParameter, ParameterSpace, Prior
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -249,16 +249,20 @@ class Posterior:
         result[ok] = self.noise.log_likelihood(misfit[ok], self.record.n_times, noise_values)
         return result
 
-    def linearise(self, points: Floats) -> Linearisation:
-        """Gauss-Newton expansion at each point; a failed solve has zero gradient and information."""
+    def linearise(self, points: Floats, free: Booleans | None = None) -> Linearisation:
+        """Gauss-Newton expansion at each point; a failed solve has zero gradient and information.
+
+        So have coordinates that are not ``free``, ``(n_draws, n_dim)``; their derivatives are not computed.
+        """
         self.solves.total += len(points)
         values, noise_values = self.split(points)
-        equations = self.engine.normal_equations(self.model, values, self.record)
+        d = self.model.space.n_dim
+        own = None if free is None else free[:, :d]
+        equations = self.engine.normal_equations(self.model, values, self.record, free=own)
         ok = np.all(np.isfinite(equations.misfit), axis=1)
         misfit = np.where(ok[:, None], equations.misfit, 1.0)
         weight = self.noise.precision(misfit, self.record.n_times, noise_values) * ok[:, None]
-        scale = self.space.unit_scale(np.hstack([values, noise_values]))
-        d = self.model.space.n_dim
+        scale = self.space.unit_scale(np.hstack([values, noise_values])) * (1.0 if free is None else free)
         gradient, information = np.zeros((len(points), self.n_dim)), np.zeros((len(points), self.n_dim, self.n_dim))
         gradient[:, :d] = np.einsum("nc,ncp->np", weight, np.nan_to_num(equations.gradient))
         information[:, :d, :d] = np.einsum("nc,ncpq->npq", weight, np.nan_to_num(equations.information))

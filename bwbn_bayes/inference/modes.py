@@ -153,11 +153,11 @@ def polish(
     local : Linearisation
         At the returned points.
     """
-    local = view.linearise(points)
     scale = np.ones(len(points))
-    held = np.broadcast_to(False if held is None else held, points.shape)
+    free = None if held is None else ~np.broadcast_to(held, points.shape)
+    local = view.linearise(points, free)
     for _ in range(n_iterations):
-        trials = np.stack([_steps(points, local, damping * scale, held) for damping in _DAMPINGS], axis=1)
+        trials = np.stack([_steps(points, local, damping * scale, free) for damping in _DAMPINGS], axis=1)
         flat = trials.reshape(-1, trials.shape[-1])
         value = np.where(np.isfinite(view.log_prior(flat)), view.log_likelihood(flat), -np.inf).reshape(
             trials.shape[:2]
@@ -174,15 +174,15 @@ def polish(
         near = local.log_likelihood > np.max(local.log_likelihood) - reach
         if not np.any(near & (gain > 0.01)) and np.all(~near | better | (scale > 1e3)):
             break
-        local = view.linearise(points)
+        local = view.linearise(points, free)
     return points, local
 
 
-def _steps(points: Floats, local: Linearisation, damping: Floats, held: Booleans) -> Floats:
+def _steps(points: Floats, local: Linearisation, damping: Floats, allowed: Booleans | None) -> Floats:
     """One damped Gauss-Newton step of every candidate inside the cube, coordinates held at bounds they press on."""
     trials = points.copy()
     for i, (point, gradient, information) in enumerate(zip(points, local.gradient, local.information, strict=True)):
-        free = ~_pressing(point, gradient) & ~held[i]
+        free = ~_pressing(point, gradient) & (True if allowed is None else allowed[i])
         for _ in range(3):
             if not np.any(free):
                 break

@@ -58,18 +58,26 @@ class Counted:
         return self.inner.simulate(model, draws, record, channels)
 
     def sensitivities(
-        self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
+        self,
+        model: Structure,
+        draws: Floats,
+        record: Record,
+        channels: Sequence[str] | None = None,
+        *,
+        free: Booleans | None = None,
     ) -> tuple[Response, Floats]:
         self.calls.append(len(draws))
-        return self.inner.sensitivities(model, draws, record, channels)
+        return self.inner.sensitivities(model, draws, record, channels, free=free)
 
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
         self.calls.append(len(draws))
         return self.inner.misfit(model, draws, record)
 
-    def normal_equations(self, model: Structure, draws: Floats, record: Record) -> NormalEquations:
+    def normal_equations(
+        self, model: Structure, draws: Floats, record: Record, *, free: Booleans | None = None
+    ) -> NormalEquations:
         self.calls.append(len(draws))
-        return self.inner.normal_equations(model, draws, record)
+        return self.inner.normal_equations(model, draws, record, free=free)
 
 
 def around_truth(n: int) -> Floats:

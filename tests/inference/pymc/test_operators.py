@@ -28,7 +28,7 @@ from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.engines.sunode import Sunode
 from bwbn_bayes.inference.pymc.forward import forward_problem
 from bwbn_bayes.inference.pymc.operators import ChannelResponse, LogAdmissible, SquaredResiduals
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,10 +11,9 @@ from bwbn_bayes.baselines.genetic import Generation, GeneticSettings, search
 from bwbn_bayes.baselines.ipv import Variant, fit_forces
 from bwbn_bayes.baselines.outcome import forces_result, genetic_result
 from bwbn_bayes.engines.available import engine as engine_by_name
-from bwbn_bayes.engines.base import Engine, masses, require_channels, require_parameters
-from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.engines.base import masses, require_channels, require_parameters
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.accuracy import LADDER
+from bwbn_bayes.inference.accuracy import LADDER, on_rung
 from bwbn_bayes.inference.identify import Listener, Settings
 from bwbn_bayes.inference.identify import identify as identify_by_sampling
 from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
@@ -25,7 +23,7 @@ from bwbn_bayes.results import Result, StageFacts
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
-_SEARCH, _FINAL = LADDER[0], LADDER[4]
+_SEARCH, _FINAL = LADDER[0], LADDER[5]
 """Schemes for the generations and for the response of the best individual."""
 
 
@@ -106,11 +104,9 @@ def _by_search(
     if listener is not None:
         listener("searching by a genetic algorithm", None)
     engine = engine_by_name(settings.engine)
-    fit = search(
-        model, record, _refined(engine, *_SEARCH), np.random.default_rng(settings.seed), genetic, progress=tell
-    )
+    fit = search(model, record, on_rung(engine, _SEARCH), np.random.default_rng(settings.seed), genetic, progress=tell)
     elapsed = time.perf_counter() - began
-    posterior = Posterior(model=model, record=record, engine=_refined(engine, *_FINAL), noise=default_noise(record))
+    posterior = Posterior(model=model, record=record, engine=on_rung(engine, _FINAL), noise=default_noise(record))
     return genetic_result(
         posterior,
         fit,
@@ -121,10 +117,6 @@ def _by_search(
         stages=tuple(stages),
         elapsed_s=elapsed,
     )
-
-
-def _refined(engine: Engine, substeps: int, resolution: float) -> Engine:
-    return replace(engine, substeps=substeps, resolution=resolution) if isinstance(engine, Lanes) else engine
 
 
 def _stage(generation: Generation, last: int, elapsed_s: float) -> StageFacts:

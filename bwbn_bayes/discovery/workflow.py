@@ -27,6 +27,7 @@ from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.accuracy import LADDER
 from bwbn_bayes.inference.identify import Settings, identify_from
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, settled
@@ -168,7 +169,7 @@ def discover(
 
 def _fit_given(model: Structure, record: Record, run: _Run) -> _Present:
     """Fit the model as given: to the whole record, and to its beginning, where damage has yet to come."""
-    engine = Lanes(substeps=1, resolution=0.5, n_threads=run.settings.n_workers)
+    engine = replace(LADDER[0], n_threads=run.settings.n_workers)
     posterior = Posterior(model=model, record=record, engine=engine, noise=default_noise(record))
     run.say("fitting the model as given")
     modes = find_modes(posterior, run.rng)

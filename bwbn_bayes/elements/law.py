@@ -84,10 +84,19 @@ class AddedState:
 
 @dataclass(frozen=True, kw_only=True)
 class SharpFeature:
-    """Where the law changes fast: within ``width`` of a state's zero. Engines may refine their steps there."""
+    """Where the law changes fast as a state moves by ``width``. Engines may refine their steps there.
+
+    Attributes
+    ----------
+    state : Symbol
+    width : Expr
+    everywhere : bool
+        Wherever the state is; otherwise near its zero alone.
+    """
 
     state: sp.Symbol
     width: sp.Expr
+    everywhere: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

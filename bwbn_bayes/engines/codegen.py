@@ -26,7 +26,6 @@ from bwbn_bayes.elements.law import (
     RECORDED_ACCELERATION,
     BaseLaw,
     Event,
-    SharpFeature,
     StoreyLaw,
 )
 from bwbn_bayes.errors import UserError
@@ -262,7 +261,7 @@ def spelled(law: StoreyLaw) -> StoreyLaw:
         rates=tuple(rate.xreplace(around) for rate in law.rates),
         events=tuple(Event(time=new[e.time], indicator=new[e.indicator]) for e in law.events),
         sharp_features=tuple(
-            SharpFeature(state=new.get(f.state, f.state), width=f.width.xreplace(new)) for f in law.sharp_features
+            replace(f, state=new.get(f.state, f.state), width=f.width.xreplace(new)) for f in law.sharp_features
         ),
         acceleration=None if law.acceleration is None else law.acceleration.xreplace(around),
         base=None

@@ -268,15 +268,16 @@ def plan(n_storeys, dt, substeps, resolution, length, w):
 
 
 @njit({flags})
-def next_step(n_storeys, dt, start, event, position, length, step, w):
+def next_step(n_storeys, dt, cut, start, event, position, length, step, w):
     # The next step of each lane, zero where it has arrived; returns whether every lane then is at the interval's end.
     for l in range(LANES):
         remaining = dt - position[l]
         h = length[l]
         h = remaining if remaining - h < 1e-9 * dt else h
         step[l] = h if remaining > 1e-12 * dt else 0.0
-    for i in range(n_storeys):
-        a = i * BLOCK
+    if cut:
+        for i in range(n_storeys):
+            a = i * BLOCK
 {turn}
     if event < start + dt:
         for i in range(n_storeys):
@@ -374,8 +375,8 @@ def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
 
 
 @njit({flags})
-def run(n_storeys, n_directions, dt, excitation, w, t, seed, active, shares, weights, substeps, resolution, starts,
-        block, row, coefficient, ground_part, measured, misfit, gram, store, stored):
+def run(n_storeys, n_directions, dt, excitation, w, t, seed, active, shares, weights, substeps, resolution, cut,
+        starts, block, row, coefficient, ground_part, measured, misfit, gram, store, stored):
     n_times = excitation.shape[0]
     n_channels = ground_part.shape[0]
     value = np.zeros(n_channels * (n_directions + 1) * LANES)
@@ -410,7 +411,7 @@ def run(n_storeys, n_directions, dt, excitation, w, t, seed, active, shares, wei
         plan(n_storeys, dt, substeps, resolution, length, w)
         arrived = False
         while not arrived:
-            arrived = next_step(n_storeys, dt, start, event, position, length, step, w)
+            arrived = next_step(n_storeys, dt, cut, start, event, position, length, step, w)
             advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, active,
                     w, t)
             if event < start + dt * (1.0 + 1e-9):
@@ -661,8 +662,13 @@ def _refine(law: StoreyLaw, place: LaneLayout) -> str:
             f"        sharpness = w[a + BLOCK + {place.sharpness + position} * LANES + l]",
             f"        change = abs(w[a + BLOCK + {place.n_states + state} * LANES + l]) * dt * sharpness",
             "        needed = np.ceil(change / resolution)",
-            f"        distance = abs(w[a + BLOCK + {state} * LANES + l]) * sharpness",
-            f"        needed = needed if distance < change + {REACH} else 1.0",
+        ]
+        if not feature.everywhere:
+            lines += [
+                f"        distance = abs(w[a + BLOCK + {state} * LANES + l]) * sharpness",
+                f"        needed = needed if distance < change + {REACH} else 1.0",
+            ]
+        lines += [
             f"        needed = needed if needed < {MOST_STEPS} else {MOST_STEPS}",
             "        length[l] = length[l] if length[l] > needed else needed",
         ]
@@ -673,7 +679,7 @@ def _refine(law: StoreyLaw, place: LaneLayout) -> str:
 
 def _turn(law: StoreyLaw, place: LaneLayout) -> str:
     if not has_kink(law, DRIFT_RATE):
-        return ""
+        return _indent(["pass"], 3)
     row = f"w[a + BLOCK + {place.n_states + 1} * LANES + l]"
     lines = [
         "turning = 0.0",
@@ -686,7 +692,7 @@ def _turn(law: StoreyLaw, place: LaneLayout) -> str:
         f"        turns = until > {MARGIN} * step[l] and until < {1.0 - MARGIN} * step[l]",
         "        step[l] = until if turns else step[l]",
     ]
-    return _indent(lines, 2)
+    return _indent(lines, 3)
 
 
 def _limit(law: StoreyLaw, place: LaneLayout) -> list[str]:

@@ -571,10 +571,11 @@ def _refine(law: StoreyLaw) -> list[str]:
         state, width = names.index(str(feature.state)), print_expression(feature.width)
         constants = {str(symbol): column for column, symbol in enumerate(law.symbols)}
         used = [name for name in constants if name in re.findall(r"[A-Za-z_]\w*", width)]
+        near = "True" if feature.everywhere else f"abs(y[base + {state}]) / ({width}) < change + {REACH}"
         lines += [f"{name} = data[here + {constants[name]}]" for name in used]
         lines += [
             f"change = abs(dy[base + {state}]) * dt / ({width})",
-            f"if resolution > 0.0 and abs(y[base + {state}]) / ({width}) < change + {REACH}:",
+            f"if resolution > 0.0 and {near}:",
             f"    steps = max(steps, min(np.ceil(change / resolution), {MOST_STEPS}))",
         ]
     return lines

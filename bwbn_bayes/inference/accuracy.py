@@ -19,8 +19,22 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 
 LIMIT = 0.5
-LADDER = ((1, 0.5), (1, 0.25), (1, 0.125), (2, 0.06), (4, 0.06), (8, 0.03), (16, 0.015))
-"""Substeps per sample and resolution (widths of a sharp feature per step), from coarse to fine."""
+LADDER = (
+    Lanes(resolution=0.5, cut_at_turns=False),
+    Lanes(resolution=0.5),
+    Lanes(resolution=0.25),
+    Lanes(resolution=0.125),
+    Lanes(substeps=2, resolution=0.06),
+    Lanes(substeps=4, resolution=0.06),
+    Lanes(substeps=8, resolution=0.03),
+    Lanes(substeps=16, resolution=0.015),
+)
+"""Schemes from coarse to fine."""
+
+
+def on_rung(engine: Engine, rung: Lanes) -> Engine:
+    """An engine with a rung's scheme; one that is not of lanes has a tolerance of its own and stays as it is."""
+    return replace(rung, n_threads=engine.n_threads) if isinstance(engine, Lanes) else engine
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +121,7 @@ def choose_scheme(posterior: Posterior, point: Floats, engine: Lanes) -> tuple[L
 
     The finest scheme is returned, with its figures, where none is.
     """
-    *ladder, finest = (replace(engine, substeps=substeps, resolution=resolution) for substeps, resolution in LADDER)
+    *ladder, finest = (replace(rung, n_threads=engine.n_threads) for rung in LADDER)
     judge = Judge.at(posterior, point, finest)
     for scheme in ladder:
         facts = judge(scheme)

@@ -14,9 +14,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from bwbn_bayes.engines.available import engine as engine_by_name
-from bwbn_bayes.engines.base import Engine, require_channels, require_parameters
+from bwbn_bayes.engines.base import require_channels, require_parameters
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme
+from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
 from bwbn_bayes.inference.adaptive import adapt
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
@@ -156,7 +156,7 @@ def identify(
     posterior = Posterior(
         model=model,
         record=record,
-        engine=_coarse(engine_by_name(settings.engine)),
+        engine=on_rung(engine_by_name(settings.engine), LADDER[0]),
         noise=noise or default_noise(record),
     )
     streams = np.random.SeedSequence(settings.seed).spawn(N_ATTEMPTS + 2)
@@ -265,12 +265,6 @@ def _sampled(
         elapsed=lambda: time.perf_counter() - history.began,
         rng=rng,
     )
-
-
-def _coarse(engine: Engine) -> Engine:
-    if isinstance(engine, Lanes):
-        return replace(engine, substeps=LADDER[0][0], resolution=LADDER[0][1])
-    return engine
 
 
 def _fit(
@@ -388,7 +382,7 @@ def _from_prior(posterior: Posterior, settings: Settings, history: _History) -> 
     """
     history.say("sampling by transitional MCMC from the prior")
     fewest = max(settings.particles // 5, 8 * (posterior.n_dim + 1))
-    coarse = posterior.with_engine(_coarse(posterior.engine))
+    coarse = posterior.with_engine(on_rung(posterior.engine, LADDER[0]))
     return _tmcmc(coarse, replace(settings, variant="plain"), history, "from the prior", fewest, None)
 
 

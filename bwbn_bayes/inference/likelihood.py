@@ -262,7 +262,8 @@ class Posterior:
         ok = np.all(np.isfinite(equations.misfit), axis=1)
         misfit = np.where(ok[:, None], equations.misfit, 1.0)
         weight = self.noise.precision(misfit, self.record.n_times, noise_values) * ok[:, None]
-        scale = self.space.unit_scale(np.hstack([values, noise_values])) * (1.0 if free is None else free)
+        scale = self.space.unit_scale(np.hstack([values, noise_values]))
+        scale = scale if free is None else np.where(free, scale, 0.0)
         gradient, information = np.zeros((len(points), self.n_dim)), np.zeros((len(points), self.n_dim, self.n_dim))
         gradient[:, :d] = np.einsum("nc,ncp->np", weight, np.nan_to_num(equations.gradient))
         information[:, :d, :d] = np.einsum("nc,ncpq->npq", weight, np.nan_to_num(equations.information))

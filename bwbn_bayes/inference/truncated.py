@@ -63,7 +63,8 @@ class TruncatedStudent:
             Degrees of freedom.
         """
         values, vectors = np.linalg.eigh(information)
-        covariance = (vectors / np.maximum(values, 12.0)) @ vectors.T
+        # What is flatter than rounding shows as flat as rounding can.
+        covariance = (vectors / np.maximum(values, max(12.0, 1e-12 * values[-1]))) @ vectors.T
         mean = point + covariance @ gradient
         return cls.of(mean, inflation * covariance, degrees=degrees)
 

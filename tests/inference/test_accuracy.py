@@ -50,8 +50,7 @@ def test_claims_are_true_within_a_factor_of_two(
     pinching: Posterior, fitted: Mode, reference_response: Floats, rung: int
 ) -> None:
     """The response error against the reference; the shift of the estimate against the refit by that scheme."""
-    substeps, resolution = LADDER[rung]
-    scheme = Lanes(substeps=substeps, resolution=resolution)
+    scheme = LADDER[rung]
     claimed = Judge.at(pinching, fitted.point, FINEST)(scheme)
     true_error = relative_error(pinching, fitted.point, scheme, reference_response)
     assert claimed.nrmse == pytest.approx(true_error, rel=0.5, abs=2e-6)
@@ -65,15 +64,15 @@ def test_claims_are_true_within_a_factor_of_two(
 
 
 def test_the_chosen_scheme_is_the_cheapest_acceptable_one(pinching: Posterior, fitted: Mode) -> None:
-    coarse = Lanes(substeps=LADDER[0][0], resolution=LADDER[0][1])
+    coarse = LADDER[0]
     chosen, facts = choose_scheme(pinching.with_engine(coarse), fitted.point, coarse)
     assert facts.acceptable
     assert facts.joint_shift_sd < LIMIT
     assert facts.scheme == chosen.scheme
-    number = LADDER.index((chosen.substeps, chosen.resolution))
+    number = LADDER.index(chosen)
     assert 0 < number < len(LADDER) - 1
     judge = Judge.at(pinching, fitted.point, FINEST)
-    assert not any(judge(replace(coarse, substeps=s, resolution=r)).acceptable for s, r in LADDER[:number])
+    assert not any(judge(rung).acceptable for rung in LADDER[:number])
     refit = climbed(pinching.with_engine(chosen), fitted.point)
     step = refit.point - fitted.point
     assert np.sqrt(step @ fitted.information @ step) < 2.0 * LIMIT
@@ -83,6 +82,6 @@ def test_the_finest_scheme_is_returned_where_none_will_do(pinching: Posterior, f
     """With noise a thousandth of the true one nothing on the ladder is fine enough."""
     noise = replace(pinching.noise, shape=1e9, scale=(1e-4,))  # type: ignore[type-var]
     chosen, facts = choose_scheme(replace(pinching, noise=noise), fitted.point, FINEST)
-    assert (chosen.substeps, chosen.resolution) == LADDER[-1]
+    assert chosen == LADDER[-1]
     assert not facts.acceptable
     assert facts.scheme == chosen.scheme

@@ -8,7 +8,7 @@ from typing import ClassVar, Self, override
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import DRIFT_RATE, AddedState, Definition, Effect, Slots, step, symbol
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Definition, Effect, SharpFeature, Slots, step, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
@@ -77,5 +77,7 @@ class Backlash(Effect):
             drift_taken_up=slots.drift_taken_up + PLAY,
             drift_rate_share=slots.drift_rate_share - free,
             added_states=(*slots.added_states, AddedState(state=PLAY, rate=DRIFT_RATE * free)),
+            # While the play closes, d follows the drift within a few w: a step of a stable scheme must be shorter.
+            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=4 * symbol("w"), everywhere=True)),
             steps=(*slots.steps, Definition(caption="room ahead in the play, in w", subject=room, expression=ahead)),
         )

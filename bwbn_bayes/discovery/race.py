@@ -16,16 +16,17 @@ from numpy.typing import NDArray
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
-from bwbn_bayes.inference.modes import Mode, distinct, polish
+from bwbn_bayes.inference.modes import Mode, climb, distinct, polish
 from bwbn_bayes.parameters import Booleans, Floats
 
-ROUNDS = ((4, 1.0), (6, 0.5), (25, 0.2))
+ROUNDS = ((2, 1.0), (4, 0.4), (25, 0.12))
 """Iterations of each round, and the share of the hypotheses that enter it."""
 _LEAST = 8
 """Hypotheses that enter every round, if there are as many."""
 _GUESSED_FROM = slice(None, None, 2)
 """Fits of the present model from which guesses start: the best of the whole record and the best of its beginning."""
-_REFITS = 3
+_REFITS = (1, 2)
+"""Iterations that refit the rest to every guess, then to the better half; half of those start fits."""
 _NEAR = 1e-3
 """Distance from neutral of the starts there, in prior probability."""
 _REACH = 50.0
@@ -139,15 +140,20 @@ def _guesses(present: Posterior, family: Family, base_points: Floats) -> list[Fl
     grids = [member.starts(base_points[_GUESSED_FROM]) for member in family.members]
     points, held, owner = _together(family, grids)
     brought = {name for member in family.members for name in member.brought}
-    columns = [name in brought for name in family.model.space.names]
-    points, local = polish(view, points, n_iterations=_REFITS, held=held | np.array(columns), reach=_REACH)
-    result = []
-    for number, member in enumerate(family.members):
-        rows = np.flatnonzero(owner == number)
-        n_best = max(_BLOCK // len(family.members) - 1, len(rows) // 4)
-        best = rows[np.argsort(-local.log_likelihood[rows], kind="stable")[:n_best]]
-        result.append(points[best][:, family.columns(member)])
-    return result
+    held = held | np.array([name in brought for name in family.model.space.names])
+    least = _BLOCK // len(family.members) - 1
+    for n_iterations in _REFITS:
+        points, reached = climb(view, points, n_iterations=n_iterations, held=held, reach=_REACH)
+        kept = np.concatenate([_better_half(owner == n, reached, least) for n in range(len(family.members))])
+        points, held, owner = points[kept], held[kept], owner[kept]
+    return [points[owner == n][:, family.columns(member)] for n, member in enumerate(family.members)]
+
+
+def _better_half(own: Booleans, reached: Floats, least: int) -> NDArray[np.int64]:
+    """Rows of the better half of a member's points, but of some at least."""
+    rows = np.flatnonzero(own)
+    n_kept = max(least, len(rows) // 2)
+    return rows[np.argsort(-reached[rows], kind="stable")[:n_kept]]
 
 
 def _together(family: Family, points: Sequence[Floats]) -> tuple[Floats, Booleans, NDArray[np.int64]]:

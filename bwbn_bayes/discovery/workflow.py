@@ -39,7 +39,7 @@ from bwbn_bayes.structures.structure import Structure
 
 Listener = Callable[[str], None]
 
-LEAST_SCORE = 4.0
+LEAST_SCORE = 6.0
 """Where the residual is noise, and in later rounds, hypotheses whose score is below this are not fitted. [nat]"""
 MOST_LATER = 24
 """Hypotheses with the largest scores that are fitted in a later round."""

@@ -16,8 +16,8 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, lru_cache
 from typing import ClassVar, Protocol, Self
 
 import sympy as sp
@@ -152,6 +152,11 @@ class Slots:
     sensor_bias: sp.Expr = sp.S.Zero
     sensor_lag: sp.Expr = sp.S.Zero
     """A floor's accelerometer shows ``gain a(t - lag) + bias``."""
+
+    def __hash__(self) -> int:
+        """Slots filled alike make one law."""
+        own = (getattr(self, one.name) for one in fields(self))
+        return hash(tuple(tuple(value.items()) if isinstance(value, Mapping) else value for value in own))
 
 
 class Effect(Protocol):
@@ -318,6 +323,12 @@ def combine(
     for effect in effects:
         slots = effect.fill(slots)
         parameters = parameters + effect.parameters
+    return _law_of(parameters, constraints, slots)
+
+
+@lru_cache(maxsize=512)
+def _law_of(parameters: tuple[Parameter, ...], constraints: tuple[sp.Basic, ...], slots: Slots) -> StoreyLaw:
+    """The law of filled slots; discovery builds hundreds of models with few laws."""
     slots = _with_floor_velocity(slots)
     definitions = (*_definitions(slots), *surroundings(slots))
     outputs = expanded(definitions)

@@ -132,6 +132,21 @@ def _cloud(view: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator) -
 def polish(
     view: Posterior, points: Floats, *, n_iterations: int, held: Booleans | None = None, reach: float = np.inf
 ) -> tuple[Floats, Linearisation]:
+    """Levenberg-Marquardt from every point at once, see :func:`climb`, and the expansion where it ends.
+
+    Returns
+    -------
+    points : (n, n_dim) array
+    local : Linearisation
+        At the returned points.
+    """
+    points, _ = climb(view, points, n_iterations=n_iterations, held=held, reach=reach)
+    return points, view.linearise(points, _free(held, points))
+
+
+def climb(
+    view: Posterior, points: Floats, *, n_iterations: int, held: Booleans | None = None, reach: float = np.inf
+) -> tuple[Floats, Floats]:
     """Levenberg-Marquardt from every point at once; four dampings are tried per step, active bounds respected.
 
     Parameters
@@ -150,13 +165,14 @@ def polish(
     Returns
     -------
     points : (n, n_dim) array
-    local : Linearisation
-        At the returned points.
+    log_likelihood : (n,) array
+        There.
     """
     scale = np.ones(len(points))
-    free = None if held is None else ~np.broadcast_to(held, points.shape)
-    local = view.linearise(points, free)
+    free = _free(held, points)
+    reached = np.full(len(points), -np.inf)
     for _ in range(n_iterations):
+        local = view.linearise(points, free)
         trials = np.stack([_steps(points, local, damping * scale, free) for damping in _DAMPINGS], axis=1)
         flat = trials.reshape(-1, trials.shape[-1])
         value = np.where(np.isfinite(view.log_prior(flat)), view.log_likelihood(flat), -np.inf).reshape(
@@ -168,14 +184,18 @@ def polish(
         gain = np.where(np.isfinite(best), best, -1e300) - np.maximum(local.log_likelihood, -1e299)
         better = gain > 0.0
         points = np.where(better[:, None], trials[np.arange(len(points)), pick], points)
+        reached = np.where(better, best, local.log_likelihood)
         scale = np.clip(
             np.where(better, scale * np.where(pick == 0, 0.1, np.where(pick >= 2, 10.0, 1.0)), scale * 100.0), 1e-6, 1e8
         )
         near = local.log_likelihood > np.max(local.log_likelihood) - reach
         if not np.any(near & (gain > 0.01)) and np.all(~near | better | (scale > 1e3)):
             break
-        local = view.linearise(points, free)
-    return points, local
+    return points, reached
+
+
+def _free(held: Booleans | None, points: Floats) -> Booleans | None:
+    return None if held is None else ~np.broadcast_to(held, points.shape)
 
 
 def _steps(points: Floats, local: Linearisation, damping: Floats, allowed: Booleans | None) -> Floats:

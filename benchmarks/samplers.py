@@ -38,7 +38,6 @@ import xarray as xr
 from scipy import special
 
 from bwbn_bayes import simulate, to_pymc
-from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.accuracy import LADDER, choose_scheme
 from bwbn_bayes.inference.importance import laplace_mixture, sample_importance
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -252,7 +251,7 @@ def _prepared(path: Path, seed: int) -> tuple[Posterior, Mode, Answer]:
     file = load_model_file(path)
     assert file.excitation is not None
     record = simulate(file.model, file.excitation, file.truth, snr_db=file.snr_db, seed=seed)
-    coarse = Lanes(substeps=LADDER[0][0], resolution=LADDER[0][1])
+    coarse = LADDER[0]
     posterior = Posterior(model=file.model, record=record, engine=coarse, noise=default_noise(record))
     rng = np.random.default_rng([seed, 1])
     found = find_modes(posterior, rng)

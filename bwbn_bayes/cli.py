@@ -107,7 +107,12 @@ def discover(
         Path | None, typer.Option("--record", help="Measured record: CSV or netCDF; the model file's by default.")
     ] = None,
     held_out: Annotated[
-        Path | None, typer.Option("--held-out", help="A second measurement, predicted once, at the end.")
+        str | None,
+        typer.Option(
+            "--held-out",
+            metavar="FILE|end",
+            help="A second measurement, or `end` for the end of this one; predicted once, when all else is done.",
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Directory to write to; reports/MODEL_discovery by default.")
@@ -122,8 +127,7 @@ def discover(
     directory = _writable(out or Path("reports") / f"{file.name}_discovery")
     notes = Console(stderr=True)
     with _told(notes) as tell:
-        # A record named on the command line is another test: the file's held-out one may not belong to it.
-        apart = read_record(held_out) if held_out is not None else (file.held_out if record is None else None)
+        apart = _held_out(file, held_out, record)
         discovery = discover_missing(
             file.model,
             _record(file, record, seed, lambda text, _: tell(text)),
@@ -283,6 +287,13 @@ def _record(file: ModelFile, path: Path | None, seed: int, listener: Listener) -
         raise UserError(f"model {file.name} brings no record of its own: give one with --record FILE")
     listener("making the record with the reference engine", None)
     return simulate_record(file.model, file.excitation, file.truth, snr_db=file.snr_db, seed=seed)
+
+
+def _held_out(file: ModelFile, asked: str | None, record: Path | None) -> Record | Literal["end"] | None:
+    if asked is None:
+        # A record named on the command line is another test: the file's held-out one may not belong to it.
+        return file.held_out if record is None else None
+    return "end" if asked == "end" else read_record(asked)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.blind.base_fit import LOWER, UPPER, nats_against, with_base_numbers
+from benchmarks.blind.base_fit import box, nats_against, with_base_numbers
 from benchmarks.blind.catalogue_draws import CATALOGUE
 from benchmarks.blind.draws import Dice, Draw, Hidden, Place, raised, reached
 from benchmarks.blind.other_draws import FORMS, OUTSIDE
@@ -25,7 +25,6 @@ DETECTABLE_NATS = 40.0
 SEVERE_RATIO = 0.85
 """Peak |z| over its bound beyond which a case counts as severe; every other case is."""
 
-_N_STOREYS = 3
 _COARSE = 4
 _MAX_ATTEMPTS = 200
 
@@ -98,7 +97,32 @@ class Case:
     truth: Truth
 
 
-def make_case(kind: Kind, seed: int, index: int, snr_db: float) -> Case:
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What the cases of one trial have in common.
+
+    Attributes
+    ----------
+    n_storeys : int
+        Floors of 1 kg each.
+    duration : float or None
+        Length of both ground motions; all 31 s of El Centro where None. [s]
+    raise_by : float
+        Share of every size range, from the small end, taken away beside what the noise takes.
+    judged : bool
+        Whether the base model is fitted to each record to see how much speaks against it.
+    """
+
+    n_storeys: int = 3
+    duration: float | None = None
+    raise_by: float = 0.0
+    judged: bool = True
+
+
+THREE_STOREYS = Setting()
+
+
+def make_case(kind: Kind, seed: int, index: int, snr_db: float, setting: Setting = THREE_STOREYS) -> Case:
     """Draw one blind case.
 
     Parameters
@@ -110,12 +134,14 @@ def make_case(kind: Kind, seed: int, index: int, snr_db: float) -> Case:
         severe.
     snr_db : float
         Signal-to-noise ratio. [dB of mean square]
+    setting : Setting
+        Size of the building and of the record.
     """
     rng = np.random.default_rng([seed, KINDS.index(kind), index])
     severe = bool(index % 2)
     draws = _draws(kind, seed, index)
     for _ in range(_MAX_ATTEMPTS):
-        drawn = _structure(rng, draws, severe, snr_db)
+        drawn = _structure(rng, draws, severe, snr_db, setting)
         if drawn is not None:
             break
     else:
@@ -125,7 +151,7 @@ def make_case(kind: Kind, seed: int, index: int, snr_db: float) -> Case:
     records, noises = [], []
     for motion, clean, label in zip(motions, responses, ("", "-held-out"), strict=True):
         noise = _noise(rng, clean, snr_db, correlated)
-        channels = {f"acceleration_{i + 1}": clean[i] + noise[i] for i in range(_N_STOREYS)}
+        channels = {f"acceleration_{i + 1}": clean[i] + noise[i] for i in range(setting.n_storeys)}
         records.append(
             Record(
                 name=f"case-{index:04d}{label}",
@@ -148,7 +174,7 @@ def make_case(kind: Kind, seed: int, index: int, snr_db: float) -> Case:
         noise="AR(1)" if correlated else "white",
         noise_sd=tuple(np.std(noises[0], axis=1).tolist()),
         held_out_floor=_floor(records[1], noises[1]),
-        nats=_nats(base, numbers, hidden, records[0], noises[0], rng),
+        nats=_nats(base, numbers, hidden, records[0], noises[0], rng) if setting.judged else (),
     )
     return Case(name=f"case-{index:04d}", record=records[0], held_out=records[1], truth=truth)
 
@@ -170,21 +196,25 @@ Drawn = tuple[Building, Floats, tuple[Hidden, ...], list[Record], list[Floats], 
 """Base structure and its numbers, what is hidden, ground motions, responses without noise, peak of |z|."""
 
 
-def _structure(rng: np.random.Generator, draws: Sequence[Draw], severe: bool, snr_db: float) -> Drawn | None:
+def _structure(
+    rng: np.random.Generator, draws: Sequence[Draw], severe: bool, snr_db: float, setting: Setting
+) -> Drawn | None:
     """One attempt; None where the structure is not admissible or misses its severity."""
-    numbers = LOWER + (0.2 + 0.6 * rng.random(10)) * (UPPER - LOWER)
+    lower, upper = box(setting.n_storeys)
+    numbers = lower + (0.2 + 0.6 * rng.random(len(lower))) * (upper - lower)
     plain = Storey(k=1.0, c=0.0, alpha=0.1, beta=1.0, gamma=0.0, n=1.0)
-    base = with_base_numbers(Building(storeys=(plain,) * _N_STOREYS), numbers)
-    if numbers[7] + numbers[8] < 0.5:
+    base = with_base_numbers(Building(storeys=(plain,) * setting.n_storeys), numbers)
+    beta, gamma = numbers[-3:-1]
+    if beta + gamma < 0.5:
         return None
     target = rng.uniform(0.88, 0.98) if severe else rng.uniform(0.35, 0.8)
-    shapes = _ground_motions(rng)
+    shapes = _ground_motions(rng, setting.duration)
     scaled = [_scaled(base, shape, target) for shape in shapes]
     motion = respond(base, scaled[0].excitation, scaled[0].time_step, _COARSE)
     if np.min(motion.energy) < -0.02 * np.max(motion.energy):
         return None  # a loop that gives energy back
-    dice = Dice(rng=rng, raise_by=raised(snr_db))
-    places = rng.permutation(_N_STOREYS)[: max(len(draws), 1)] + 1
+    dice = Dice(rng=rng, raise_by=raised(snr_db) + setting.raise_by)
+    places = rng.permutation(setting.n_storeys)[: max(len(draws), 1)] + 1
     hidden = []
     for draw, place in zip(draws, places.tolist(), strict=False):
         at = reached(base, motion, scaled[0].excitation, scaled[0].time_step, place)
@@ -198,9 +228,9 @@ def _structure(rng: np.random.Generator, draws: Sequence[Draw], severe: bool, sn
     return base, numbers, tuple(hidden), scaled, clean, ratio
 
 
-def _ground_motions(rng: np.random.Generator) -> list[Record]:
+def _ground_motions(rng: np.random.Generator, duration: float | None) -> list[Record]:
     """El Centro and filtered noise of the same length, in random order."""
-    measured = el_centro("chopra")
+    measured = el_centro("chopra", duration=duration)
     made = filtered_noise(
         rng,
         measured.duration,
@@ -282,5 +312,6 @@ def _nats(
 
 
 def _labelled(numbers: Floats) -> dict[str, float]:
-    labels = [f"{name}[{i}]" for name in ("k", "c") for i in range(1, _N_STOREYS + 1)] + ["alpha", "beta", "gamma", "n"]
+    storeys = range(1, (len(numbers) - 4) // 2 + 1)
+    labels = [f"{name}[{i}]" for name in ("k", "c") for i in storeys] + ["alpha", "beta", "gamma", "n"]
     return dict(zip(labels, numbers.tolist(), strict=True))

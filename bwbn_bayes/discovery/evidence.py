@@ -1,15 +1,17 @@
-"""The evidence of a fitted hypothesis: Laplace for all, importance sampling for those that matter."""
+"""The evidence of a fitted hypothesis: Laplace for all, sampling for those that matter."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from scipy.stats import cauchy
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.race import Fit
+from bwbn_bayes.inference.bridge import bridge
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
     WeightedDraws,
@@ -37,7 +39,9 @@ class Evidence:
     log_likelihood : float
         At its best fit.
     log_evidence, log_evidence_se : float
-        For white noise; by importance sampling where ``pareto_k`` is a number, else by Laplace's approximation.
+        For white noise.
+    method : {"Laplace", "importance", "TMCMC"}
+        Where that came from.
     pareto_k : float or None
         Tail of the importance weights.
     coloured_gain : float
@@ -56,6 +60,7 @@ class Evidence:
     means: Mapping[str, float]
     sds: Mapping[str, float]
     prior_shifts: Mapping[str, float]
+    method: Literal["Laplace", "importance", "TMCMC"] = "Laplace"
 
     @property
     def total(self) -> float:
@@ -76,6 +81,17 @@ def present_evidence(present: Posterior, modes: tuple[Mode, ...], rng: np.random
 def sampled_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: int) -> Evidence:
     """Importance-sampled evidence of a fit; Laplace's stays where the weights have no usable tail."""
     return _sampled(fit.posterior, fit.modes, laplace, fit.hypothesis, rng, n)
+
+
+def bridged_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: int) -> Evidence:
+    """Evidence of a fit by transitional MCMC with ``n`` particles, where importance weights have no usable tail."""
+    cloud = bridge(fit.posterior, fit.modes, n_particles=n, rng_seed=int(rng.integers(2**31)))
+    return replace(
+        _with_draws(fit.posterior, laplace, fit.hypothesis, cloud.particles, np.full(n, 1.0 / n)),
+        log_evidence=cloud.log_evidence,
+        log_evidence_se=cloud.log_evidence_se,
+        method="TMCMC",
+    )
 
 
 def _at_modes(posterior: Posterior, modes: tuple[Mode, ...], hypothesis: Hypothesis | None) -> Evidence:
@@ -107,19 +123,27 @@ def _sampled(
     weighted: WeightedDraws = sample_importance(posterior, laplace_mixture(modes), rng, effective=n, most=3 * n)
     if not weighted.pareto_k <= PARETO_LIMIT:
         return laplace
-    weights = np.exp(weighted.log_weights)
-    values = posterior.space.from_unit(weighted.points)
-    means = weights @ values
-    sds = np.sqrt(weights @ np.square(values - means))
-    return Evidence(
-        log_likelihood=laplace.log_likelihood,
+    return replace(
+        _with_draws(posterior, laplace, hypothesis, weighted.points, np.exp(weighted.log_weights)),
         log_evidence=weighted.log_evidence,
         log_evidence_se=weighted.log_evidence_se,
         pareto_k=weighted.pareto_k,
-        coloured_gain=laplace.coloured_gain,
+        method="importance",
+    )
+
+
+def _with_draws(
+    posterior: Posterior, laplace: Evidence, hypothesis: Hypothesis | None, points: Floats, weights: Floats
+) -> Evidence:
+    """The same with moments and prior shifts from weighted points of the unit cube."""
+    values = posterior.space.from_unit(points)
+    means = weights @ values
+    sds = np.sqrt(weights @ np.square(values - means))
+    return replace(
+        laplace,
         means=dict(zip(posterior.space.names, means.tolist(), strict=True)),
         sds=dict(zip(posterior.space.names, sds.tolist(), strict=True)),
-        prior_shifts=_prior_shifts(posterior, hypothesis, weighted.points, weights),
+        prior_shifts=_prior_shifts(posterior, hypothesis, points, weights),
     )
 
 

@@ -1,8 +1,9 @@
-"""Predict data that no fit and no selection saw, before and after."""
+"""Data that no fit and no selection sees: what is held out, and how well a model predicts it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -11,26 +12,145 @@ from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import noise_floor
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
 
 N_BLOCKS = 30
+"""Stretches of a whole record for the bootstrap."""
 N_BOOTSTRAP = 400
+EARLIEST, LATEST = 0.5, 0.85
+"""Shares of a record between which it is parted."""
+LEAST_PEAK = 0.6
+"""Of the whole record's peak, what each part must reach."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOut:
+    """Held-out data: a record of its own, or the end of the record whose beginning is fitted.
+
+    Parameters
+    ----------
+    record : Record
+        The model is run over all of it, from rest.
+    after_s : float
+        What was measured up to then does not count; zero where all of it counts. [s]
+    """
+
+    record: Record
+    after_s: float = 0.0
+
+    @property
+    def first(self) -> int:
+        """Index of the first sample that counts."""
+        return 0 if self.after_s == 0.0 else int(np.floor(self.after_s / self.record.time_step + 1e-6)) + 1
+
+    @property
+    def label(self) -> str:
+        """What reports call it."""
+        return "held-out record" if self.after_s == 0.0 else f"held-out end, after {self.after_s:.3g} s"
+
+
+def set_apart(
+    model: Structure, record: Record, held_out: Record | Literal["end"] | None
+) -> tuple[Record, HeldOut | None]:
+    """Part what is fitted from what is held out.
+
+    Parameters
+    ----------
+    model : Structure
+        Tells the masses.
+    record : Record
+        The measurement.
+    held_out : Record, "end" or None
+        Another measurement, the end of this one, or nothing.
+
+    Returns
+    -------
+    record : Record
+        To fit and select with.
+    held_out : HeldOut or None
+
+    Raises
+    ------
+    UserError
+        If ``held_out`` is another word, or the record has no end to hold out.
+    """
+    if isinstance(held_out, Record):
+        return record, HeldOut(record=held_out)
+    if held_out is None:
+        return record, None
+    if held_out != "end":
+        raise UserError(f"held_out is {held_out!r}: give a Record, such as read_record(...) returns, or 'end'")
+    time = parting_time(model, record)
+    return record.until(time), HeldOut(record=record, after_s=time)
+
+
+def parting_time(model: Structure, record: Record) -> float:
+    """Time [s] that parts a record so that both parts move strongly; its sample belongs to the first.
+
+    The latest between 50 and 85 % of the record at which both parts reach 0.6 of the whole's peak in both directions,
+    measured from the mean. A storey's force hardly grows once it yields, so that a part that comes this near to the
+    peak force yields if the record does; both directions ask it for a whole reversal, not for one spike. The latest
+    leaves the most to learn from. The signal is the base shear where every floor's acceleration is measured, as its
+    masses are known; else, and for a specimen's force, every channel must pass. No model enters, so that the choice
+    favours none.
+
+    Raises
+    ------
+    UserError
+        If there is no such time.
+    """
+    signals = _strong_signals(model, record)
+    peaks = np.array([_weaker_peak(signal) for signal in signals.values()])
+    earliest, latest = int(np.ceil(EARLIEST * (record.n_times - 1))), int(LATEST * (record.n_times - 1))
+    weakest = np.min(peaks, axis=0)[earliest : latest + 1]
+    strong = np.flatnonzero(weakest >= LEAST_PEAK)
+    if not strong.size:
+        best = int(np.argmax(weakest))
+        name = list(signals)[int(np.argmin(peaks[:, earliest + best]))]
+        share = max(int(100.0 * weakest[best]), 0)
+        raise UserError(
+            f"record {record.name!r} has no end to hold out: wherever it is parted between "
+            f"{record.times[earliest]:.3g} and {record.times[latest]:.3g} s, one part reaches at most {share} % of "
+            f"the peak of {name}, less than {100.0 * LEAST_PEAK:.0f} %; hold out another measurement with "
+            "--held-out FILE"
+        )
+    return float(record.times[earliest + strong[-1]])
+
+
+def _strong_signals(model: Structure, record: Record) -> dict[str, Floats]:
+    """By name, the signals ``(n_times,)`` that tell how strongly a record moves."""
+    if isinstance(model, ShearBuilding) and len(record.floors) == model.n_storeys:
+        return {"base shear": record.storey_forces(model.masses)[0]}
+    return dict(record.channels)
+
+
+def _weaker_peak(signal: Floats) -> Floats:
+    """The weaker part's peak over the whole's, ``(n_times - 1,)``, parted after each sample but the last.
+
+    From the mean, in the direction in which that is smaller.
+    """
+    both = np.outer([1.0, -1.0], signal - np.mean(signal))
+    before = np.maximum.accumulate(both, axis=1)[:, :-1]
+    after = np.maximum.accumulate(both[:, ::-1], axis=1)[:, ::-1][:, 1:]
+    return np.asarray(np.min(np.minimum(before, after) / np.max(both, axis=1, keepdims=True), axis=0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Prediction:
-    """A model's prediction of a record, against it.
+    """A model's prediction of a record, against it, where it counts.
 
     Attributes
     ----------
     channels : tuple of str
-    values : (n_channels, n_times) array
+    values : (n_channels, n_counted) array
         Predicted, at the best fit. [unit of the channel]
     nrmse : float
         Root mean square over the channels of each one's rms error over its rms.
     nrmse_se : float
-        Standard error by a block bootstrap over 30 stretches of time.
+        Standard error by a block bootstrap over stretches of a thirtieth of the record.
     log_density : float
-        Log density of the record per sample, the noise level of each channel as in the training record's fit. [nat]
+        Log density per sample, the noise level of each channel as in the training record's fit. [nat]
     """
 
     channels: tuple[str, ...]
@@ -40,8 +160,12 @@ class Prediction:
     log_density: float
 
 
-def predict(posterior: Posterior, point: Floats, record: Record, rng: np.random.Generator) -> Prediction:
+def predict(
+    posterior: Posterior, point: Floats, record: Record, rng: np.random.Generator, *, first: int = 0
+) -> Prediction:
     """Predict a record with the parameters at a point ``(n_dim,)`` of the unit cube.
+
+    The model runs from rest through the whole record and is compared from the sample ``first`` on.
 
     Raises
     ------
@@ -52,14 +176,16 @@ def predict(posterior: Posterior, point: Floats, record: Record, rng: np.random.
     if not channels:
         raise UserError(f"record {record.name!r} measures nothing: held-out data need a channel such as acceleration_1")
     values, _ = posterior.split(point[None])
-    predicted = posterior.engine.simulate(posterior.model, values, record).values[0]
-    measured = np.stack(list(record.channels.values()))
+    predicted = posterior.engine.simulate(posterior.model, values, record).values[0][:, first:]
+    measured = np.stack(list(record.channels.values()))[:, first:]
     trained = np.sqrt(posterior.misfit(point[None])[0] / posterior.record.n_times)
     level = dict(zip(posterior.record.channels, trained, strict=True))
     sd = np.array([level.get(name, noise_floor(record.channels[name])) for name in channels])
     error = (measured - predicted) ** 2
     mean_square = np.mean(np.square(measured), axis=1)
-    blocks = np.array([np.mean(part, axis=1) for part in np.array_split(error, N_BLOCKS, axis=1)]) / mean_square
+    n_counted = error.shape[1]
+    n_blocks = min(max(2, round(N_BLOCKS * n_counted / record.n_times)), n_counted)
+    blocks = np.array([np.mean(part, axis=1) for part in np.array_split(error, n_blocks, axis=1)]) / mean_square
     resampled = blocks[rng.integers(0, len(blocks), (N_BOOTSTRAP, len(blocks)))]
     return Prediction(
         channels=channels,
@@ -70,7 +196,7 @@ def predict(posterior: Posterior, point: Floats, record: Record, rng: np.random.
     )
 
 
-def floor_of(record: Record) -> float:
-    """The same error for a perfect model: the model-free noise level over the rms, over all channels."""
-    shares = [(noise_floor(signal) / np.sqrt(np.mean(np.square(signal)))) ** 2 for signal in record.channels.values()]
-    return float(np.sqrt(np.mean(shares)))
+def floor_of(record: Record, *, first: int = 0) -> float:
+    """The same error for a perfect model: each channel's model-free noise level over its rms from ``first`` on."""
+    squares = [noise_floor(signal) ** 2 / np.mean(np.square(signal[first:])) for signal in record.channels.values()]
+    return float(np.sqrt(np.mean(squares)))

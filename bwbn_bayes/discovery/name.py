@@ -22,6 +22,8 @@ THRESHOLD = 8.0
 """Log odds that a name must exceed beyond their error. [nat]"""
 _SIMPLER = 3.0
 """Within this, the hypothesis with fewer parameters leads. [nat]"""
+_DOUBT = 6.0
+"""Laplace's error could be as large as this. [nat]"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,6 +125,17 @@ class Decision:
             if ahead not in members or odds[self.leader.hypothesis.name] < limit:
                 return False
         return True
+
+    @property
+    def doubtful(self) -> tuple[Candidate, ...]:
+        """Of the best two, those with Laplace's evidence alone where its error could turn the decision."""
+        first, second = (*self.candidates[:2], None, None)[:2]
+        if first is None or first.log_odds < THRESHOLD - _DOUBT:
+            return ()
+        contested = second is not None and second.log_odds > first.log_odds - THRESHOLD - _DOUBT
+        if not contested and first.log_odds > THRESHOLD + _DOUBT:
+            return ()
+        return tuple(one for one in (first, second if contested else None) if one and one.evidence.method == "Laplace")
 
     @property
     def sentence(self) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from bwbn_bayes.discovery.held_out import Prediction
+from bwbn_bayes.discovery.held_out import HeldOut, Prediction
 from bwbn_bayes.discovery.name import Candidate, Decision
 from bwbn_bayes.discovery.unexplained import Unexplained
 from bwbn_bayes.discovery.where import Disagreement
@@ -118,7 +118,8 @@ class Discovery:
         ``before`` and ``after``: drift, drift rate, restoring force and so on, ``(n_storeys, n_times)``.
     model, improved : Structure
     record : Record
-    held_out : Record or None
+        What fit and selection saw.
+    held_out : HeldOut or None
     result : Result
         The posterior of the improved model.
     name : str
@@ -141,7 +142,7 @@ class Discovery:
     model: Structure
     improved: Structure
     record: Record
-    held_out: Record | None
+    held_out: HeldOut | None
     result: Result
     name: str
     seed: int
@@ -154,14 +155,17 @@ class Discovery:
             "noise_floor": self.gap.noise_floor,
             "fit": {"before": self.gap.before.nrmse, "after": self.gap.after.nrmse},
         }
-        if self.gap.held_out_before is not None and self.gap.held_out_after is not None:
+        apart, before, after = self.held_out, self.gap.held_out_before, self.gap.held_out_after
+        if apart is not None and before is not None and after is not None:
             gap["held_out"] = {
-                "before": self.gap.held_out_before.nrmse,
-                "after": self.gap.held_out_after.nrmse,
-                "before_se": self.gap.held_out_before.nrmse_se,
-                "after_se": self.gap.held_out_after.nrmse_se,
-                "log_density_before": self.gap.held_out_before.log_density,
-                "log_density_after": self.gap.held_out_after.log_density,
+                "record": apart.record.name,
+                "after_s": apart.after_s,
+                "before": before.nrmse,
+                "after": after.nrmse,
+                "before_se": before.nrmse_se,
+                "after_se": after.nrmse_se,
+                "log_density_before": before.log_density,
+                "log_density_after": after.log_density,
                 "noise_floor": self.gap.held_out_floor,
             }
         facts: dict[str, Any] = {
@@ -213,6 +217,7 @@ def _candidates(steps: tuple[Step, ...]) -> list[dict[str, Any]]:
             "storeys": list(candidate.hypothesis.storeys),
             "log_bayes_factor": candidate.log_bayes_factor,
             "log_bayes_factor_se": candidate.evidence.log_evidence_se,
+            "evidence": candidate.evidence.method,
             "pareto_k": candidate.evidence.pareto_k,
             "log_odds": candidate.log_odds,
         }

@@ -1,6 +1,6 @@
 """The loop: fit, look where it disagrees, weigh every effect, add the one that is named, until nothing is left to name.
 
-Selection sees the training record alone; the held-out record is predicted once, at the end, before and after.
+Selection sees the training record alone; what is held out is predicted once, at the end, before and after.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses, scales_of
-from bwbn_bayes.discovery.evidence import laplace_evidence, present_evidence, sampled_evidence
-from bwbn_bayes.discovery.held_out import floor_of, predict
+from bwbn_bayes.discovery.evidence import bridged_evidence, laplace_evidence, present_evidence, sampled_evidence
+from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict, set_apart
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate, Decision, decide
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, Step, Verdict
 from bwbn_bayes.discovery.race import Fit, race
@@ -115,6 +116,13 @@ class _Run:
         if self.listener is not None:
             self.listener(text)
 
+    def withdraw(self, share: float) -> None:
+        """Say of the steps that added an effect that it did not stay."""
+        for number, step in enumerate(self.steps):
+            if step.decision is not None and step.decision.passes:
+                left = f"It is withdrawn: {100 * share:.0f} % of the disagreement stayed."
+                self.steps[number] = replace(step, sentence=f"{step.sentence} {left}")
+
     @property
     def elapsed(self) -> float:
         return time.perf_counter() - self.began
@@ -124,7 +132,7 @@ def discover(
     model: Structure,
     record: Record,
     *,
-    held_out: Record | None = None,
+    held_out: Record | Literal["end"] | None = None,
     settings: DiscoverySettings | None = None,
     name: str = "model",
     listener: Listener | None = None,
@@ -137,8 +145,10 @@ def discover(
         With priors on the parameters to identify.
     record : Record
         Fit and selection see this one alone.
-    held_out : Record, optional
-        Predicted once, at the end, by the model as given and as improved.
+    held_out : Record or "end", optional
+        Predicted once, at the end, by the model as given and as improved: another measurement, or the end of this one,
+        of which fit and selection then see what comes before
+        (:func:`~bwbn_bayes.discovery.held_out.parting_time`).
     settings : DiscoverySettings, optional
     name : str
         The model's name in reports.
@@ -152,11 +162,15 @@ def discover(
     Raises
     ------
     UserError
-        If the model identifies nothing, the record measures nothing, or they do not belong together.
+        If the model identifies nothing, the record measures nothing, they do not belong together, or the record has
+        no end to hold out.
     """
-    require_suitable(model, record, held_out, name)
+    require_suitable(model, record, held_out if isinstance(held_out, Record) else None, name)
+    record, apart = set_apart(model, record, held_out)
     settings = settings or DiscoverySettings()
     run = _Run(settings, np.random.default_rng(settings.seed), listener)
+    if apart is not None:
+        run.say(f"keeping apart the {apart.label}")
     given = _fit_given(model, record, run)
     before = disagreement(given.posterior, given.best)
     for spot in before.spots[:2]:
@@ -164,7 +178,7 @@ def discover(
     _compile_ahead(given, run)
     present, added = _grow(given, run)
     present, added = _prune(present, added, run)
-    return _conclude(given, present, added, before, held_out, name, run)
+    return _conclude(given, present, added, before, apart, name, run)
 
 
 def _fit_given(model: Structure, record: Record, run: _Run) -> _Present:
@@ -275,11 +289,20 @@ def _weigh(present: _Present, fits: Sequence[Fit], considered: Sequence[Hypothes
     own = present_evidence(present.posterior, present.modes, run.rng, 1000)
     for i, fit in enumerate(fits):
         if evidences[i].total > best - CONTENDER:
-            threads = replace(_lanes(fit.posterior), n_threads=run.settings.n_workers)
-            wide = replace(fit, posterior=fit.posterior.with_engine(threads))
-            evidences[i] = sampled_evidence(wide, evidences[i], run.rng, 600)
-    weighed = [(fit.hypothesis, evidence) for fit, evidence in zip(fits, evidences, strict=True)]
-    return decide(own, weighed, considered)
+            evidences[i] = sampled_evidence(_threaded(fit, run), evidences[i], run.rng, 600)
+    weighed = dict(zip([fit.hypothesis for fit in fits], evidences, strict=True))
+    decision = decide(own, tuple(weighed.items()), considered)
+    for candidate in decision.doubtful:
+        run.say(f"sampling {candidate.hypothesis.label} by transitional MCMC")
+        fit = next(fit for fit in fits if fit.hypothesis is candidate.hypothesis)
+        weighed[fit.hypothesis] = bridged_evidence(_threaded(fit, run), candidate.evidence, run.rng, 200)
+    return decide(own, tuple(weighed.items()), considered)
+
+
+def _threaded(fit: Fit, run: _Run) -> Fit:
+    """The fit with every thread for its own solves."""
+    engine = replace(_lanes(fit.posterior), n_threads=run.settings.n_workers)
+    return replace(fit, posterior=fit.posterior.with_engine(engine))
 
 
 def _lanes(posterior: Posterior) -> Lanes:
@@ -319,7 +342,7 @@ def _conclude(
     present: _Present,
     added: tuple[Added, ...],
     before: Disagreement,
-    held_out: Record | None,
+    held_out: HeldOut | None,
     name: str,
     run: _Run,
 ) -> Discovery:
@@ -327,6 +350,7 @@ def _conclude(
     share = _unexplained_share(before, after)
     verdict = _verdict(present, added, share)
     if verdict == "unexplained":
+        run.withdraw(share)
         added, present = (), given
         after = before
     rest = None
@@ -344,9 +368,9 @@ def _conclude(
     if held_out is not None:
         gap = replace(
             gap,
-            held_out_floor=floor_of(held_out),
-            held_out_before=predict(given.posterior, given.best, held_out, run.rng),
-            held_out_after=predict(posterior, present.best, held_out, run.rng),
+            held_out_floor=floor_of(held_out.record, first=held_out.first),
+            held_out_before=predict(given.posterior, given.best, held_out.record, run.rng, first=held_out.first),
+            held_out_after=predict(posterior, present.best, held_out.record, run.rng, first=held_out.first),
         )
     elapsed = run.elapsed
     run.say("sampling the posterior of the final model")
@@ -355,6 +379,7 @@ def _conclude(
         np.array([mode.point for mode in present.modes[:8]]),
         settings=Settings(seed=run.settings.seed, particles=run.settings.particles, fallback=False),
         name=name,
+        listener=lambda text, _: run.say(text),
     )
     moments = {p.name: (p.mean, p.sd) for p in result.facts.parameters}
     added = tuple(
@@ -450,5 +475,7 @@ def _sentences(
         "no_missing_effect": "The model as given explains the record: what it leaves is noise.",
         "unexplained": "Model and record disagree, and no catalogued effect explains it.",
     }[verdict]
-    spots = tuple(f"Where: {spot.sentence}." for spot in before.spots[:1])
+    places = {f"acceleration_{storey}" for one in added for storey in one.candidate.hypothesis.storeys}
+    own = [spot for spot in before.spots if spot.channel in places]
+    spots = tuple(f"Where it showed: {spot.sentence}." for spot in (*own, *before.spots)[:1])
     return (first, shrunk, *spots) if added else (first, *spots)

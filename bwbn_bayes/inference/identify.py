@@ -18,6 +18,7 @@ from bwbn_bayes.engines.base import require_channels, require_parameters
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
 from bwbn_bayes.inference.adaptive import adapt
+from bwbn_bayes.inference.bridge import bridge
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
     Mixture,
@@ -32,9 +33,6 @@ from bwbn_bayes.inference.residuals import residual_checks
 from bwbn_bayes.inference.ridge import RidgeProposal, ridge_coordinate
 from bwbn_bayes.inference.summary import Draws, build_result
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
-from bwbn_bayes.inference.tmcmc.target import Reference, Target
-from bwbn_bayes.inference.transported import Transported
-from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check, Result, StageFacts
@@ -47,8 +45,6 @@ Listener = Callable[[str, StageFacts | None], None]
 """Called with what is being done and, after each step of it, that step's facts."""
 
 N_ATTEMPTS = 3
-INFLATION = 4.0
-"""Factor on the variances of the approximation from which the bridge starts."""
 _PILOT = 800
 _LEAST_EFFICIENCY = 0.5
 _PILOT_LIMIT = 0.5
@@ -357,22 +353,15 @@ def _with_ridge(laplace: Proposal, ridge: RidgeProposal) -> Mixture:
 
 
 def _bridge(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, history: _History) -> TmcmcResult:
-    """TMCMC from an inflated approximation of the posterior.
-
-    With one mode the road starts at the inflated ridge and runs in the coordinates that make it uniform, so that
-    neither scales nor curvature are left to learn; with several it starts at the inflated mixture of all of them.
-    """
     history.say("sampling by transitional MCMC from the inflated approximation at the mode")
-    kept = [mode for mode in modes if mode.log_likelihood > modes[0].log_likelihood - 50.0][:8]
-    if len(kept) == 1:
-        ridge = RidgeProposal.along(posterior, kept[0], ridge_coordinate(kept[0])).inflated(INFLATION)
-        target = Transported(target=posterior, transport=ridge.transport)
-        return target.back(_tmcmc(target, settings, history, "bridge", settings.particles, None))
-    wide = Mixture(
-        weights=tuple([1.0 / len(kept)] * len(kept)),
-        components=tuple(TruncatedStudent.at(m.point, m.gradient, m.information, inflation=25.0) for m in kept),
+    return bridge(
+        posterior,
+        modes,
+        n_particles=settings.particles,
+        rng_seed=settings.seed,
+        variant=settings.variant,
+        progress=lambda facts: _tell_stage(history, "bridge", facts),
     )
-    return _tmcmc(posterior, settings, history, "bridge", settings.particles, wide)
 
 
 def _from_prior(posterior: Posterior, settings: Settings, history: _History) -> TmcmcResult:
@@ -383,25 +372,17 @@ def _from_prior(posterior: Posterior, settings: Settings, history: _History) -> 
     history.say("sampling by transitional MCMC from the prior")
     fewest = max(settings.particles // 5, 8 * (posterior.n_dim + 1))
     coarse = posterior.with_engine(on_rung(posterior.engine, LADDER[0]))
-    return _tmcmc(coarse, replace(settings, variant="plain"), history, "from the prior", fewest, None)
-
-
-def _tmcmc(
-    target: Target,
-    settings: Settings,
-    history: _History,
-    label: str,
-    particles: int,
-    reference: Reference | None,
-) -> TmcmcResult:
     return sample(
-        target,
-        n_particles=particles,
+        coarse,
+        n_particles=fewest,
         rng_seed=settings.seed,
-        variant=settings.variant,
-        reference=reference,
-        progress=lambda facts: history.say(f"TMCMC, {label}", replace(facts, label=f"TMCMC, {label}")),
+        variant="plain",
+        progress=lambda facts: _tell_stage(history, "from the prior", facts),
     )
+
+
+def _tell_stage(history: _History, label: str, facts: StageFacts) -> None:
+    history.say(f"TMCMC, {label}", replace(facts, label=f"TMCMC, {label}"))
 
 
 def _roads_check(bridge: TmcmcResult, road: TmcmcResult) -> Check:

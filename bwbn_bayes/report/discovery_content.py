@@ -170,10 +170,10 @@ def gather_discovery(discovery: Discovery) -> DiscoveryContent:
 
 
 def _gaps(discovery: Discovery) -> tuple[GapBar, ...]:
-    gap, changed = discovery.gap, bool(discovery.added)
+    gap, apart, changed = discovery.gap, discovery.held_out, bool(discovery.added)
     bars = [("fitted record", gap.before, gap.after, gap.noise_floor)]
-    if gap.held_out_before is not None and gap.held_out_after is not None and gap.held_out_floor is not None:
-        bars.append(("held-out record", gap.held_out_before, gap.held_out_after, gap.held_out_floor))
+    if apart and gap.held_out_before and gap.held_out_after and gap.held_out_floor is not None:
+        bars.append((apart.label, gap.held_out_before, gap.held_out_after, gap.held_out_floor))
     return tuple(
         GapBar(
             label=label,
@@ -260,7 +260,7 @@ def _bar(candidate: Candidate, decision: Decision, chosen: bool) -> CandidateBar
         label=candidate.hypothesis.label,
         log_odds=candidate.log_odds,
         se=float(error),
-        sampled=candidate.evidence.pareto_k is not None,
+        sampled=candidate.evidence.method != "Laplace",
         chosen=chosen,
     )
 

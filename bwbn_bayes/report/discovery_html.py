@@ -50,7 +50,7 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
         record=discovery.record.name,
         run=f"{discovery.model.n_storeys} store{'y' if discovery.model.n_storeys == 1 else 'ys'}, "
         f"{len(discovery.record.channels)} channels, {discovery.record.duration:.3g} s; "
-        + (f"held out: {held_out.name}" if held_out is not None else "no held-out record"),
+        + (f"{held_out.label}: {held_out.record.name}" if held_out is not None else "no held-out record"),
         sentences=discovery.sentences,
         key_figures=tables.discovery_key_figures(discovery),
         figures={drawing.name: drawing for drawing in drawings},

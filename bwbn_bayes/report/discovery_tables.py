@@ -18,7 +18,7 @@ _BUILDING = "the building"
 
 def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
     """The handful of numbers under the verdict."""
-    gap = discovery.gap
+    gap, apart = discovery.gap, discovery.held_out
     figures = []
     for added in discovery.added[:2]:
         hypothesis, evidence = added.candidate.hypothesis, added.candidate.evidence
@@ -28,11 +28,11 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
     fitted = _share(gap.before.nrmse)
     fitted += f" {arrow} {_share(gap.after.nrmse)}" if discovery.added else ""
     figures.append(KeyFigure(value=fitted, label=f"error of fit; noise alone {_share(gap.noise_floor)}"))
-    if gap.held_out_before is not None and gap.held_out_after is not None and gap.held_out_floor is not None:
+    if apart and gap.held_out_before and gap.held_out_after and gap.held_out_floor is not None:
         predicted = _share(gap.held_out_before.nrmse)
         predicted += f" {arrow} {_share(gap.held_out_after.nrmse)}" if discovery.added else ""
         figures.append(
-            KeyFigure(value=predicted, label=f"error on the held-out record; noise alone {_share(gap.held_out_floor)}")
+            KeyFigure(value=predicted, label=f"error on the {apart.label}; noise alone {_share(gap.held_out_floor)}")
         )
     if discovery.verdict != "no_missing_effect":
         left = "of the disagreement left unexplained"
@@ -66,7 +66,7 @@ def _effect_row(added: Added) -> tuple[str | Markup, ...]:
     )
     places = [place_in_words(hypothesis.effect.level, place) for place in added.decision.equivalent_places]
     others = ", ".join((*added.decision.equivalent, *(f"itself at {place}" for place in places))) or "nothing else"
-    k = "Laplace only" if evidence.pareto_k is None else significant(evidence.pareto_k, 2)
+    k = evidence.method if evidence.pareto_k is None else significant(evidence.pareto_k, 2)
     where = place_in_words(hypothesis.effect.level, hypothesis.storeys)
     return hypothesis.name + form, where, f"{value} ± {error}", k, others
 
@@ -145,11 +145,11 @@ def nearest_table(found: Unexplained) -> Table:
 
 def discovery_provenance(discovery: Discovery) -> Table:
     """Where the numbers come from."""
-    result = discovery.result.facts
+    result, apart = discovery.result.facts, discovery.held_out
     rows = [
         ("model", discovery.name),
         ("fitted record", discovery.record.name),
-        ("held-out record", discovery.held_out.name if discovery.held_out is not None else "none"),
+        (apart.label, apart.record.name) if apart is not None else ("held-out record", "none"),
         ("seed", str(discovery.seed)),
         ("time, without the final posterior", duration(discovery.elapsed_s)),
         *((label, text) for label, text in result.provenance.items() if label not in ("seed", "engine")),

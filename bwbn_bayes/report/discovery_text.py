@@ -15,14 +15,14 @@ def discovery_in_words(discovery: Discovery) -> tuple[str, ...]:
     discovery : Discovery
         With any verdict.
     """
-    gap, changed = discovery.gap, bool(discovery.added)
+    gap, apart, changed = discovery.gap, discovery.held_out, bool(discovery.added)
     lines = [f"verdict: {discovery.verdict}", *discovery.sentences]
     for one in discovery.added:
         lines += _effect(one)
     lines.append(_gap("fitted record", gap.before.nrmse, gap.after.nrmse if changed else None, gap.noise_floor))
-    if gap.held_out_before is not None and gap.held_out_after is not None and gap.held_out_floor is not None:
+    if apart and gap.held_out_before and gap.held_out_after and gap.held_out_floor is not None:
         after = gap.held_out_after.nrmse if changed else None
-        lines.append(_gap("held-out record", gap.held_out_before.nrmse, after, gap.held_out_floor))
+        lines.append(_gap(apart.label, gap.held_out_before.nrmse, after, gap.held_out_floor))
     if discovery.unexplained is not None:
         lines += [f"nearest: {near.sentence}" for near in discovery.unexplained.nearest[:3]]
     return tuple(lines)

@@ -1,19 +1,31 @@
-"""Predictions of unseen data against closed forms, and their standard error against the spread of many records."""
+"""What is held out, on signals whose parting time is known; predictions of it against closed forms.
 
+The standard error of a prediction is compared with the spread of many records.
+"""
+
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from bwbn_bayes.discovery.held_out import Prediction, floor_of, predict
+from bwbn_bayes.cli import main
+from bwbn_bayes.discovery.held_out import HeldOut, Prediction, floor_of, parting_time, predict, set_apart
+from bwbn_bayes.discovery.workflow import DiscoverySettings, discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.effects import SensorGain
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.parameters import Floats, Uniform
-from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.records.excitation import el_centro, sine
+from bwbn_bayes.records.readers import write_record
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
 
 MODEL = ShearBuilding(
     masses=[2.0, 1.0], storey=BoucWen(k=Uniform(20, 100), c=0.3, alpha=0.1, beta=8.0, gamma=2.0, n=1.3)
@@ -127,3 +139,134 @@ def test_the_floor_is_the_noise_over_the_signal(clean: Floats) -> None:
 def test_a_record_that_measures_nothing_is_the_users_mistake(posterior: Posterior) -> None:
     with pytest.raises(UserError, match="measures nothing"):
         predict(posterior, POINT, replace(UNSEEN, channels={}), np.random.default_rng(8))
+
+
+def test_only_what_comes_after_counts(posterior: Posterior, clean: Floats) -> None:
+    """Nonsense in the first 600 samples, a gain off by 10 % after them; the state comes from the whole motion."""
+    measured = 1.1 * clean
+    measured[:, :600] = 7.0
+    record = replace(UNSEEN, channels=dict(zip(CHANNELS, measured, strict=True)))
+    found = predict(posterior, POINT, record, np.random.default_rng(9), first=600)
+    np.testing.assert_array_equal(found.values, clean[:, 600:])
+    assert found.nrmse == pytest.approx(0.1 / 1.1, rel=1e-12)
+    noisy = clean + 0.01 * np.random.default_rng(10).standard_normal(clean.shape)
+    record = replace(UNSEEN, channels=dict(zip(CHANNELS, noisy, strict=True)))
+    rms = np.sqrt(np.mean(noisy[:, 600:] ** 2, axis=1))
+    assert floor_of(record, first=600) == pytest.approx(np.sqrt(np.mean((0.01 / rms) ** 2)), rel=0.12)
+
+
+TIMES = 0.01 * np.arange(1001)
+STOREY = BoucWen(k=Uniform(20, 100), c=0.3, alpha=0.1, beta=8.0, gamma=2.0, n=1.3)
+SPECIMEN = Specimen(storey=STOREY)
+
+
+def waves(amplitude: Callable[[Floats], Any]) -> Floats:
+    """Ten seconds of a sine of 1 Hz; ``amplitude`` of time."""
+    return np.asarray(amplitude(TIMES) * np.sin(2.0 * np.pi * TIMES))
+
+
+def cyclic(force: Floats) -> Record:
+    return Record(
+        name="test 3", time_step=0.01, excitation=force, excitation_kind="displacement", channels={"force": force}
+    )
+
+
+def shaken(**channels: Floats) -> Record:
+    return Record(name="run 3", time_step=0.01, excitation=np.cos(TIMES), channels=channels)
+
+
+STEADY = waves(np.ones_like)
+ENDING = waves(lambda t: np.where(t < 7.0, 1.0, 0.0))
+"""The last sample of its positive half waves at 0.6 or more lies at 6.39 s: 6.5 s - asin(0.6) / (2 pi) = 6.398 s."""
+
+
+@pytest.mark.parametrize(
+    ("force", "time"),
+    [
+        (STEADY, 8.5),
+        (ENDING, 6.38),
+        (ENDING + 5.0, 6.38),
+        (1e-6 * ENDING, 6.38),
+        (waves(lambda t: np.where(t < 7.0, 1.0, 0.61)), 8.5),
+        (waves(lambda t: np.where(t < 7.0, 0.61, 1.0)), 8.5),
+        # A test of growing amplitude: its end is the strongest.
+        (waves(lambda t: np.ceil(t)), 8.5),
+    ],
+)
+def test_both_parts_move_strongly(force: Floats, time: float) -> None:
+    assert parting_time(SPECIMEN, cyclic(force)) == pytest.approx(time, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("force", "reached"),
+    [
+        (waves(lambda t: np.where(t < 4.0, 1.0, 0.505)), 50),
+        (waves(lambda t: np.where(t < 9.0, 0.599, 1.0)), 59),
+        # Strong in one direction only, and a single spike.
+        (np.maximum(STEADY, np.where(TIMES < 4.0, -1.0, -0.25)), None),
+        (waves(lambda t: np.where(t < 4.0, 1.0, 0.3)) + 0.9 * (np.abs(TIMES - 8.0) < 0.005), None),
+    ],
+)
+def test_no_end_to_hold_out_is_told(force: Floats, reached: int | None) -> None:
+    share = "" if reached is None else f"reaches at most {reached} % of the peak of force"
+    with pytest.raises(UserError, match=rf"'test 3' has no end .* between 5 and 8.5 s.*{share}.*--held-out FILE"):
+        parting_time(SPECIMEN, cyclic(force))
+
+
+def test_a_building_is_judged_by_its_base_shear_where_that_is_measured() -> None:
+    """The base shear is that of a steady motion, though both floors' own accelerations come to rest."""
+    building = ShearBuilding(masses=[2.0, 1.0], storey=STOREY)
+    early = waves(lambda t: np.where(t < 4.0, 1.0, 0.0))
+    both = shaken(acceleration_1=0.5 * (ENDING - early), acceleration_2=early)
+    assert parting_time(building, both) == pytest.approx(6.38)
+    with pytest.raises(UserError, match="0 % of the peak of acceleration_2"):
+        parting_time(building, both.select(["acceleration_2"]))
+    # Without the masses of every floor each channel must pass.
+    taller = ShearBuilding(masses=[2.0, 1.0, 1.0], storey=STOREY)
+    assert parting_time(taller, shaken(acceleration_1=STEADY, acceleration_3=ENDING)) == pytest.approx(6.38)
+
+
+def test_the_parts_meet_and_do_not_overlap() -> None:
+    whole = cyclic(ENDING)
+    training, apart = set_apart(SPECIMEN, whole, "end")
+    assert apart == HeldOut(record=whole, after_s=training.duration)
+    assert training.n_times == apart.first == 639
+    assert apart.label == "held-out end, after 6.38 s"
+    other = cyclic(STEADY)
+    assert set_apart(SPECIMEN, whole, other) == (whole, HeldOut(record=other))
+    assert (HeldOut(record=other).first, HeldOut(record=other).label) == (0, "held-out record")
+    assert set_apart(SPECIMEN, whole, None) == (whole, None)
+    with pytest.raises(UserError, match=r"'other\.csv'.*read_record"):
+        set_apart(SPECIMEN, whole, "other.csv")  # type: ignore[arg-type]
+
+
+def test_what_comes_after_changes_nothing_but_the_held_out_figures() -> None:
+    model = ShearBuilding(masses=[2.0], storey=STOREY)
+    clean = simulate(model, sine(3.0, 1.0, 8.0, 0.02), {"k": 60.0}, snr_db=30.0, seed=4)
+    changed = clean.channels["acceleration_1"].copy()
+    changed[-40:] *= 0.8
+    settings = DiscoverySettings(effects=(SensorGain,), particles=100, n_workers=1)
+    facts = [
+        discover(model, record, held_out="end", settings=settings).as_json()
+        for record in (clean, clean.with_channels({"acceleration_1": changed}))
+    ]
+    figures = [one["gap"].pop("held_out") for one in facts]
+    for one in facts:
+        one["elapsed_s"] = [step.pop("elapsed_s") for step in one["steps"]] and None
+    assert facts[0] == facts[1]
+    assert figures[0]["after_s"] == figures[1]["after_s"] == pytest.approx(6.8)
+    # A model that is right leaves the noise; a fifth of the signal in 40 of 60 samples is far more.
+    assert figures[0]["after"] < 1.2 * figures[0]["noise_floor"]
+    assert figures[1]["after"] > 3.0 * figures[1]["noise_floor"]
+
+
+def test_the_command_says_that_there_is_no_end(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_record(shaken(acceleration_1=waves(lambda t: np.exp(-t))), tmp_path / "dying.csv")
+    options = ["--record", str(tmp_path / "dying.csv"), "--held-out", "end", "--out", str(tmp_path / "out")]
+    with pytest.raises(SystemExit) as leaving:
+        main(["discover", str(inputs / "one_storey.py"), *options])
+    assert leaving.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: record 'run 3' has no end to hold out")

@@ -176,3 +176,21 @@ def test_no_stranger_may_lead_under_other_priors(width: str) -> None:
     member = decision(ahead, (hypothesis(DAMPER), evidence(55.0, shifts={width: 10.0})))
     assert member.equivalent == ("quadratic_damping",)
     assert member.passes
+
+
+@pytest.mark.parametrize(("leads_by", "doubtful"), [(1.0, 0), (3.0, 1), (13.0, 1), (15.0, 0)])
+def test_a_leader_near_the_threshold_is_doubtful_on_laplaces_word_alone(leads_by: float, doubtful: int) -> None:
+    """Within 6 nats of the threshold of 8."""
+    assert len(decision((hypothesis(CUBIC), evidence(leads_by))).doubtful) == doubtful
+
+
+def test_a_close_runner_up_is_doubtful_however_far_both_lead() -> None:
+    weighed = [(hypothesis(CUBIC), evidence(500.0)), (hypothesis(DAMPER), evidence(490.0))]
+    assert [c.hypothesis.name for c in decision(*weighed).doubtful] == ["cubic_stiffness", "quadratic_damping"]
+    apart = [(hypothesis(CUBIC), evidence(500.0)), (hypothesis(DAMPER), evidence(485.0))]
+    assert not decision(*apart).doubtful
+
+
+def test_sampled_evidence_is_not_doubtful() -> None:
+    sampled = replace(evidence(10.0), method="importance")
+    assert not decision((hypothesis(CUBIC), sampled)).doubtful

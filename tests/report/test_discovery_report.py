@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from bwbn_bayes.discovery.held_out import HeldOut
 from bwbn_bayes.discovery.unexplained import MissingForce, NearShape, Unexplained
 from bwbn_bayes.discovery.workflow import DiscoverySettings, discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
@@ -164,3 +165,15 @@ def test_the_words_for_the_terminal(found):
     none = discovery_in_words(variants(found)["no_missing_effect"])
     assert sum("noise alone" in line for line in none) == 1
     assert not any("improved" in line for line in none)
+
+
+def test_a_held_out_end_is_called_so_everywhere(found, tmp_path):
+    label = "held-out end, after 6.2 s"
+    ended = replace(found, held_out=HeldOut(record=found.record, after_s=6.2))
+    assert [gap.label for gap in gather_discovery(ended).gaps] == ["fitted record", label]
+    _, text = read(write_discovery(ended, tmp_path).html.read_text(encoding="utf-8"))
+    assert f"{label}: {found.record.name}" in text
+    assert f"error on the {label}; noise alone" in text
+    assert "held-out record" not in text
+    assert sum(line.startswith(f"error on the {label}: ") for line in discovery_in_words(ended)) == 1
+    assert ended.as_json()["gap"]["held_out"]["after_s"] == 6.2

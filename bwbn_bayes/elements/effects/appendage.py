@@ -63,7 +63,7 @@ class Appendage(Effect):
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         lowest, highest = _band(scales)
-        frequencies = np.geomspace(1.1 * lowest, highest / 1.1, 16)
+        frequencies = np.geomspace(1.1 * lowest, highest / 1.1, 20)
         return {"mu_t": (0.03,), "f_t": tuple(frequencies.tolist()), "zeta_t": (0.03,)}
 
     @override
@@ -86,6 +86,6 @@ class Appendage(Effect):
 
 
 def _band(scales: Scales) -> tuple[float, float]:
-    """Frequencies [Hz] the record can show, at most 0.5 to 12 Hz: three samples a period at least."""
+    """Frequencies [Hz] from well below the building's first to 12 Hz, three samples a period at least."""
     highest = min(12.0, 1.0 / (3.0 * scales.time_step))
-    return min(0.5, 0.25 * highest), highest
+    return min(0.5, 0.25 * highest, 0.4 / scales.period), highest

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
+
 import arviz_stats
 import numpy as np
 import pytest
 from inference_cases import climbed, posterior_of, recorded, sdof_model, true_point
 from pymc_cases import TRUTH, small_mode, small_posterior
 
-from bwbn_bayes import Result, Settings, identify, to_pymc
+from bwbn_bayes import Result, Settings, identify, simulate, to_pymc
+from bwbn_bayes.inference.accuracy import LADDER, choose_scheme
+from bwbn_bayes.inference.bridge import bridge
 from bwbn_bayes.inference.importance import laplace_mixture, sample_importance
-from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.pymc.nuts import laplace_start, sample_nuts
 from bwbn_bayes.inference.pymc.roads import values_of
 from bwbn_bayes.inference.pymc.smc import sample_smc
 from bwbn_bayes.inference.tmcmc.sampler import sample
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.structures.model_file import load_model_file
 
+MODELS = Path(__file__).parents[3] / "models"
 Moments = tuple[Floats, Floats, float]
 """Mean, standard deviation, and the number of independent draws behind them."""
 
@@ -42,13 +49,16 @@ def moments(values: Floats, size: float) -> Moments:
     return values.mean(axis=0), values.std(axis=0), size
 
 
-def roads(posterior: Posterior, mode: Mode, draws: int) -> tuple[dict[str, Moments], dict[str, tuple[float, float]]]:
-    """Moments and log evidences by sampler."""
+def roads(
+    posterior: Posterior, mode: Mode, draws: int, *, bridged: bool = False
+) -> tuple[dict[str, Moments], dict[str, tuple[float, float]]]:
+    """Moments and log evidences by sampler; TMCMC starts from the prior, or bridged from the mode."""
     space = posterior.space
     twin = to_pymc(posterior.model, posterior.record, noise=posterior.noise, engine=posterior.engine)
     weighted = sample_importance(posterior, laplace_mixture((mode,)), np.random.default_rng(1), effective=2 * draws)
     points, _ = weighted.resampled(np.random.default_rng(2), 4 * draws)
-    cloud = sample(posterior, n_particles=draws, rng_seed=1)
+    start_of_cloud = partial(bridge, modes=(mode,)) if bridged else sample
+    cloud = start_of_cloud(posterior, n_particles=draws, rng_seed=1)
     smc = sample_smc(twin, draws=draws, chains=2, seed=1)
     start = laplace_start(twin, space, mode, 2, np.random.default_rng(3))
     nuts = sample_nuts(twin, start, draws=draws, tune=200, chains=2, seed=1)
@@ -86,6 +96,22 @@ def test_they_agree_on_the_whole_sdof_case() -> None:
     point = true_point(sdof_model(), record)
     found, _ = roads(posterior, climbed(posterior, point), 1000)
     require_agreement(found, posterior.space.from_unit(point[None])[0])
+
+
+@pytest.mark.slow
+def test_they_agree_on_the_three_storey_case() -> None:
+    """The paper's building under El Centro, 50 s at 0.02 s: 16 parameters."""
+    file = load_model_file(MODELS / "three_storey_el_centro.py")
+    assert file.excitation is not None
+    record = simulate(file.model, file.excitation, file.truth, snr_db=30.0, seed=3)
+    coarse = Posterior(model=file.model, record=record, engine=LADDER[0], noise=default_noise(record))
+    truth = np.array([file.truth[name] for name in coarse.space.names])
+    point = coarse.space.to_unit(truth[None])[0]
+    scheme, _ = choose_scheme(coarse, point, LADDER[0])
+    posterior = coarse.with_engine(scheme)
+    found, evidences = roads(posterior, climbed(posterior, point), 400, bridged=True)
+    require_agreement(found, truth)
+    assert abs(evidences["tmcmc"][0] - evidences["importance"][0]) < 1.0, evidences
 
 
 @pytest.mark.parametrize("method", ["smc", "nuts"])

@@ -83,7 +83,7 @@ class BaseFlexibility(Effect):
             cls(
                 compliance=HalfNormal(0.5 / scales.stiffness),
                 m_b=Uniform(0.3 * scales.mass, 3.0 * scales.mass),
-                c_b=HalfNormal(0.2 * _critical(scales)),
+                c_b=Uniform(0.0, 0.5 * _critical(scales)),
             ),
         )
 

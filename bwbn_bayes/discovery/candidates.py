@@ -185,13 +185,20 @@ def hypotheses(
                     addable[hypothesis.symbols] = _addable(base, effect)
                 if addable[hypothesis.symbols] and not _present(base, effect, storeys):
                     result.append(hypothesis)
-    return _sharing_laws(result, most_carried)
+    return sharing_laws(result, most_carried)
 
 
-def _sharing_laws(every: Sequence[Hypothesis], most_carried: float) -> tuple[Hypothesis, ...]:
+def sharing_laws(every: Sequence[Hypothesis], most_carried: float) -> tuple[Hypothesis, ...]:
     """The same hypotheses in groups of one law each: compiling a law takes longer than solving it for all of them.
 
     Sensors are read outside the law.
+
+    Parameters
+    ----------
+    every : sequence of Hypothesis
+        Of one present model; those that come first share the first law.
+    most_carried : float
+        As for :func:`hypotheses`.
     """
     groups: list[dict[tuple[str, ...], Effect]] = [{}]
     group_of: dict[tuple[str, ...], int] = {}

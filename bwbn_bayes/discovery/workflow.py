@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses, scales_of, sharing_laws
 from bwbn_bayes.discovery.evidence import bridged_evidence, laplace_evidence, present_evidence, sampled_evidence
 from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict, set_apart
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate, Decision, decide
@@ -46,6 +46,8 @@ MOST_LATER = 24
 """Hypotheses with the largest scores that are fitted in a later round."""
 CONTENDER = 40.0
 """Hypotheses this close to the best by Laplace are sampled. [nat]"""
+FEW = 6
+"""Hypotheses of a later round that are fitted under the one law of all."""
 FOUND_SHARE, PARTLY_SHARE = 0.1, 0.25
 """Unexplained share up to which effects count as found, and as contributing."""
 
@@ -244,7 +246,7 @@ def _separation(fit: Fit, fits: Sequence[Fit], decision: Decision) -> tuple[str,
 def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | None]:
     """Weigh every effect at every place against the present model."""
     posterior = present.posterior
-    # Later models differ from run to run: one law for all of them is compiled once.
+    # Later models differ from run to run: one law for all of them, compiled once, scores them.
     considered = every = _hypotheses(present, run, np.inf if run.steps else MOST_CARRIED)
     first = not run.steps
     if present.is_quiet or not first:
@@ -254,11 +256,21 @@ def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | No
         every = tuple(h for h, s in ranked if s.nats > LEAST_SCORE)[: len(every) if first else MOST_LATER]
         if not every:
             return (), None
+    if not first and len(every) > FEW:
+        every = _under_smaller_laws(present, every)
     run.say(f"fitting {len(every)} hypotheses")
     fits = race(
         _single(posterior), every, present.starts, n_workers=run.settings.n_workers, guess=first, progress=run.say
     )
     return fits, _weigh(present, fits, considered, run)
+
+
+def _under_smaller_laws(present: _Present, every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """The same hypotheses in groups of few effects: solves take a fifth of the time, which pays for compiling."""
+    grouped = sharing_laws(every, MOST_CARRIED)
+    laws = tuple(dict.fromkeys(hypothesis.model.law for hypothesis in grouped))
+    precompile(laws[len(laws) // 2 :], driven=present.posterior.model.excitation_kind == "displacement")
+    return grouped
 
 
 def _single(posterior: Posterior) -> Posterior:

@@ -57,6 +57,26 @@ def test_severity_noise_and_records_are_as_stated(kind: cases.Kind, index: int, 
         assert not written.provenance
 
 
+def test_a_smaller_setting_draws_smaller_cases() -> None:
+    """Two storeys and 12 s; with half of every size range taken away, sizes lie in the upper half."""
+    setting = cases.Setting(n_storeys=2, duration=12.0, raise_by=0.5, judged=False)
+    sizes = {}
+    for index in range(len(CATALOGUE)):
+        case = make_case("catalogue", 6, index, 40.0, setting)
+        (hidden,) = case.truth.effects
+        assert set(hidden.storeys) <= {1, 2}
+        assert list(case.record.channels) == ["acceleration_1", "acceleration_2"]
+        assert case.record.n_times == case.held_out.n_times == 601
+        assert set(case.truth.base) == {"k[1]", "k[2]", "c[1]", "c[2]", "alpha", "beta", "gamma", "n"}
+        assert case.truth.nats == ()
+        sizes.update({hidden.name: hidden.parameters})
+    assert set(sizes) == set(CATALOGUE)
+    # Ranges of 0.012 to 0.25 and 0.002 to 0.05 s: their geometric middles are 0.055 and 0.01.
+    assert abs(sizes["mass_error"]["e_m"]) > 0.0547
+    assert abs(sizes["input_scale"]["s_g"] - 1.0) > 0.0547
+    assert sizes["sensor_lag"]["lag"] > 0.00999
+
+
 def test_a_quarter_of_the_cases_without_effect_has_correlated_noise(monkeypatch: pytest.MonkeyPatch) -> None:
     correlated: list[bool] = []
     quiet = cases._noise

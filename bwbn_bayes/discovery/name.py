@@ -132,7 +132,7 @@ class Decision:
         first, second = (*self.candidates[:2], None, None)[:2]
         if first is None or first.log_odds < THRESHOLD - _DOUBT:
             return ()
-        contested = second is not None and second.log_odds > first.log_odds - THRESHOLD - _DOUBT
+        contested = second is not None and abs(first.log_odds - second.log_odds - THRESHOLD) < _DOUBT
         if not contested and first.log_odds > THRESHOLD + _DOUBT:
             return ()
         return tuple(one for one in (first, second if contested else None) if one and one.evidence.method == "Laplace")

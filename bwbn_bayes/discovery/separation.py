@@ -13,6 +13,8 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 
 STRENGTHS = (0.3, 1.5, 2.0)
+LEAST_RATIO = 0.3
+"""Root mean square difference of two predictions, in noise levels, below which an experiment tells nothing."""
 N_CYCLES = 12
 
 
@@ -35,7 +37,7 @@ def separating_experiment(first: Fit, second: Fit, period: float) -> str:
         size = float(np.sqrt(np.mean(np.square(difference))))
         if np.isfinite(size) and size > ratio:
             best, ratio = description, size
-    if not best:
+    if ratio < LEAST_RATIO:
         return f"No experiment tried would tell {names[0]} from {names[1]}."
     return f"{best} would tell {names[0]} from {names[1]}: predictions lie {ratio:.1f} times the noise apart."
 

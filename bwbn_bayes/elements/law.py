@@ -16,8 +16,8 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar, Protocol, Self
 
 import sympy as sp
@@ -152,11 +152,6 @@ class Slots:
     sensor_bias: sp.Expr = sp.S.Zero
     sensor_lag: sp.Expr = sp.S.Zero
     """A floor's accelerometer shows ``gain a(t - lag) + bias``."""
-
-    def __hash__(self) -> int:
-        """Slots filled alike make one law."""
-        own = (getattr(self, one.name) for one in fields(self))
-        return hash(tuple(tuple(value.items()) if isinstance(value, Mapping) else value for value in own))
 
 
 class Effect(Protocol):
@@ -319,16 +314,22 @@ def combine(
     effects : tuple of Effect
         In the order in which they were added.
     """
-    slots = Slots()
-    for effect in effects:
-        slots = effect.fill(slots)
-        parameters = parameters + effect.parameters
-    return _law_of(parameters, constraints, slots)
+    # Discovery builds hundreds of models with few laws.
+    key = parameters, constraints, tuple((type(effect), effect.parameters) for effect in effects)
+    if key not in _COMBINED:
+        slots = Slots()
+        for effect in effects:
+            slots = effect.fill(slots)
+        own = tuple(parameter for effect in effects for parameter in effect.parameters)
+        _COMBINED[key] = _law_of(parameters + own, constraints, slots)
+    return _COMBINED[key]
 
 
-@lru_cache(maxsize=512)
+_COMBINED: dict[tuple[object, ...], StoreyLaw] = {}
+"""Laws by element and kinds of effects: an effect's expressions are of its symbols, not of its values."""
+
+
 def _law_of(parameters: tuple[Parameter, ...], constraints: tuple[sp.Basic, ...], slots: Slots) -> StoreyLaw:
-    """The law of filled slots; discovery builds hundreds of models with few laws."""
     slots = _with_floor_velocity(slots)
     definitions = (*_definitions(slots), *surroundings(slots))
     outputs = expanded(definitions)

@@ -17,6 +17,7 @@ from bwbn_bayes.results import StageFacts
 INFLATION = 4.0
 """Factor on the variances of the approximation from which it starts at one mode."""
 _INFLATION_OF_SEVERAL = 25.0
+_FEWEST = 2
 _REACH, _MOST = 50.0, 8
 """Modes this close to the best are bridged from, up to so many. [nat]"""
 
@@ -45,7 +46,8 @@ def bridge(
         As for :func:`~bwbn_bayes.inference.tmcmc.sampler.sample`.
     """
     kept = [mode for mode in modes if mode.log_likelihood > modes[0].log_likelihood - _REACH][:_MOST]
-    if len(kept) == 1:
+    # Beside the ridge's own coordinate and the one it is drawn first with, something must be left to bend.
+    if len(kept) == 1 and posterior.n_dim > _FEWEST:
         ridge = RidgeProposal.along(posterior, kept[0], ridge_coordinate(kept[0])).inflated(INFLATION)
         target = Transported(target=posterior, transport=ridge.transport)
         return target.back(

@@ -177,6 +177,8 @@ def log_ratios(target: Target, proposal: Proposal, points: Floats) -> tuple[Floa
 
 def effective_draws(log_ratio: Floats) -> float:
     """Kish's effective number of draws behind log weights ``(n,)`` that need not be normalised."""
+    if not np.any(np.isfinite(log_ratio)):
+        return 0.0
     return float(np.exp(2.0 * logsumexp(log_ratio) - logsumexp(2.0 * log_ratio)))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -196,10 +197,12 @@ class Posterior:
     noise: Noise
     solves: SolveCount = field(default_factory=SolveCount)
 
-    @property
+    @cached_property
     def space(self) -> ParameterSpace:
         """The model's identified parameters, then the noise's."""
         own = self.model.space
+        if not self.noise.parameters:
+            return own
         return replace(own, parameters=own.parameters + self.noise.parameters)
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise, product
 from typing import ClassVar, Self
 
@@ -301,6 +301,13 @@ def _never_cuts(
     return all(bool(function(*corner)) for corner in product(*ends))
 
 
+@lru_cache(maxsize=512)
+def _function_of(relation: sp.Basic, symbols: tuple[sp.Symbol, ...]) -> Callable[..., object]:
+    """A condition as a function of its symbols; discovery builds hundreds of models with few conditions."""
+    function: Callable[..., object] = sp.lambdify(symbols, relation, "numpy")
+    return function
+
+
 def _constraints(
     structure: Structure, table: ParameterTable, free: tuple[FreeParameter, ...]
 ) -> tuple[Constraint, ...]:
@@ -309,7 +316,7 @@ def _constraints(
     result: dict[tuple[int, ...], Constraint] = {}
     for number, relation in enumerate(structure.conditions):
         columns = [i for i, s in enumerate(law.symbols) if s in relation.free_symbols]
-        function = sp.lambdify([law.symbols[i] for i in columns], relation, "numpy")
+        function = _function_of(relation, tuple(law.symbols[i] for i in columns))
         for row, (fixed, index) in enumerate(zip(table.fixed[:, columns], table.index[:, columns], strict=True)):
             if np.all(index < 0):
                 if not bool(function(*fixed)):

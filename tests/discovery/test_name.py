@@ -184,11 +184,11 @@ def test_a_leader_near_the_threshold_is_doubtful_on_laplaces_word_alone(leads_by
     assert len(decision((hypothesis(CUBIC), evidence(leads_by))).doubtful) == doubtful
 
 
-def test_a_close_runner_up_is_doubtful_however_far_both_lead() -> None:
-    weighed = [(hypothesis(CUBIC), evidence(500.0)), (hypothesis(DAMPER), evidence(490.0))]
-    assert [c.hypothesis.name for c in decision(*weighed).doubtful] == ["cubic_stiffness", "quadratic_damping"]
-    apart = [(hypothesis(CUBIC), evidence(500.0)), (hypothesis(DAMPER), evidence(485.0))]
-    assert not decision(*apart).doubtful
+def test_a_runner_up_at_the_edge_of_the_class_is_doubtful_however_far_both_lead() -> None:
+    """8 nats behind the leader the class of equivalents ends."""
+    for behind, doubtful in ((1.0, []), (10.0, ["cubic_stiffness", "quadratic_damping"]), (15.0, [])):
+        weighed = [(hypothesis(CUBIC), evidence(500.0)), (hypothesis(DAMPER), evidence(500.0 - behind))]
+        assert [c.hypothesis.name for c in decision(*weighed).doubtful] == doubtful
 
 
 def test_sampled_evidence_is_not_doubtful() -> None:

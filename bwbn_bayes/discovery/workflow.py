@@ -434,13 +434,13 @@ def _unexplained_share(before: Disagreement, after: Disagreement) -> float:
 
 
 def _verdict(present: _Present, added: tuple[Added, ...], share: float) -> Verdict:
-    if present.is_noise:
-        return "effects_found" if added else "no_missing_effect"
-    if added and share <= FOUND_SHARE:
+    noise = present.is_noise
+    if not added:
+        return "no_missing_effect" if noise else "unexplained"
+    # Steady noise can hide that much is left of a small disagreement; only where nothing of note is left is it found.
+    if share <= FOUND_SHARE or present.is_quiet or (noise and share <= PARTLY_SHARE):
         return "effects_found"
-    if added and share <= PARTLY_SHARE:
-        return "partly_explained"
-    return "unexplained"
+    return "partly_explained" if noise or share <= PARTLY_SHARE else "unexplained"
 
 
 def _limits(present: _Present, run: _Run) -> tuple[DetectionLimit, ...]:

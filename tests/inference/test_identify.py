@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from inference_cases import climbed, posterior_of, recorded, sdof_model, true_point, with_free_a
+from pymc_cases import TRUTH, small_model, small_record
 
 from bwbn_bayes import BoucWen, Record, Result, Settings, ShearBuilding, UserError, identify
 from bwbn_bayes.inference.identify import METHODS, identify_from
@@ -245,3 +246,14 @@ def test_a_dead_channel_is_a_user_error(record: Record) -> None:
 def test_too_few_particles_are_a_user_error(record: Record) -> None:
     with pytest.raises(UserError, match="particles"):
         identify(sdof_model(), record, settings=Settings(method="tmcmc", particles=10))
+
+
+@pytest.mark.parametrize("known", [("beta",), ("beta", "delta_eta")], ids=["two", "one"])
+def test_tmcmc_of_one_or_two_parameters(known: tuple[str, ...]) -> None:
+    """The evidence by importance sampling is the oracle; nothing is left for a ridge to bend."""
+    model, record = small_model(**{name: TRUTH[name] for name in known}), small_record()
+    found = {m: identify(model, record, settings=Settings(method=m, particles=200)) for m in ("importance", "tmcmc")}
+    evidences = found["tmcmc"].facts.evidences
+    bridged, error = evidences["tmcmc (bridge)"]
+    assert abs(bridged - found["importance"].facts.log_evidence) < 4.0 * error + 0.1
+    assert all(abs(p.z_score) < 4.0 for p in found["tmcmc"].facts.parameters if p.z_score is not None)

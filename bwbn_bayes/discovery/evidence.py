@@ -11,7 +11,7 @@ from scipy.stats import cauchy
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.race import Fit
-from bwbn_bayes.inference.bridge import bridge
+from bwbn_bayes.inference.bridge import bridge, contributing
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
     WeightedDraws,
@@ -84,7 +84,12 @@ def sampled_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: i
 
 
 def bridged_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: int) -> Evidence:
-    """Evidence of a fit by transitional MCMC with ``n`` particles, where importance weights have no usable tail."""
+    """Evidence of a fit by transitional MCMC with ``n`` particles, where importance weights have no usable tail.
+
+    With several modes it would take minutes: Laplace's stays.
+    """
+    if len(contributing(fit.modes)) > 1:
+        return laplace
     cloud = bridge(fit.posterior, fit.modes, n_particles=n, rng_seed=int(rng.integers(2**31)))
     return replace(
         _with_draws(fit.posterior, laplace, fit.hypothesis, cloud.particles, np.full(n, 1.0 / n)),

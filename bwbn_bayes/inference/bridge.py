@@ -22,6 +22,11 @@ _REACH, _MOST = 50.0, 8
 """Modes this close to the best are bridged from, up to so many. [nat]"""
 
 
+def contributing(modes: Sequence[Mode]) -> tuple[Mode, ...]:
+    """The modes from which a bridge starts."""
+    return tuple(mode for mode in modes if mode.log_likelihood > modes[0].log_likelihood - _REACH)[:_MOST]
+
+
 def bridge(
     posterior: Posterior,
     modes: Sequence[Mode],
@@ -45,7 +50,7 @@ def bridge(
     n_particles, rng_seed, variant, progress
         As for :func:`~bwbn_bayes.inference.tmcmc.sampler.sample`.
     """
-    kept = [mode for mode in modes if mode.log_likelihood > modes[0].log_likelihood - _REACH][:_MOST]
+    kept = contributing(modes)
     # Beside the ridge's own coordinate and the one it is drawn first with, something must be left to bend.
     if len(kept) == 1 and posterior.n_dim > _FEWEST:
         ridge = RidgeProposal.along(posterior, kept[0], ridge_coordinate(kept[0])).inflated(INFLATION)

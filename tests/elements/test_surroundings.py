@@ -206,7 +206,7 @@ def test_priors_and_starts_of_discovery():
         for form in type(kind).default_prior(scales):
             grid = form.start_grid(scales)
             assert set(grid) == {s for s, value in form.values.items() if isinstance(value, Prior)}
-            assert 2 <= np.prod([len(values) for values in grid.values()]) <= 16
+            assert 2 <= np.prod([len(values) for values in grid.values()]) <= 20
             for symbol, values in grid.items():
                 prior = form.values[symbol]
                 assert isinstance(prior, Prior)

@@ -70,14 +70,12 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Gap:
-    """The gap between model and record, before and after, on data that the fit saw and on data that it did not."""
+    """The gap between model and record, before and after; with the one on data that the fit did not see, if any."""
 
     noise_floor: float
     before: Prediction
     after: Prediction
-    held_out_floor: float | None = None
-    held_out_before: Prediction | None = None
-    held_out_after: Prediction | None = None
+    held_out: Gap | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,8 +153,9 @@ class Discovery:
             "noise_floor": self.gap.noise_floor,
             "fit": {"before": self.gap.before.nrmse, "after": self.gap.after.nrmse},
         }
-        apart, before, after = self.held_out, self.gap.held_out_before, self.gap.held_out_after
-        if apart is not None and before is not None and after is not None:
+        apart, unseen = self.held_out, self.gap.held_out
+        if apart is not None and unseen is not None:
+            before, after = unseen.before, unseen.after
             gap["held_out"] = {
                 "record": apart.record.name,
                 "after_s": apart.after_s,
@@ -166,7 +165,7 @@ class Discovery:
                 "after_se": after.nrmse_se,
                 "log_density_before": before.log_density,
                 "log_density_after": after.log_density,
-                "noise_floor": self.gap.held_out_floor,
+                "noise_floor": unseen.noise_floor,
             }
         facts: dict[str, Any] = {
             "schema": SCHEMA,

@@ -275,7 +275,7 @@ def _under_smaller_laws(present: _Present, every: Sequence[Hypothesis]) -> tuple
 
 def _single(posterior: Posterior) -> Posterior:
     """The posterior on one thread: hypotheses are what runs beside each other."""
-    return posterior.with_engine(replace(_lanes(posterior), n_threads=1))
+    return _on_threads(posterior, 1)
 
 
 def _scored(present: _Present, every: Sequence[Hypothesis], run: _Run) -> tuple[tuple[Hypothesis, Score], ...]:
@@ -313,15 +313,14 @@ def _weigh(present: _Present, fits: Sequence[Fit], considered: Sequence[Hypothes
 
 def _threaded(fit: Fit, run: _Run) -> Fit:
     """The fit with every thread for its own solves."""
-    engine = replace(_lanes(fit.posterior), n_threads=run.settings.n_workers)
-    return replace(fit, posterior=fit.posterior.with_engine(engine))
+    return replace(fit, posterior=_on_threads(fit.posterior, run.settings.n_workers))
 
 
-def _lanes(posterior: Posterior) -> Lanes:
+def _on_threads(posterior: Posterior, n_threads: int) -> Posterior:
     engine = posterior.engine
     if not isinstance(engine, Lanes):
         raise UserError(f"discovery runs on the lanes engine, not on {engine.name}: leave --engine out")
-    return engine
+    return posterior.with_engine(replace(engine, n_threads=n_threads))
 
 
 def _prune(present: _Present, added: tuple[Added, ...], run: _Run) -> tuple[_Present, tuple[Added, ...]]:
@@ -372,18 +371,9 @@ def _conclude(
     run.say("looking for the smallest effects that this record could have shown")
     limits = _limits(present, run)
     posterior, record = present.posterior, present.posterior.record
-    gap = Gap(
-        noise_floor=floor_of(record),
-        before=predict(given.posterior, given.best, record, run.rng),
-        after=predict(posterior, present.best, record, run.rng),
-    )
+    gap = _gap(given, present, record, 0, run)
     if held_out is not None:
-        gap = replace(
-            gap,
-            held_out_floor=floor_of(held_out.record, first=held_out.first),
-            held_out_before=predict(given.posterior, given.best, held_out.record, run.rng, first=held_out.first),
-            held_out_after=predict(posterior, present.best, held_out.record, run.rng, first=held_out.first),
-        )
+        gap = replace(gap, held_out=_gap(given, present, held_out.record, held_out.first, run))
     elapsed = run.elapsed
     run.say("sampling the posterior of the final model")
     result = identify_from(
@@ -418,6 +408,12 @@ def _conclude(
         seed=run.settings.seed,
         elapsed_s=elapsed,
     )
+
+
+def _gap(given: _Present, present: _Present, record: Record, first: int, run: _Run) -> Gap:
+    """Before and after on a record, from its sample ``first`` on."""
+    before, after = (predict(one.posterior, one.best, record, run.rng, first=first) for one in (given, present))
+    return Gap(noise_floor=floor_of(record, first=first), before=before, after=after)
 
 
 def _weighed_against(present: _Present, steps: Sequence[Step]) -> tuple[Candidate, ...]:

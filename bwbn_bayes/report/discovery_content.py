@@ -172,8 +172,8 @@ def gather_discovery(discovery: Discovery) -> DiscoveryContent:
 def _gaps(discovery: Discovery) -> tuple[GapBar, ...]:
     gap, apart, changed = discovery.gap, discovery.held_out, bool(discovery.added)
     bars = [("fitted record", gap.before, gap.after, gap.noise_floor)]
-    if apart and gap.held_out_before and gap.held_out_after and gap.held_out_floor is not None:
-        bars.append((apart.label, gap.held_out_before, gap.held_out_after, gap.held_out_floor))
+    if apart and gap.held_out:
+        bars.append((apart.label, gap.held_out.before, gap.held_out.after, gap.held_out.noise_floor))
     return tuple(
         GapBar(
             label=label,

@@ -28,11 +28,13 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
     fitted = _share(gap.before.nrmse)
     fitted += f" {arrow} {_share(gap.after.nrmse)}" if discovery.added else ""
     figures.append(KeyFigure(value=fitted, label=f"error of fit; noise alone {_share(gap.noise_floor)}"))
-    if apart and gap.held_out_before and gap.held_out_after and gap.held_out_floor is not None:
-        predicted = _share(gap.held_out_before.nrmse)
-        predicted += f" {arrow} {_share(gap.held_out_after.nrmse)}" if discovery.added else ""
+    if apart and gap.held_out:
+        predicted = _share(gap.held_out.before.nrmse)
+        predicted += f" {arrow} {_share(gap.held_out.after.nrmse)}" if discovery.added else ""
         figures.append(
-            KeyFigure(value=predicted, label=f"error on the {apart.label}; noise alone {_share(gap.held_out_floor)}")
+            KeyFigure(
+                value=predicted, label=f"error on the {apart.label}; noise alone {_share(gap.held_out.noise_floor)}"
+            )
         )
     if discovery.verdict != "no_missing_effect":
         left = "of the disagreement left unexplained"

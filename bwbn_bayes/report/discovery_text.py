@@ -20,9 +20,9 @@ def discovery_in_words(discovery: Discovery) -> tuple[str, ...]:
     for one in discovery.added:
         lines += _effect(one)
     lines.append(_gap("fitted record", gap.before.nrmse, gap.after.nrmse if changed else None, gap.noise_floor))
-    if apart and gap.held_out_before and gap.held_out_after and gap.held_out_floor is not None:
-        after = gap.held_out_after.nrmse if changed else None
-        lines.append(_gap(apart.label, gap.held_out_before.nrmse, after, gap.held_out_floor))
+    if apart and gap.held_out:
+        after = gap.held_out.after.nrmse if changed else None
+        lines.append(_gap(apart.label, gap.held_out.before.nrmse, after, gap.held_out.noise_floor))
     if discovery.unexplained is not None:
         lines += [f"nearest: {near.sentence}" for near in discovery.unexplained.nearest[:3]]
     return tuple(lines)

@@ -21,16 +21,16 @@ def test_the_hidden_effect_is_named_at_its_place(run):
 
 def test_the_gap_closes_to_the_noise_on_both_records(run):
     gap = run.discovery.gap
-    assert gap.held_out_before is not None and gap.held_out_after is not None and gap.held_out_floor is not None
+    assert gap.held_out is not None
     for before, after, floor in (
         (gap.before, gap.after, gap.noise_floor),
-        (gap.held_out_before, gap.held_out_after, gap.held_out_floor),
+        (gap.held_out.before, gap.held_out.after, gap.held_out.noise_floor),
     ):
         # 30 dB of mean square leave 10^(-30/20) of the rms to the noise.
         assert floor == pytest.approx(10.0**-1.5, rel=0.1)
         assert before.nrmse > 1.5 * floor
         assert after.nrmse < 1.1 * floor
-    assert gap.held_out_after.log_density > gap.held_out_before.log_density
+    assert gap.held_out.after.log_density > gap.held_out.before.log_density
 
 
 def test_every_file_is_written_and_nothing_is_left_over(run):

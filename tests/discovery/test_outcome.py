@@ -110,7 +110,7 @@ def test_an_effect_of_the_whole_building_reports_no_storey(run):
 
 
 def test_without_held_out_data_the_gap_is_that_of_the_fit_alone(run):
-    gap = replace(run.discovery.gap, held_out_floor=None, held_out_before=None, held_out_after=None)
+    gap = replace(run.discovery.gap, held_out=None)
     facts = written(replace(run.discovery, gap=gap, held_out=None))
     assert facts["gap"].keys() == {"metric", "noise_floor", "fit"}
 

@@ -46,7 +46,7 @@ def variants(found):
     )
     near = NearShape(label="backlash, storey 1", share=0.2, correlation=0.8, log_odds=3.0, sentence="It is <not> it.")
     rest = Unexplained(forces=(learned,), nearest=(near,))
-    alone = replace(found.gap, held_out_before=None, held_out_after=None, held_out_floor=None)
+    alone = replace(found.gap, held_out=None)
     step = replace(found.steps[0], decision=None, sentence="The residual is noise, and no effect has a score.")
     given = {"added": (), "improved": found.model, "after": found.before}
     return {

@@ -25,7 +25,8 @@ from rich.table import Table
 from benchmarks.blind.cases import KINDS, Kind, make_case
 from benchmarks.blind.picture import draw_confusion
 from benchmarks.blind.scoring import Outcome, case_outcome, column_summary
-from bwbn_bayes.discovery.workflow import DiscoverySettings, discover
+from bwbn_bayes.discovery.run import DiscoverySettings
+from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.records import Record, read_csv, write_csv
 from bwbn_bayes.structures.model_file import load_model_file

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 from bwbn_bayes.baselines.genetic import GeneticSettings
 from bwbn_bayes.baselines.methods import identify
 from bwbn_bayes.discovery.outcome import Discovery
-from bwbn_bayes.discovery.workflow import DiscoverySettings, discover
+from bwbn_bayes.discovery.run import DiscoverySettings
+from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import register
 from bwbn_bayes.elements.effects import (

@@ -26,7 +26,7 @@ from rich.text import Text
 from bwbn_bayes.baselines.methods import identify as identify_model
 from bwbn_bayes.discovery.improved_model import improved_model_source
 from bwbn_bayes.discovery.outcome import Discovery
-from bwbn_bayes.discovery.workflow import DiscoverySettings
+from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover as discover_missing
 from bwbn_bayes.elements.catalogue import catalogue
 from bwbn_bayes.engines.available import engine as engine_by_name

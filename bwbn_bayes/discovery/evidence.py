@@ -11,6 +11,7 @@ from scipy.stats import cauchy
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.race import Fit
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.bridge import bridge, contributing
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
@@ -86,11 +87,15 @@ def sampled_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: i
 def bridged_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: int) -> Evidence:
     """Evidence of a fit by transitional MCMC with ``n`` particles, where importance weights have no usable tail.
 
-    With several modes it would take minutes: Laplace's stays.
+    With several modes it would take minutes: Laplace's stays; so it does where hardly a draw of Laplace's own
+    approximation can be solved.
     """
     if len(contributing(fit.modes)) > 1:
         return laplace
-    cloud = bridge(fit.posterior, fit.modes, n_particles=n, rng_seed=int(rng.integers(2**31)))
+    try:
+        cloud = bridge(fit.posterior, fit.modes, n_particles=n, rng_seed=int(rng.integers(2**31)))
+    except UserError:
+        return laplace
     return replace(
         _with_draws(fit.posterior, laplace, fit.hypothesis, cloud.particles, np.full(n, 1.0 / n)),
         log_evidence=cloud.log_evidence,

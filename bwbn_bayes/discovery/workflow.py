@@ -5,40 +5,39 @@ Selection sees the training record alone; what is held out is predicted once, at
 
 from __future__ import annotations
 
-import os
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses, scales_of, sharing_laws
+from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
+from bwbn_bayes.discovery.conclusion import conclude, is_explained, unexplained_share
 from bwbn_bayes.discovery.evidence import bridged_evidence, laplace_evidence, present_evidence, sampled_evidence
-from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict, set_apart
-from bwbn_bayes.discovery.name import THRESHOLD, Candidate, Decision, decide
-from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, Step, Verdict
+from bwbn_bayes.discovery.held_out import set_apart
+from bwbn_bayes.discovery.name import THRESHOLD, Decision, decide
+from bwbn_bayes.discovery.outcome import Added, Discovery, Step
 from bwbn_bayes.discovery.race import Fit, race
-from bwbn_bayes.discovery.score import Score, scores
+from bwbn_bayes.discovery.run import (
+    DiscoverySettings,
+    Listener,
+    Present,
+    Run,
+    hypotheses_of,
+    on_one_thread,
+    on_threads,
+    score_all,
+)
+from bwbn_bayes.discovery.second_look import searched, widened
 from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.suitable import require_suitable
-from bwbn_bayes.discovery.unexplained import unexplained
-from bwbn_bayes.discovery.where import Disagreement, disagreement
-from bwbn_bayes.elements.law import Effect
-from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.precompile import precompile
-from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER
-from bwbn_bayes.inference.identify import Settings, identify_from
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
-from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, settled
-from bwbn_bayes.inference.residuals import is_noise, is_quiet, residual_of
-from bwbn_bayes.inference.summary import observe
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
+from bwbn_bayes.inference.residuals import leaves_noise
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
-
-Listener = Callable[[str], None]
 
 LEAST_SCORE = 6.0
 """Where the residual is noise, and in later rounds, hypotheses whose score is below this are not fitted. [nat]"""
@@ -46,88 +45,12 @@ MOST_LATER = 24
 """Hypotheses with the largest scores that are fitted in a later round."""
 CONTENDER = 40.0
 """Hypotheses this close to the best by Laplace are sampled. [nat]"""
+MOST_SAMPLED = 12
+"""The best of them, so many at most."""
+MOST_LEFT = 0.85
+"""An effect that leaves a larger share of the disagreement, and no noise, is beside the point: it is not added."""
 FEW = 6
 """Hypotheses of a later round that are fitted under the one law of all."""
-FOUND_SHARE, PARTLY_SHARE = 0.1, 0.25
-"""Unexplained share up to which effects count as found, and as contributing."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DiscoverySettings:
-    """Options of a discovery.
-
-    Parameters
-    ----------
-    seed : int
-        The run is a function of it.
-    most_effects : int
-        Effects added at most.
-    particles : int
-        Effective draws of the final posterior.
-    n_workers : int
-        Hypotheses fitted at once.
-    effects : tuple of Effect classes, optional
-        Those to consider; the whole catalogue by default.
-    """
-
-    seed: int = 1
-    most_effects: int = 4
-    particles: int = 2000
-    n_workers: int = os.cpu_count() or 1
-    effects: tuple[type[Effect], ...] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Present:
-    """The present model, fitted."""
-
-    posterior: Posterior
-    modes: tuple[Mode, ...]
-    starts: Floats
-    """Further points of its unit cube from which fits start."""
-
-    @property
-    def best(self) -> Floats:
-        return self.modes[0].point
-
-    @property
-    def is_noise(self) -> bool:
-        """Whether what it leaves could be noise."""
-        return all(is_noise(rest) for rest in residual_of(self.posterior, self.best))
-
-    @property
-    def is_quiet(self) -> bool:
-        """Whether nothing of note is left, so that a score tells what a hypothesis could gain."""
-        signals = self.posterior.record.channels.values()
-        return all(map(is_quiet, residual_of(self.posterior, self.best), signals))
-
-
-@dataclass
-class _Run:
-    """What a run collects."""
-
-    settings: DiscoverySettings
-    rng: np.random.Generator
-    listener: Listener | None
-    began: float = field(default_factory=time.perf_counter)
-    steps: list[Step] = field(default_factory=list)
-    scored: tuple[Structure | None, tuple[tuple[Hypothesis, Score], ...]] = (None, ())
-    """The model that was scored last, with its hypotheses."""
-
-    def say(self, text: str) -> None:
-        if self.listener is not None:
-            self.listener(text)
-
-    def withdraw(self, share: float) -> None:
-        """Say of the steps that added an effect that it did not stay."""
-        for number, step in enumerate(self.steps):
-            if step.decision is not None and step.decision.passes:
-                left = f"It is withdrawn: {100 * share:.0f} % of the disagreement stayed."
-                self.steps[number] = replace(step, sentence=f"{step.sentence} {left}")
-
-    @property
-    def elapsed(self) -> float:
-        return time.perf_counter() - self.began
 
 
 def discover(
@@ -170,20 +93,19 @@ def discover(
     require_suitable(model, record, held_out if isinstance(held_out, Record) else None, name)
     record, apart = set_apart(model, record, held_out)
     settings = settings or DiscoverySettings()
-    run = _Run(settings, np.random.default_rng(settings.seed), listener)
+    run = Run(settings, np.random.default_rng(settings.seed), listener)
     if apart is not None:
         run.say(f"keeping apart the {apart.label}")
     given = _fit_given(model, record, run)
-    before = disagreement(given.posterior, given.best)
-    for spot in before.spots[:2]:
+    for spot in given.disagreement.spots[:2]:
         run.say(spot.sentence)
     _compile_ahead(given, run)
-    present, added = _grow(given, run)
-    present, added = _prune(present, added, run)
-    return _conclude(given, present, added, before, apart, name, run)
+    present, added = _prune(*_grow(given, run), run)
+    present, added, run = _look_again(given, present, added, run)
+    return conclude(given, present, added, apart, name, run)
 
 
-def _fit_given(model: Structure, record: Record, run: _Run) -> _Present:
+def _fit_given(model: Structure, record: Record, run: Run) -> Present:
     """Fit the model as given: to the whole record, and to its beginning, where damage has yet to come."""
     engine = replace(LADDER[0], n_threads=run.settings.n_workers)
     posterior = Posterior(model=model, record=record, engine=engine, noise=default_noise(record))
@@ -195,30 +117,34 @@ def _fit_given(model: Structure, record: Record, run: _Run) -> _Present:
     points, local = polish(beginning, np.array([mode.point for mode in modes[:16]]), n_iterations=20)
     young = distinct(points, local)
     starts = np.array([mode.point for mode in (*modes[:2], *young[:2])])
-    return _Present(posterior=posterior, modes=modes, starts=starts)
+    return Present(posterior=posterior, modes=modes, starts=starts)
 
 
-def _compile_ahead(given: _Present, run: _Run) -> None:
+def _compile_ahead(given: Present, run: Run) -> None:
     """Compile, beside the first round, the law of the later ones and the last of the first round's own."""
     laws = []
     for most_carried in (MOST_CARRIED, np.inf):
-        sharing = [h for h in _hypotheses(given, run, most_carried) if h.carried]
+        sharing = [h for h in hypotheses_of(given, run, most_carried) if h.carried]
         laws += [hypothesis.model.law for hypothesis in sharing[-1:]]
     precompile(laws, driven=given.posterior.model.excitation_kind == "displacement")
 
 
-def _grow(present: _Present, run: _Run) -> tuple[_Present, tuple[Added, ...]]:
-    """Add effects one by one until none passes."""
+def _grow(present: Present, run: Run, fits: tuple[Fit, ...] | None = None) -> tuple[Present, tuple[Added, ...]]:
+    """Add effects one by one until none passes; the fits of the first round may be known already."""
     added: list[Added] = []
     while len(added) < run.settings.most_effects:
-        fits, decision = _round(present, run)
+        if fits is None:
+            fits = _fit_hypotheses(present, run)
+        if not run.steps:
+            run.first_fits = fits
+        decision = _weigh(present, fits, run) if fits else None
         chosen = decision.leader if decision is not None and decision.passes else None
         sentence = decision.sentence if decision is not None else "The residual is noise, and no effect has a score."
         run.steps.append(
             Step(
                 number=len(run.steps) + 1,
                 model=present.posterior.model,
-                disagreement=disagreement(present.posterior, present.best),
+                disagreement=present.disagreement,
                 decision=decision,
                 sentence=sentence,
                 elapsed_s=run.elapsed,
@@ -228,13 +154,38 @@ def _grow(present: _Present, run: _Run) -> tuple[_Present, tuple[Added, ...]]:
         if chosen is None or decision is None:
             break
         fit = next(fit for fit in fits if fit.hypothesis is chosen.hypothesis)
+        posterior = present.posterior.with_model(chosen.hypothesis.improved)
+        modes = settled(posterior, fit.modes[:N_CANDIDATES], run.rng)
+        improved = Present(posterior=posterior, modes=modes, starts=np.array([mode.point for mode in modes[:3]]))
+        left = unexplained_share(present, improved)
+        if left > MOST_LEFT and not improved.is_noise:
+            run.withdraw_last(left)
+            break
         added.append(
             Added(candidate=chosen, decision=decision, moments={}, separation=_separation(fit, fits, decision))
         )
-        posterior = present.posterior.with_model(chosen.hypothesis.improved)
-        modes = settled(posterior, fit.modes[:N_CANDIDATES], run.rng)
-        present = _Present(posterior=posterior, modes=modes, starts=np.array([mode.point for mode in modes[:3]]))
+        present, fits = improved, None
     return present, tuple(added)
+
+
+def _look_again(
+    given: Present, present: Present, added: tuple[Added, ...], run: Run
+) -> tuple[Present, tuple[Added, ...], Run]:
+    """Where much stays unexplained, fit the leading hypotheses of the first round from all over their priors.
+
+    Starts near the fits of a model that lacks an effect can all be far from the truth.
+    """
+    if is_explained(given, present, added) or not run.first_fits:
+        return present, added, run
+    run.say("much stays unexplained: fitting the leading hypotheses from all over their priors")
+    fits = searched(run.first_fits, run.rng, n_threads=run.settings.n_workers)
+    if fits[0].log_likelihood < run.first_fits[0].log_likelihood + THRESHOLD:
+        return present, added, run
+    again = replace(run, steps=[])
+    other, others = _prune(*_grow(given, again, fits), again)
+    if unexplained_share(given, other) < unexplained_share(given, present):
+        return other, others, again
+    return present, added, run
 
 
 def _separation(fit: Fit, fits: Sequence[Fit], decision: Decision) -> tuple[str, ...]:
@@ -243,29 +194,29 @@ def _separation(fit: Fit, fits: Sequence[Fit], decision: Decision) -> tuple[str,
     return tuple(separating_experiment(fit, other, fit.hypothesis.scales.period) for other in others)
 
 
-def _round(present: _Present, run: _Run) -> tuple[tuple[Fit, ...], Decision | None]:
-    """Weigh every effect at every place against the present model."""
+def _fit_hypotheses(present: Present, run: Run) -> tuple[Fit, ...]:
+    """Fit every effect at every place that could improve the present model, best first; none where none could."""
     posterior = present.posterior
-    # Later models differ from run to run: one law for all of them, compiled once, scores them.
-    considered = every = _hypotheses(present, run, np.inf if run.steps else MOST_CARRIED)
     first = not run.steps
+    # Later models differ from run to run: one law for all of them, compiled once, scores them.
+    every = run.considered = hypotheses_of(present, run, MOST_CARRIED if first else np.inf)
     if present.is_quiet or not first:
         run.say(f"scoring {len(every)} hypotheses")
-        run.scored = (posterior.model, _scored(present, every, run))
+        run.scored = (posterior.model, score_all(present, every, run))
         ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
         every = tuple(h for h, s in ranked if s.nats > LEAST_SCORE)[: len(every) if first else MOST_LATER]
         if not every:
-            return (), None
+            return ()
     if not first and len(every) > FEW:
         every = _under_smaller_laws(present, every)
     run.say(f"fitting {len(every)} hypotheses")
     fits = race(
-        _single(posterior), every, present.starts, n_workers=run.settings.n_workers, guess=first, progress=run.say
+        on_one_thread(posterior), every, present.starts, n_workers=run.settings.n_workers, guess=first, progress=run.say
     )
-    return fits, _weigh(present, fits, considered, run)
+    return widened(fits, n_threads=run.settings.n_workers)
 
 
-def _under_smaller_laws(present: _Present, every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+def _under_smaller_laws(present: Present, every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
     """The same hypotheses in groups of few effects: solves take a fifth of the time, which pays for compiling."""
     grouped = sharing_laws(every, MOST_CARRIED)
     laws = tuple(dict.fromkeys(hypothesis.model.law for hypothesis in grouped))
@@ -273,57 +224,36 @@ def _under_smaller_laws(present: _Present, every: Sequence[Hypothesis]) -> tuple
     return grouped
 
 
-def _single(posterior: Posterior) -> Posterior:
-    """The posterior on one thread: hypotheses are what runs beside each other."""
-    return _on_threads(posterior, 1)
+def _weigh(present: Present, fits: Sequence[Fit], run: Run) -> Decision:
+    """Laplace for every fit; sampling for the present model and for those close to the best.
 
-
-def _scored(present: _Present, every: Sequence[Hypothesis], run: _Run) -> tuple[tuple[Hypothesis, Score], ...]:
-    found = scores(_single(present.posterior), every, present.best, n_workers=run.settings.n_workers)
-    return tuple(zip(every, found, strict=True))
-
-
-def _hypotheses(present: _Present, run: _Run, most_carried: float) -> tuple[Hypothesis, ...]:
-    return hypotheses(
-        present.posterior.model,
-        scales_of(present.posterior, present.best),
-        measured=tuple(present.posterior.record.channels),
-        effects=run.settings.effects,
-        most_carried=most_carried,
-    )
-
-
-def _weigh(present: _Present, fits: Sequence[Fit], considered: Sequence[Hypothesis], run: _Run) -> Decision:
-    """Laplace for every fit; sampling for the present model and for those close to the best."""
+    Transitional MCMC weighs what those leave in doubt, but not among hypotheses of which the best leaves more than
+    noise: then it is not they that the decision turns on.
+    """
     run.say("weighing the hypotheses")
     evidences = [laplace_evidence(fit) for fit in fits]
-    best = max(evidence.total for evidence in evidences)
+    order = sorted(range(len(fits)), key=lambda i: -evidences[i].total)
     own = present_evidence(present.posterior, present.modes, run.rng, 1000)
-    for i, fit in enumerate(fits):
-        if evidences[i].total > best - CONTENDER:
-            evidences[i] = sampled_evidence(_threaded(fit, run), evidences[i], run.rng, 600)
+    for i in order[:MOST_SAMPLED]:
+        if evidences[i].total > evidences[order[0]].total - CONTENDER:
+            evidences[i] = sampled_evidence(_threaded(fits[i], run), evidences[i], run.rng, 600)
     weighed = dict(zip([fit.hypothesis for fit in fits], evidences, strict=True))
-    decision = decide(own, tuple(weighed.items()), considered)
+    decision = decide(own, tuple(weighed.items()), run.considered)
+    if not decision.doubtful or not leaves_noise(fits[order[0]].posterior, fits[order[0]].best(1)[0]):
+        return decision
     for candidate in decision.doubtful:
         run.say(f"sampling {candidate.hypothesis.label} by transitional MCMC")
         fit = next(fit for fit in fits if fit.hypothesis is candidate.hypothesis)
         weighed[fit.hypothesis] = bridged_evidence(_threaded(fit, run), candidate.evidence, run.rng, 200)
-    return decide(own, tuple(weighed.items()), considered)
+    return decide(own, tuple(weighed.items()), run.considered)
 
 
-def _threaded(fit: Fit, run: _Run) -> Fit:
+def _threaded(fit: Fit, run: Run) -> Fit:
     """The fit with every thread for its own solves."""
-    return replace(fit, posterior=_on_threads(fit.posterior, run.settings.n_workers))
+    return replace(fit, posterior=on_threads(fit.posterior, run.settings.n_workers))
 
 
-def _on_threads(posterior: Posterior, n_threads: int) -> Posterior:
-    engine = posterior.engine
-    if not isinstance(engine, Lanes):
-        raise UserError(f"discovery runs on the lanes engine, not on {engine.name}: leave --engine out")
-    return posterior.with_engine(replace(engine, n_threads=n_threads))
-
-
-def _prune(present: _Present, added: tuple[Added, ...], run: _Run) -> tuple[_Present, tuple[Added, ...]]:
+def _prune(present: Present, added: tuple[Added, ...], run: Run) -> tuple[Present, tuple[Added, ...]]:
     """Drop an effect that a later one has made superfluous."""
     if len(added) < 2:
         return present, added
@@ -343,147 +273,6 @@ def _prune(present: _Present, added: tuple[Added, ...], run: _Run) -> tuple[_Pre
         without = present_evidence(posterior, modes, run.rng, 1000)
         if own.total - without.total < THRESHOLD:
             run.say(f"{superfluous.candidate.hypothesis.label} is no longer needed")
-            smaller = _Present(posterior=posterior, modes=modes, starts=points[:3])
+            smaller = Present(posterior=posterior, modes=modes, starts=points[:3])
             return _prune(smaller, kept, run)
     return present, added
-
-
-def _conclude(
-    given: _Present,
-    present: _Present,
-    added: tuple[Added, ...],
-    before: Disagreement,
-    held_out: HeldOut | None,
-    name: str,
-    run: _Run,
-) -> Discovery:
-    after = disagreement(present.posterior, present.best)
-    share = _unexplained_share(before, after)
-    verdict = _verdict(present, added, share)
-    if verdict == "unexplained":
-        run.withdraw(share)
-        added, present = (), given
-        after = before
-    rest = None
-    if verdict in ("unexplained", "partly_explained"):
-        run.say("learning the missing storey force")
-        rest = unexplained(present.posterior, present.best, _weighed_against(present, run.steps), run.rng)
-    run.say("looking for the smallest effects that this record could have shown")
-    limits = _limits(present, run)
-    posterior, record = present.posterior, present.posterior.record
-    gap = _gap(given, present, record, 0, run)
-    if held_out is not None:
-        gap = replace(gap, held_out=_gap(given, present, held_out.record, held_out.first, run))
-    elapsed = run.elapsed
-    run.say("sampling the posterior of the final model")
-    result = identify_from(
-        posterior,
-        np.array([mode.point for mode in present.modes[:8]]),
-        settings=Settings(seed=run.settings.seed, particles=run.settings.particles, fallback=False),
-        name=name,
-        listener=lambda text, _: run.say(text),
-    )
-    moments = {p.name: (p.mean, p.sd) for p in result.facts.parameters}
-    added = tuple(
-        replace(one, moments={label: moments[label] for label in one.candidate.hypothesis.brought}) for one in added
-    )
-    return Discovery(
-        verdict=verdict,
-        sentences=_sentences(verdict, added, share, before, gap),
-        unexplained_share=share,
-        unexplained=rest,
-        added=added,
-        steps=tuple(run.steps),
-        limits=limits,
-        gap=gap,
-        before=before,
-        after=after,
-        histories={"before": _histories(given), "after": _histories(present)},
-        model=given.posterior.model,
-        improved=posterior.model,
-        record=record,
-        held_out=held_out,
-        result=result,
-        name=name,
-        seed=run.settings.seed,
-        elapsed_s=elapsed,
-    )
-
-
-def _gap(given: _Present, present: _Present, record: Record, first: int, run: _Run) -> Gap:
-    """Before and after on a record, from its sample ``first`` on."""
-    before, after = (predict(one.posterior, one.best, record, run.rng, first=first) for one in (given, present))
-    return Gap(noise_floor=floor_of(record, first=first), before=before, after=after)
-
-
-def _weighed_against(present: _Present, steps: Sequence[Step]) -> tuple[Candidate, ...]:
-    """Candidates of the last round that weighed them against this model, or of the last round at all."""
-    rounds = [step for step in steps if step.decision is not None]
-    own = [step for step in rounds if step.model == present.posterior.model] or rounds
-    return own[-1].decision.candidates if own and own[-1].decision is not None else ()
-
-
-def _unexplained_share(before: Disagreement, after: Disagreement) -> float:
-    """What is left of the residual energy beyond the noise."""
-    excess = [float(np.sum(np.maximum(np.square(d.residual_to_noise) - 1.0, 0.0))) for d in (before, after)]
-    return min(excess[1] / excess[0], 1.0) if excess[0] > 0.0 else 0.0
-
-
-def _verdict(present: _Present, added: tuple[Added, ...], share: float) -> Verdict:
-    noise = present.is_noise
-    if not added:
-        return "no_missing_effect" if noise else "unexplained"
-    # Steady noise can hide that much is left of a small disagreement; only where nothing of note is left is it found.
-    if share <= FOUND_SHARE or present.is_quiet or (noise and share <= PARTLY_SHARE):
-        return "effects_found"
-    return "partly_explained" if noise or share <= PARTLY_SHARE else "unexplained"
-
-
-def _limits(present: _Present, run: _Run) -> tuple[DetectionLimit, ...]:
-    model, scored = run.scored
-    if model is not present.posterior.model:
-        scored = _scored(present, _hypotheses(present, run, np.inf), run)
-    needed = THRESHOLD + float(np.log(max(len(scored), 1)))
-    return tuple(
-        DetectionLimit(
-            label=hypothesis.label,
-            name=hypothesis.name,
-            storeys=hypothesis.storeys,
-            parameter=one.amplitude,
-            unit=one.unit,
-            smallest=one.detectable(needed),
-            expected=_expected(hypothesis, one.amplitude),
-        )
-        for hypothesis, one in scored
-    )
-
-
-def _expected(hypothesis: Hypothesis, amplitude: str) -> float:
-    return next(p.prior.sd for p in hypothesis.model.space.parameters if p.name == amplitude)
-
-
-def _histories(present: _Present) -> dict[str, Floats]:
-    values, _ = present.posterior.split(present.best[None])
-    rows = observe(present.posterior.engine, present.posterior.model, values, present.posterior.record)
-    return {kind: history[0] for kind, history in rows.items()}
-
-
-def _sentences(
-    verdict: Verdict, added: tuple[Added, ...], share: float, before: Disagreement, gap: Gap
-) -> tuple[str, ...]:
-    labels = ", then ".join(one.candidate.hypothesis.label for one in added)
-    meaning = f": {added[0].candidate.hypothesis.effect.summary}" if len(added) == 1 else ""
-    shrunk = (
-        f"The error of fit falls from {100 * gap.before.nrmse:.1f} % to {100 * gap.after.nrmse:.1f} % of the signal; "
-        f"the noise is {100 * gap.noise_floor:.1f} %."
-    )
-    first = {
-        "effects_found": f"The model lacks {labels}{meaning}.",
-        "partly_explained": f"{labels} contributes, but {100 * share:.0f} % of the disagreement stays unexplained.",
-        "no_missing_effect": "The model as given explains the record: what it leaves is noise.",
-        "unexplained": "Model and record disagree, and no catalogued effect explains it.",
-    }[verdict]
-    places = {f"acceleration_{storey}" for one in added for storey in one.candidate.hypothesis.storeys}
-    own = [spot for spot in before.spots if spot.channel in places]
-    spots = tuple(f"Where it showed: {spot.sentence}." for spot in (*own, *before.spots)[:1])
-    return (first, shrunk, *spots) if added else (first, *spots)

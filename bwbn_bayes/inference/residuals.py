@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
-from scipy.stats import chi2, f, levene
+from scipy.stats import chi2, f, f_oneway, levene
 
 from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.noise import model_free_noise_sd
 from bwbn_bayes.results import Check
@@ -20,6 +22,9 @@ N_STRETCHES = 12
 LEAST_PROBABILITY = 1e-5
 LARGEST_RATIO = 1.25
 QUIET_PROBABILITY, QUIET_RATIO = 1e-3, 1.15
+_SHARES = (0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97, 0.99)
+"""Quantiles that part the range of a motion, finer where it is extreme: saturation or a stop shows only there."""
+_MOTIONS = ("drift", "drift_rate", "hysteretic_displacement")
 
 
 def whiteness_probability(residual: Floats) -> float:
@@ -89,16 +94,34 @@ def coloured_noise(residual: Floats) -> ColouredNoise:
     return best
 
 
-def is_noise(residual: Floats) -> bool:
-    """Whether a residual ``(n_times,)`` could be stationary noise, white or autoregressive.
+def is_noise(residual: Floats, motions: Floats | Sequence[Floats] = ()) -> bool:
+    """Whether a residual could be stationary noise, white or autoregressive, that knows nothing of the motion.
 
     Its innovations must be white (Ljung and Box), and they and the residual itself equally strong throughout (Levene's
-    test over twelve stretches): what a model lacks comes and goes with the motion.
+    test over twelve stretches): what a model lacks comes and goes with the motion. Nor may the mean of the innovations
+    (analysis of variance) or their strength (Levene) differ between the parts of any motion's range.
+
+    Parameters
+    ----------
+    residual : (n_times,) array
+    motions : (n_motions, n_times) array, optional
+        Histories that the model says took place, see :func:`motions_of`.
     """
     noise = coloured_noise(residual)
     innovations = noise.innovations(residual)
     steady = min(_steadiness(innovations), _steadiness(residual, noise.correlation_samples))
-    return min(whiteness_probability(innovations), steady) > LEAST_PROBABILITY
+    unaware = [_unawareness(innovations, motion[-len(innovations) :]) for motion in motions]
+    return min(whiteness_probability(innovations), steady, *unaware) > LEAST_PROBABILITY
+
+
+def _unawareness(innovations: Floats, motion: Floats) -> float:
+    """Probability of parts of a motion's range as unequal, in mean or strength, if there were no connection."""
+    edges = np.unique(np.quantile(motion, _SHARES))
+    part = np.searchsorted(edges, motion)
+    groups = [own for n in range(len(edges) + 1) if len(own := innovations[part == n]) > 1]
+    if len(groups) < 2 or not np.any(innovations):
+        return 1.0
+    return float(min(f_oneway(*groups).pvalue, levene(*groups, center="mean").pvalue))
 
 
 def is_quiet(residual: Floats, signal: Floats) -> bool:
@@ -126,6 +149,21 @@ def residual_of(posterior: Posterior, point: Floats) -> Floats:
     posterior.solves.total += 1
     response = posterior.engine.simulate(posterior.model, values, posterior.record).values[0]
     return np.asarray(np.stack(list(posterior.record.channels.values())) - response)
+
+
+def motions_of(posterior: Posterior, point: Floats) -> Floats:
+    """The modelled channels, and drift, drift rate and hysteretic displacement of every storey, ``(n, n_times)``."""
+    values, _ = posterior.split(point[None])
+    posterior.solves.total += 2
+    channels = posterior.engine.simulate(posterior.model, values, posterior.record).values[0]
+    rows = observe(posterior.engine, posterior.model, values, posterior.record)
+    return np.concatenate([channels, *(rows[kind][0] for kind in _MOTIONS)])
+
+
+def leaves_noise(posterior: Posterior, point: Floats) -> bool:
+    """Whether what a fit at a point ``(n_dim,)`` of the unit cube leaves of every channel :func:`is_noise`."""
+    motions = motions_of(posterior, point)
+    return all(is_noise(rest, motions) for rest in residual_of(posterior, point))
 
 
 def noise_floor(signal: Floats) -> float:

@@ -78,11 +78,7 @@ def _leads(content: DiscoveryContent) -> tuple[str, ...]:
     if not content.withdrawn:
         return (lead,)
     names = ", ".join(content.withdrawn)
-    left = 100.0 * content.discovery.unexplained_share
-    return (
-        lead,
-        f"What the steps below added was withdrawn ({names}): with it, {left:.0f} % of the disagreement stayed.",
-    )
+    return (lead, f"What steps below named was withdrawn ({names}), because most of the disagreement stayed with it.")
 
 
 def _written(equations: tuple[Equation, ...]) -> list[tuple[str, str]]:

@@ -13,7 +13,8 @@ import pytest
 
 from bwbn_bayes.cli import main
 from bwbn_bayes.discovery.held_out import HeldOut, Prediction, floor_of, parting_time, predict, set_apart
-from bwbn_bayes.discovery.workflow import DiscoverySettings, discover
+from bwbn_bayes.discovery.run import DiscoverySettings
+from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SensorGain
 from bwbn_bayes.engines.lanes import Lanes

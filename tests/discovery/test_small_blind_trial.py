@@ -18,7 +18,8 @@ import pytest
 
 from benchmarks.blind.cases import DETECTABLE_NATS, Case, Setting, make_case
 from benchmarks.blind.scoring import case_outcome
-from bwbn_bayes.discovery.workflow import DiscoverySettings, discover
+from bwbn_bayes.discovery.run import DiscoverySettings
+from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.structures.model_file import load_model_file
 from bwbn_bayes.structures.structure import Structure

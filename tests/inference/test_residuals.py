@@ -93,9 +93,11 @@ def autoregression(rng: np.random.Generator, coefficients: tuple[float, ...], n:
 
 @pytest.mark.parametrize("coefficients", [(), (0.5,), (0.95,), (-0.4,), (0.6, -0.3)], ids=str)
 def test_stationary_noise_is_noise(coefficients: tuple[float, ...]) -> None:
-    """Each of three tests fails one draw in 1e5; successive magnitudes at 0.95 are correlated over 20 samples."""
+    """Each of the tests fails one draw in 1e5; successive magnitudes at 0.95 are correlated over 20 samples."""
     rng = np.random.default_rng(3)
-    passed = [is_noise(0.01 * autoregression(rng, coefficients)) for _ in range(300)]
+    t = np.arange(1500) * 0.02
+    motions = np.stack([np.sin(2.0 * np.pi * f * t) * np.exp(-(((t - 12.0) / 6.0) ** 2)) for f in (0.4, 1.1, 2.7)])
+    passed = [is_noise(0.01 * autoregression(rng, coefficients), motions) for _ in range(300)]
     assert np.mean(passed) >= 0.99
 
 
@@ -107,6 +109,25 @@ def test_what_comes_and_goes_with_the_motion_is_not_noise() -> None:
     for _ in range(20):
         assert not is_noise(rng.standard_normal(1500) * (1.0 + 2.0 * envelope))
         assert not is_noise(rng.standard_normal(1500) + np.sin(2.0 * np.pi * 1.3 * t))
+
+
+def test_what_knows_of_the_motion_is_not_noise() -> None:
+    """A sensor that saturates on three samples in a hundred; noise half as strong again at large motion.
+
+    Both are white and steady: beside a motion that has nothing to do with them they pass.
+    """
+    rng = np.random.default_rng(8)
+    passed, caught = [], []
+    for _ in range(20):
+        motion, other = autoregression(rng, (0.6, -0.3)), autoregression(rng, (0.6, -0.3))
+        noise = 0.2 * rng.standard_normal(1500)
+        limit = np.quantile(np.abs(motion), 0.97)
+        saturated = noise + np.clip(motion, -limit, limit) - motion
+        louder = noise * np.where(np.abs(motion) > np.quantile(np.abs(motion), 0.8), 1.5, 1.0)
+        passed += [is_noise(residual, [other]) for residual in (saturated, louder)]
+        caught += [not is_noise(residual, [other, motion]) for residual in (saturated, louder)]
+    assert sum(passed) >= 36
+    assert sum(caught) >= 36
 
 
 def test_innovations_are_what_the_past_does_not_tell() -> None:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.held_out import HeldOut
+from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.unexplained import MissingForce, NearShape, Unexplained
-from bwbn_bayes.discovery.workflow import DiscoverySettings, discover
+from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, SensorGain
 from bwbn_bayes.engines.simulation import simulate

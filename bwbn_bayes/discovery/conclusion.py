@@ -1,0 +1,191 @@
+"""What a finished search comes to: the verdict, what is left, what could have been seen, the final posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
+from bwbn_bayes.discovery.name import THRESHOLD, Candidate
+from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, Step, Verdict
+from bwbn_bayes.discovery.run import Present, Run, hypotheses_of, score_all
+from bwbn_bayes.discovery.unexplained import unexplained
+from bwbn_bayes.discovery.where import Disagreement
+from bwbn_bayes.inference.identify import Settings, identify_from
+from bwbn_bayes.inference.summary import observe
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+
+FOUND_SHARE, PARTLY_SHARE = 0.1, 0.25
+"""Unexplained share up to which effects count as found, and as contributing."""
+MOST_AT_ONCE = 2
+"""With more, they are as likely to imitate together one that the catalogue lacks: they count as contributing."""
+
+
+def conclude(
+    given: Present,
+    present: Present,
+    added: tuple[Added, ...],
+    held_out: HeldOut | None,
+    name: str,
+    run: Run,
+) -> Discovery:
+    """Turn a finished search into what it found.
+
+    Parameters
+    ----------
+    given, present : Present
+        The model as given, and with what was added.
+    added : tuple of Added
+    held_out : HeldOut or None
+        Predicted here, once.
+    name : str
+        The model's name in reports.
+    run : Run
+    """
+    share = unexplained_share(given, present)
+    verdict = _verdict(given, present, added)
+    if verdict == "unexplained":
+        run.withdraw(share)
+        added, present = (), given
+    before, after = given.disagreement, present.disagreement
+    rest = None
+    if verdict in ("unexplained", "partly_explained"):
+        run.say("learning the missing storey force")
+        rest = unexplained(present.posterior, present.best, _weighed_against(present, run.steps), run.rng)
+    run.say("looking for the smallest effects that this record could have shown")
+    limits = _limits(present, run)
+    posterior, record = present.posterior, present.posterior.record
+    gap = _gap(given, present, record, 0, run)
+    if held_out is not None:
+        gap = replace(gap, held_out=_gap(given, present, held_out.record, held_out.first, run))
+    elapsed = run.elapsed
+    run.say("sampling the posterior of the final model")
+    result = identify_from(
+        posterior,
+        np.array([mode.point for mode in present.modes[:8]]),
+        settings=Settings(seed=run.settings.seed, particles=run.settings.particles, fallback=False),
+        name=name,
+        listener=lambda text, _: run.say(text),
+    )
+    moments = {p.name: (p.mean, p.sd) for p in result.facts.parameters}
+    added = tuple(
+        replace(one, moments={label: moments[label] for label in one.candidate.hypothesis.brought}) for one in added
+    )
+    return Discovery(
+        verdict=verdict,
+        sentences=_sentences(verdict, added, share, before, gap),
+        unexplained_share=share,
+        unexplained=rest,
+        added=added,
+        steps=tuple(run.steps),
+        limits=limits,
+        gap=gap,
+        before=before,
+        after=after,
+        histories={"before": _histories(given), "after": _histories(present)},
+        model=given.posterior.model,
+        improved=posterior.model,
+        record=record,
+        held_out=held_out,
+        result=result,
+        name=name,
+        seed=run.settings.seed,
+        elapsed_s=elapsed,
+    )
+
+
+def _gap(given: Present, present: Present, record: Record, first: int, run: Run) -> Gap:
+    """Before and after on a record, from its sample ``first`` on."""
+    before, after = (predict(one.posterior, one.best, record, run.rng, first=first) for one in (given, present))
+    return Gap(noise_floor=floor_of(record, first=first), before=before, after=after)
+
+
+def _weighed_against(present: Present, steps: Sequence[Step]) -> tuple[Candidate, ...]:
+    """Candidates of the last round that weighed them against this model, or of the last round at all."""
+    rounds = [step for step in steps if step.decision is not None]
+    own = [step for step in rounds if step.model == present.posterior.model] or rounds
+    return own[-1].decision.candidates if own and own[-1].decision is not None else ()
+
+
+def unexplained_share(given: Present, present: Present) -> float:
+    """What is left of the residual energy beyond the noise."""
+    excess = [
+        float(np.sum(np.maximum(np.square(one.disagreement.residual_to_noise) - 1.0, 0.0))) for one in (given, present)
+    ]
+    return min(excess[1] / excess[0], 1.0) if excess[0] > 0.0 else 0.0
+
+
+def is_explained(given: Present, present: Present, added: tuple[Added, ...]) -> bool:
+    """Whether nothing of note stays unexplained."""
+    return _verdict(given, present, added) in ("effects_found", "no_missing_effect")
+
+
+def _verdict(given: Present, present: Present, added: tuple[Added, ...]) -> Verdict:
+    noise, share = present.is_noise, unexplained_share(given, present)
+    if not added:
+        return "no_missing_effect" if noise else "unexplained"
+    # Steady noise can hide that much is left of a small disagreement; only where nothing of note is left is it found.
+    found = share <= FOUND_SHARE or present.is_quiet or (noise and share <= PARTLY_SHARE)
+    if found and len(added) <= MOST_AT_ONCE:
+        return "effects_found"
+    return "partly_explained" if noise or share <= PARTLY_SHARE else "unexplained"
+
+
+def _limits(present: Present, run: Run) -> tuple[DetectionLimit, ...]:
+    model, scored = run.scored
+    if model is not present.posterior.model:
+        scored = score_all(present, hypotheses_of(present, run, np.inf), run)
+    needed = THRESHOLD + float(np.log(max(len(scored), 1)))
+    return tuple(
+        DetectionLimit(
+            label=hypothesis.label,
+            name=hypothesis.name,
+            storeys=hypothesis.storeys,
+            parameter=one.amplitude,
+            unit=one.unit,
+            smallest=one.detectable(needed),
+            expected=_expected(hypothesis, one.amplitude),
+        )
+        for hypothesis, one in scored
+    )
+
+
+def _expected(hypothesis: Hypothesis, amplitude: str) -> float:
+    return next(p.prior.sd for p in hypothesis.model.space.parameters if p.name == amplitude)
+
+
+def _histories(present: Present) -> dict[str, Floats]:
+    values, _ = present.posterior.split(present.best[None])
+    rows = observe(present.posterior.engine, present.posterior.model, values, present.posterior.record)
+    return {kind: history[0] for kind, history in rows.items()}
+
+
+def _sentences(
+    verdict: Verdict, added: tuple[Added, ...], share: float, before: Disagreement, gap: Gap
+) -> tuple[str, ...]:
+    labels = ", then ".join(one.candidate.hypothesis.label for one in added)
+    meaning = f": {added[0].candidate.hypothesis.effect.summary}" if len(added) == 1 else ""
+    shrunk = (
+        f"The error of fit falls from {100 * gap.before.nrmse:.1f} % to {100 * gap.after.nrmse:.1f} % of the signal; "
+        f"the noise is {100 * gap.noise_floor:.1f} %."
+    )
+    contributes = f"contributes, but {100 * share:.0f} % of the disagreement stays unexplained"
+    if len(added) > MOST_AT_ONCE:
+        contributes = (
+            f"together explain all but {100 * share:.0f} % of the disagreement, but so many may imitate an effect that "
+            "the catalogue does not hold"
+        )
+    first = {
+        "effects_found": f"The model lacks {labels}{meaning}.",
+        "partly_explained": f"{labels} {contributes}.",
+        "no_missing_effect": "The model as given explains the record: what it leaves is noise.",
+        "unexplained": "Model and record disagree, and no catalogued effect explains it.",
+    }[verdict]
+    places = {f"acceleration_{storey}" for one in added for storey in one.candidate.hypothesis.storeys}
+    own = [spot for spot in before.spots if spot.channel in places]
+    spots = tuple(f"Where it showed: {spot.sentence}." for spot in (*own, *before.spots)[:1])
+    return (first, shrunk, *spots) if added else (first, *spots)

@@ -1,0 +1,117 @@
+"""What a race can miss: a size beyond what its prior expects, and a fit to which no start led.
+
+Both come of a model that lacks an effect: its fit is bent, so that sizes taken from it are too small and starts near it
+too far from the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass, replace
+
+import numpy as np
+
+from bwbn_bayes.discovery.race import Fit
+from bwbn_bayes.discovery.run import on_threads
+from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.inference.modes import find_modes, polish
+from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
+
+_LEADING = 6
+"""Effects, each at its best place, that are looked at again."""
+_BEYOND = 1e-4
+"""Prior probability of sizes so far out that the prior, not the record, may hold them there."""
+_WIDER, _MOST_TIMES = 4.0, 3
+"""Factor by which such a prior is widened, and how often at most."""
+_N_POINTS = 8
+_N_STARTS = 256
+
+
+def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
+    """Fits again, best first, the leading ones under wider priors where their sizes lie in a prior's far tail.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        Best first.
+    n_threads : int
+        Threads for the solves.
+    """
+    again = {id(fit): _widened(fit, n_threads) for fit in leading(fits) if _beyond(fit)}
+    return _best_first([again.get(id(fit), fit) for fit in fits])
+
+
+def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -> tuple[Fit, ...]:
+    """Fits again, best first, the leading ones from draws of their whole priors on growing windows.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        Best first.
+    rng : numpy.random.Generator
+        Random stream.
+    n_threads : int
+        Threads for the solves.
+    """
+    again = {}
+    for fit in leading(fits):
+        view = on_threads(fit.posterior, n_threads)
+        modes = find_modes(view, rng, n_starts=_N_STARTS)
+        points = np.concatenate([np.array([mode.point for mode in modes]), fit.best(_N_POINTS)])
+        again[id(fit)] = _fitted(fit, points, n_threads)
+    return _best_first([again.get(id(fit), fit) for fit in fits])
+
+
+def leading(fits: Sequence[Fit]) -> tuple[Fit, ...]:
+    """The best fit of each of the leading effects."""
+    names = dict.fromkeys(fit.hypothesis.name for fit in fits)
+    return tuple(next(fit for fit in fits if fit.hypothesis.name == name) for name in list(names)[:_LEADING])
+
+
+def _beyond(fit: Fit) -> tuple[str, ...]:
+    """Symbols of the sizes that lie in the far tail of their normal prior."""
+    space = fit.posterior.space
+    point = fit.best(1)[0]
+    return tuple(
+        p.symbol
+        for p, u in zip(space.parameters, point, strict=True)
+        if p.name in fit.hypothesis.amplitudes
+        and isinstance(p.prior, (Normal, HalfNormal))
+        and (u > 1.0 - _BEYOND or (u < _BEYOND and isinstance(p.prior, Normal)))
+    )
+
+
+def _widened(fit: Fit, n_threads: int) -> Fit:
+    for _ in range(_MOST_TIMES):
+        symbols = _beyond(fit)
+        if not symbols:
+            break
+        hypothesis = replace(fit.hypothesis, effect=_with_wider_priors(fit.hypothesis.effect, symbols))
+        posterior = fit.posterior.with_model(hypothesis.model)
+        points = posterior.space.to_unit(fit.posterior.space.from_unit(fit.best(_N_POINTS)))
+        fit = _fitted(replace(fit, hypothesis=hypothesis, posterior=posterior), points, n_threads)
+    return fit
+
+
+def _fitted(fit: Fit, points: Floats, n_threads: int) -> Fit:
+    found, local = polish(on_threads(fit.posterior, n_threads), points, n_iterations=25, reach=50.0)
+    return replace(fit, points=found, local=local)
+
+
+def _with_wider_priors(effect: Effect, symbols: Sequence[str]) -> Effect:
+    """The effect with wider priors on the sizes with these symbols."""
+    if not is_dataclass(effect):
+        raise TypeError(f"{effect} is no dataclass")
+    wanted = [effect.values[symbol] for symbol in symbols]
+    own = {field.name: getattr(effect, field.name) for field in fields(effect)}
+    return replace(effect, **{n: _wider(v) for n, v in own.items() if any(v is prior for prior in wanted)})
+
+
+def _wider(prior: Prior) -> Prior:
+    if not isinstance(prior, (Normal, HalfNormal)):
+        raise TypeError(f"{prior} has no scale to widen")
+    return replace(prior, scale=_WIDER * prior.scale)
+
+
+def _best_first(fits: Sequence[Fit]) -> tuple[Fit, ...]:
+    return tuple(sorted(fits, key=lambda fit: -fit.log_likelihood))

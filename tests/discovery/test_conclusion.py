@@ -1,0 +1,53 @@
+"""The verdict: what counts as found, as contributing, and as unexplained."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from bwbn_bayes.discovery.conclusion import _verdict, is_explained, unexplained_share
+from bwbn_bayes.discovery.outcome import Added
+from bwbn_bayes.discovery.run import Present
+
+
+def fitted(ratios: tuple[float, ...], *, noise: bool = False, quiet: bool = False) -> Present:
+    """A fitted model that leaves so many times the noise on each channel."""
+    disagreement = SimpleNamespace(residual_to_noise=np.array(ratios))
+    return cast(Present, SimpleNamespace(disagreement=disagreement, is_noise=noise, is_quiet=quiet))
+
+
+def effects(n: int) -> tuple[Added, ...]:
+    return cast(tuple[Added, ...], (cast(Any, None),) * n)
+
+
+GIVEN = fitted((3.0, 2.0))
+"""Excess energies of 8 and 3."""
+
+
+def test_the_share_counts_what_exceeds_the_noise() -> None:
+    assert unexplained_share(GIVEN, fitted((2.0, 1.0))) == pytest.approx(3.0 / 11.0)
+    assert unexplained_share(GIVEN, fitted((0.9, 1.0))) == 0.0
+    assert unexplained_share(GIVEN, fitted((9.0, 9.0))) == 1.0
+    assert unexplained_share(fitted((0.9,)), fitted((0.9,))) == 0.0
+
+
+# The share left is (r^2 - 1) / 11 with r the first channel's ratio.
+@pytest.mark.parametrize(
+    ("n_added", "ratio", "noise", "verdict"),
+    [
+        (0, 3.0, False, "unexplained"),
+        (0, 1.0, True, "no_missing_effect"),
+        (1, 1.4, False, "effects_found"),
+        (2, 1.4, False, "effects_found"),
+        (3, 1.0, True, "partly_explained"),
+        (1, 1.8, True, "effects_found"),
+        (1, 1.8, False, "partly_explained"),
+        (1, 2.5, True, "partly_explained"),
+        (1, 2.5, False, "unexplained"),
+    ],
+)
+def test_verdict(n_added: int, ratio: float, noise: bool, verdict: str) -> None:
+    present = fitted((ratio, 1.0), noise=noise)
+    assert _verdict(GIVEN, present, effects(n_added)) == verdict
+    assert is_explained(GIVEN, present, effects(n_added)) == (verdict in ("effects_found", "no_missing_effect"))

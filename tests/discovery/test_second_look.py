@@ -1,0 +1,125 @@
+"""A size that its prior holds back, and a fit to which no start led: both are found on the second look."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bwbn_bayes.discovery.candidates import Hypothesis, scales_of
+from bwbn_bayes.discovery.race import Fit, race
+from bwbn_bayes.discovery.second_look import leading, searched, widened
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.effects import CubicStiffness, StoreyParameter
+from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.engines.reference import Reference
+from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.inference.modes import polish
+from bwbn_bayes.parameters import Floats, Normal, Uniform
+from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.structures.shear_building import ShearBuilding
+
+MODEL = ShearBuilding(
+    masses=[1.0, 1.0],
+    storey=BoucWen(
+        k=Uniform(20, 120), c=Uniform(0.01, 2), alpha=Uniform(0.01, 0.5), beta=12.0, gamma=Uniform(-5, 11), n=1.3
+    ),
+)
+TRUTH = {"k": 60.0, "c": 0.4, "alpha": 0.15, "gamma": 2.0}
+HIDDEN = StoreyParameter(parameter="gamma", offset=20.0)
+SIZE = 20.0
+GROUND = el_centro("chopra", duration=8.0)
+CHANNELS = ("acceleration_1", "acceleration_2")
+SD = 0.02
+"""Noise on both floors. [m/s^2]"""
+
+
+@pytest.fixture(scope="module")
+def clean() -> Floats:
+    """Response with the offset by the reference engine."""
+    hidden = MODEL.with_effect(HIDDEN, storeys=[2])
+    return Reference().simulate(hidden, hidden.draws(TRUTH), GROUND, CHANNELS).values[0]
+
+
+@pytest.fixture(scope="module")
+def present(clean: Floats) -> Posterior:
+    measured = clean + SD * np.random.default_rng(1).standard_normal(clean.shape)
+    record = GROUND.with_channels(dict(zip(CHANNELS, measured, strict=True)))
+    return Posterior(model=MODEL, record=record, engine=Lanes(n_threads=1), noise=default_noise(record))
+
+
+@pytest.fixture(scope="module")
+def base_points(present: Posterior) -> Floats:
+    start = MODEL.space.to_unit(np.array([[TRUTH[name] for name in MODEL.space.names]]))
+    return polish(present, start, n_iterations=30)[0]
+
+
+def hypothesis(present: Posterior, base_points: Floats, effect: Effect) -> Hypothesis:
+    return Hypothesis(base=MODEL, effect=effect, storeys=(2,), scales=scales_of(present, base_points[0])[1])
+
+
+def narrow(present: Posterior, base_points: Floats, sd: float) -> Fit:
+    """The fit under a normal prior of that width."""
+    effect = StoreyParameter(parameter="gamma", offset=Normal(0.0, sd))
+    (fit,) = race(present, [hypothesis(present, base_points, effect)], base_points, n_workers=1)
+    return fit
+
+
+def log_likelihood_of_truth(present: Posterior, clean: Floats) -> float:
+    noise = np.stack(list(present.record.channels.values())) - clean
+    sums = np.sum(noise**2, axis=1)[None]
+    return float(present.noise.log_likelihood(sums, GROUND.n_times, np.empty((1, 0)))[0])
+
+
+def size_of(fit: Fit) -> tuple[float, float]:
+    """Offset at the best fit and its standard deviation there."""
+    space, mode = fit.posterior.space, fit.modes[0]
+    column = space.names.index("gamma_offset[2]")
+    values = space.from_unit(mode.point[None])
+    sds = np.sqrt(np.diag(np.linalg.inv(mode.information))) * space.unit_scale(values)[0]
+    return float(values[0, column]), float(sds[column])
+
+
+def test_a_prior_that_holds_a_size_back_is_widened(present: Posterior, base_points: Floats, clean: Floats) -> None:
+    """A prior of sd 2 ends at 2 x 4.75 in the unit cube; the truth is 20."""
+    stuck = narrow(present, base_points, 2.0)
+    assert size_of(stuck)[0] < 2.0 * stats.norm.ppf(1.0 - 1e-6) + 0.1
+    (free,) = widened([stuck], n_threads=1)
+    size, sd = size_of(free)
+    assert abs(size - SIZE) < 4.0 * sd
+    assert sd < 3.0
+    assert abs(free.log_likelihood - log_likelihood_of_truth(present, clean)) < 0.5 * (5.0 + 4.0 * np.sqrt(10.0))
+    effect = free.hypothesis.effect
+    assert isinstance(effect, StoreyParameter)
+    assert effect.offset == Normal(0.0, 8.0)
+    assert free.hypothesis.symbols == stuck.hypothesis.symbols
+    assert free.posterior.model is free.hypothesis.model
+
+
+def test_a_prior_that_holds_nothing_back_stays(present: Posterior, base_points: Floats) -> None:
+    fit = narrow(present, base_points, 10.0)
+    (same,) = widened([fit], n_threads=1)
+    assert same is fit
+
+
+def test_a_fit_to_which_no_start_led_is_found(present: Posterior, base_points: Floats, clean: Floats) -> None:
+    """The points are as far off as prior draws are, and not fitted at all; another effect leads."""
+    own = hypothesis(present, base_points, StoreyParameter(parameter="gamma", offset=Normal(0.0, 10.0)))
+    posterior = present.with_model(own.model)
+    points = posterior.sample_prior(np.random.default_rng(2), 4)
+    lost = Fit(hypothesis=own, posterior=posterior, points=points, local=posterior.linearise(points))
+    other = hypothesis(present, base_points, CubicStiffness(k3=Normal(0.0, 1000.0)))
+    (ahead,) = race(present, [other], base_points, n_workers=1)
+    assert ahead.log_likelihood > lost.log_likelihood + 100.0
+    first, second = searched([ahead, lost], np.random.default_rng(3), n_threads=2)
+    assert first.hypothesis is own
+    assert second.log_likelihood >= ahead.log_likelihood - 0.1
+    assert abs(first.log_likelihood - log_likelihood_of_truth(present, clean)) < 0.5 * (5.0 + 4.0 * np.sqrt(10.0))
+    assert abs(size_of(first)[0] - SIZE) < 4.0 * size_of(first)[1]
+
+
+def test_the_leading_fits_are_the_best_of_each_effect(present: Posterior, base_points: Floats) -> None:
+    priors = (StoreyParameter(parameter="gamma", offset=Normal(0.0, 10.0)), CubicStiffness(k3=Normal(0.0, 1000.0)))
+    every = [hypothesis(present, base_points, effect) for effect in (*priors, priors[0])]
+    fits = race(present, every, base_points, n_workers=1)
+    assert [fit.hypothesis.name for fit in leading(fits)] == list(dict.fromkeys(fit.hypothesis.name for fit in fits))
+    assert leading(fits)[0] is fits[0]

@@ -1,9 +1,9 @@
-"""Hypotheses: one catalogued effect, in one of its forms, at one place of the structure."""
+"""Hypotheses: one catalogued effect, in one of its forms, at one place of the structure or in every storey alike."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import product
 
@@ -38,7 +38,7 @@ class Hypothesis:
     effect : Effect
         With priors on what it brings.
     storeys : tuple of int
-        Where it acts; empty for the whole building.
+        Where it acts, one place or, of a storey's law, every storey alike; empty for the whole building.
     scales : Scales
         Sizes at that place.
     carried : tuple of Effect
@@ -67,8 +67,7 @@ class Hypothesis:
         form = f" ({self.effect.form})" if self.effect.form else ""
         if not self.storeys:
             return f"{self.name}{form}"
-        place = "floor" if self.effect.level in ("node", "observation") else "storey"
-        return f"{self.name}{form}, {place} {', '.join(map(str, self.storeys))}"
+        return f"{self.name}{form}, {place_in_words(self.effect.level, self.storeys)}"
 
     @cached_property
     def model(self) -> Structure:
@@ -142,6 +141,14 @@ class Hypothesis:
         return space.to_unit(np.array(rows, dtype=np.float64).reshape(-1, space.n_dim))
 
 
+def place_in_words(level: str, storeys: tuple[int, ...]) -> str:
+    """Storeys or floors on which an effect of a level acts."""
+    if not storeys:
+        return "the building"
+    kind = "floor" if level in ("node", "observation") else "storey"
+    return f"{kind}{'s' if len(storeys) > 1 else ''} {', '.join(map(str, storeys))}"
+
+
 def _untruncated(prior: Prior) -> Prior:
     return prior.parent if isinstance(prior, Truncated) else prior
 
@@ -174,7 +181,7 @@ def hypotheses(
     addable: dict[tuple[str, ...], bool] = {}
     for effect_class in effects if effects is not None else registered():
         for storeys in _places(effect_class, base, measured):
-            own = scales[storeys[0] - 1] if storeys else scales[0]
+            own = mean_scales([scales[storey - 1] for storey in storeys] or scales[:1])
             try:
                 forms = effect_class.default_prior(own)
             except NotImplementedError:
@@ -225,10 +232,12 @@ def _places(effect_class: type[Effect], base: Structure, measured: Sequence[str]
         return ((),) if isinstance(base, ShearBuilding) else ()
     if effect_class.level != "link" and not isinstance(base, ShearBuilding):
         return ()
-    storeys = range(1, base.n_storeys + 1)
+    storeys = tuple(range(1, base.n_storeys + 1))
     if effect_class.level == "observation":
         return tuple((s,) for s in storeys if f"acceleration_{s}" in measured)
-    return tuple((s,) for s in storeys)
+    single = tuple((s,) for s in storeys)
+    # Storeys are alike more often than floors are: what one lacks, all may lack.
+    return (*single, storeys) if effect_class.level == "link" and len(storeys) > 1 else single
 
 
 def _addable(base: Structure, effect: Effect) -> bool:
@@ -244,10 +253,11 @@ def _present(base: Structure, effect: Effect, storeys: tuple[int, ...]) -> bool:
     """Whether the effect acts at the place already, or its parameter there has a value of its own anyway."""
     symbols = {p.symbol for p in effect.parameters}
     for placed in base.effects:
-        if symbols & {p.symbol for p in placed.effect.parameters} and set(placed.storeys) >= set(storeys):
+        shared = set(placed.storeys) & set(storeys) or placed.storeys == storeys
+        if symbols & {p.symbol for p in placed.effect.parameters} and shared:
             return True
     own = getattr(effect, "parameter", None) if effect.name == "storey_parameter" else None
-    return own is not None and isinstance(base.storey.values[own], PerStorey)
+    return own is not None and (len(storeys) > 1 or isinstance(base.storey.values[own], PerStorey))
 
 
 def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
@@ -291,6 +301,12 @@ _PARAMETER_SCALES: Mapping[str, str] = {
     "gamma": "gamma",
     "n": "n",
 }
+
+
+def mean_scales(scales: Sequence[Scales]) -> Scales:
+    """Sizes to expect of an effect that acts alike at several places."""
+    names = [field.name for field in fields(Scales)]
+    return Scales(**{name: float(np.mean([getattr(one, name) for one in scales])) for name in names})
 
 
 def _peak(history: Floats) -> float:

@@ -77,7 +77,7 @@ def conclude(
     )
     return Discovery(
         verdict=verdict,
-        sentences=_sentences(verdict, added, share, before, gap),
+        sentences=(*_sentences(verdict, added, share, before, gap), *run.notes),
         unexplained_share=share,
         unexplained=rest,
         added=added,
@@ -151,6 +151,7 @@ def _limits(present: Present, run: Run) -> tuple[DetectionLimit, ...]:
             expected=_expected(hypothesis, one.amplitude),
         )
         for hypothesis, one in scored
+        if len(hypothesis.storeys) <= 1
     )
 
 

@@ -69,10 +69,10 @@ class Family:
 
 
 def families(hypotheses: Sequence[Hypothesis]) -> tuple[Family, ...]:
-    """Group hypotheses by effect and form."""
-    groups: dict[tuple[str, ...], list[Hypothesis]] = {}
+    """Group hypotheses by effect and form; one that acts on every storey alike is a family of its own."""
+    groups: dict[tuple[tuple[str, ...], bool], list[Hypothesis]] = {}
     for hypothesis in hypotheses:
-        groups.setdefault(hypothesis.symbols, []).append(hypothesis)
+        groups.setdefault((hypothesis.symbols, len(hypothesis.storeys) > 1), []).append(hypothesis)
     return tuple(Family(members=tuple(sorted(members, key=lambda m: m.storeys))) for members in groups.values())
 
 

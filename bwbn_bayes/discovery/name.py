@@ -78,12 +78,12 @@ class Decision:
 
     @cached_property
     def leader(self) -> Candidate | None:
-        """The hypothesis that leads; among those within 3 nats, the one with fewest parameters."""
+        """The hypothesis that leads; among those within 3 nats, the one with fewest parameters at fewest places."""
         if not self.candidates:
             return None
         top = self.candidates[0].log_odds
         close = [c for c in self.candidates if c.log_odds > top - _SIMPLER]
-        return min(close, key=lambda c: (c.hypothesis.n_brought, -c.log_odds))
+        return min(close, key=lambda c: (c.hypothesis.n_brought, len(c.place), -c.log_odds))
 
     @cached_property
     def equivalent(self) -> tuple[str, ...]:

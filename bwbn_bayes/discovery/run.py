@@ -98,6 +98,8 @@ class Run:
     """The model that was scored last, with its hypotheses."""
     considered: tuple[Hypothesis, ...] = ()
     """Hypotheses of the present round, fitted or not."""
+    notes: list[str] = field(default_factory=list)
+    """What the reader of the verdict must know besides."""
     first_fits: tuple[Fit, ...] = ()
     """What the first round came to, best first."""
 
@@ -105,6 +107,11 @@ class Run:
         """Tell the listener, if there is one."""
         if self.listener is not None:
             self.listener(text)
+
+    def note(self, text: str) -> None:
+        """Keep a sentence for the verdict, and tell the listener."""
+        self.notes.append(text)
+        self.say(text)
 
     def withdraw(self, share: float) -> None:
         """Say of the steps that added an effect that it did not stay."""

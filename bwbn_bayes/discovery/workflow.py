@@ -36,6 +36,7 @@ from bwbn_bayes.inference.accuracy import LADDER
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
 from bwbn_bayes.inference.residuals import leaves_noise
+from bwbn_bayes.records.noise import LEAST_NOISE, with_least_noise
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -96,6 +97,12 @@ def discover(
     run = Run(settings, np.random.default_rng(settings.seed), listener)
     if apart is not None:
         run.say(f"keeping apart the {apart.label}")
+    as_given, record = record, with_least_noise(record, run.rng)
+    if record is not as_given:
+        run.note(
+            f"The record has no noise to speak of: white noise of {100.0 * LEAST_NOISE:g} % of the rms was added, "
+            "since the error of solving and rounding would be taken for a missing effect."
+        )
     given = _fit_given(model, record, run)
     for spot in given.disagreement.spots[:2]:
         run.say(spot.sentence)

@@ -13,7 +13,7 @@ from scipy.stats import chi2, f, f_oneway, levene
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.noise import model_free_noise_sd
+from bwbn_bayes.records.noise import LEAST_NOISE, model_free_noise_sd
 from bwbn_bayes.results import Check
 
 N_LAGS = 20
@@ -168,7 +168,7 @@ def leaves_noise(posterior: Posterior, point: Floats) -> bool:
 
 def noise_floor(signal: Floats) -> float:
     """Model-free noise level of a channel; at least a thousandth of its rms, where a record has no noise."""
-    return max(model_free_noise_sd(signal), 1e-3 * float(np.std(signal)))
+    return max(model_free_noise_sd(signal), LEAST_NOISE * float(np.std(signal)))
 
 
 def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:

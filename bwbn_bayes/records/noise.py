@@ -14,6 +14,8 @@ from bwbn_bayes.records.record import Record
 
 MAX_DIFFERENCE_ORDER = 16
 MIN_SAMPLES = 32
+LEAST_NOISE = 1e-3
+"""Noise below this share of a channel's rms cannot be told from the error of solving and rounding."""
 
 _CLIP = 2.5
 _LEVEL_SIGMAS = 1.5
@@ -60,6 +62,36 @@ def add_noise(record: Record, snr_db: float | None, rng: np.random.Generator) ->
         channels=noisy,
         noise_sd=noise_sd,
         provenance={**record.provenance, "noise": f"{earlier}; {added}" if earlier else added},
+    )
+
+
+def with_least_noise(record: Record, rng: np.random.Generator) -> Record:
+    """Add white noise of a thousandth of its rms to every channel whose model-free noise level is below that.
+
+    A record without noise, from another program, would ask for a solver without error.
+
+    Parameters
+    ----------
+    record : Record
+        Record with channels.
+    rng : numpy.random.Generator
+        Source of randomness; channels that need noise draw from it in order.
+
+    Returns
+    -------
+    Record
+        The same record where no channel needs it.
+    """
+    least = {name: LEAST_NOISE * float(np.sqrt(np.mean(np.square(y)))) for name, y in record.channels.items()}
+    silent = [name for name, y in record.channels.items() if model_free_noise_sd(y) < least[name]]
+    if not silent:
+        return record
+    noise = {name: least[name] * rng.standard_normal(record.n_times) for name in silent}
+    return replace(
+        record,
+        channels={name: y + noise.get(name, 0.0) for name, y in record.channels.items()},
+        noise_sd={**record.noise_sd, **{n: float(np.hypot(least[n], record.noise_sd.get(n, 0.0))) for n in silent}},
+        provenance={**record.provenance, "noise": f"white, {LEAST_NOISE:g} of the rms, added to {', '.join(silent)}"},
     )
 
 

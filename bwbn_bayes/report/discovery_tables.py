@@ -6,6 +6,7 @@ import math
 
 from markupsafe import Markup
 
+from bwbn_bayes.discovery.candidates import place_in_words
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery
 from bwbn_bayes.discovery.unexplained import Unexplained
 from bwbn_bayes.report.discovery_content import DiscoveryContent
@@ -71,13 +72,6 @@ def _effect_row(added: Added) -> tuple[str | Markup, ...]:
     k = evidence.method if evidence.pareto_k is None else significant(evidence.pareto_k, 2)
     where = place_in_words(hypothesis.effect.level, hypothesis.storeys)
     return hypothesis.name + form, where, f"{value} ± {error}", k, others
-
-
-def place_in_words(level: str, storeys: tuple[int, ...]) -> str:
-    """Storeys or floors of an effect in words."""
-    if not storeys:
-        return _BUILDING
-    return f"{'floor' if level in ('node', 'observation') else 'storey'} {', '.join(map(str, storeys))}"
 
 
 def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:

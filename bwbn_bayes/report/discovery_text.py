@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from bwbn_bayes.discovery.candidates import place_in_words
 from bwbn_bayes.discovery.outcome import Added, Discovery
-from bwbn_bayes.report.discovery_tables import place_in_words
 from bwbn_bayes.report.numbers import MINUS, with_uncertainty
 
 

@@ -8,6 +8,7 @@ import pytest
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records import Record, add_noise, model_free_noise_sd
+from bwbn_bayes.records.noise import with_least_noise
 
 
 def clean(n_times: int = 20_000) -> Record:
@@ -115,3 +116,23 @@ def test_stated_limit_a_tone_near_half_the_sampling_rate_counts_as_noise() -> No
 def test_too_little_to_go_on(signal: Floats) -> None:
     with pytest.raises(UserError, match="a noise level needs at least 32 finite values of one channel"):
         model_free_noise_sd(signal)
+
+
+def test_a_record_without_noise_gets_the_least() -> None:
+    """A thousandth of the rms on the silent channel; the noisy one stays as it is, and so does a noisy record."""
+    t = np.arange(2000) * 0.02
+    silent = np.sin(2.0 * np.pi * 1.1 * t) * np.exp(-0.05 * t)
+    noisy = silent + 0.01 * np.random.default_rng(1).standard_normal(2000)
+    record = Record(
+        name="r", time_step=0.02, excitation=silent, channels={"acceleration_1": silent, "acceleration_2": noisy}
+    )
+    heard = with_least_noise(record, np.random.default_rng(2))
+    added = heard.channels["acceleration_1"] - silent
+    rms = float(np.sqrt(np.mean(silent**2)))
+    assert np.std(added) == pytest.approx(1e-3 * rms, rel=4.0 / np.sqrt(2.0 * 2000))
+    assert model_free_noise_sd(heard.channels["acceleration_1"]) == pytest.approx(1e-3 * rms, rel=0.1)
+    assert heard.noise_sd["acceleration_1"] == pytest.approx(1e-3 * rms)
+    np.testing.assert_array_equal(heard.channels["acceleration_2"], noisy)
+    assert "acceleration_1" in heard.provenance["noise"]
+    loud = record.with_channels({"acceleration_2": noisy})
+    assert with_least_noise(loud, np.random.default_rng(3)) is loud

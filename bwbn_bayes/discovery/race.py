@@ -23,6 +23,8 @@ ROUNDS = ((2, 1.0), (4, 0.4), (25, 0.12))
 """Iterations of each round, and the share of the hypotheses that enter it."""
 _LEAST = 8
 """Hypotheses that enter every round, if there are as many."""
+_LEADING_FORMS = 8
+"""Forms that are tried in every storey alike: those that do best at one storey in the first round."""
 _GUESSED_FROM = slice(None, None, 2)
 """Fits of the present model from which guesses start: the best of the whole record and the best of its beginning."""
 _REFITS = (1, 2)
@@ -83,6 +85,8 @@ def race(
 ) -> tuple[Fit, ...]:
     """Fit hypotheses, best first.
 
+    An effect in every storey alike joins in the second round, if it is among the leading ones at one storey.
+
     Parameters
     ----------
     present : Posterior
@@ -99,11 +103,17 @@ def race(
         Told the best hypothesis after each round.
     """
     fits: dict[Hypothesis, Fit] = {}
-    kept: Sequence[Hypothesis] = hypotheses
+    at_one_place = {h.symbols for h in hypotheses if len(h.storeys) < 2}
+    later = [h for h in hypotheses if len(h.storeys) > 1 and h.symbols in at_one_place]
+    waiting = set(later)
+    kept: Sequence[Hypothesis] = [h for h in hypotheses if h not in waiting]
     with ThreadPoolExecutor(max_workers=n_workers) as pool:
         for n_iterations, share in ROUNDS:
             n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(kept))
-            kept = kept[:n_kept]
+            leading = list(dict.fromkeys(h.symbols for h in kept))[:_LEADING_FORMS] if fits else []
+            joining = [h for h in later if h.symbols in leading]
+            later = [] if fits else later
+            kept = [*kept[:n_kept], *joining]
 
             def further(family: Family, n: int = n_iterations) -> list[Fit]:
                 if all(member in fits for member in family.members):

@@ -1,7 +1,7 @@
-"""What a race can miss: a size beyond what its prior expects, and a fit to which no start led.
+"""What a race can miss: a size beyond what its prior expects, a time or width between two starts, a fit far from all.
 
-Both come of a model that lacks an effect: its fit is bent, so that sizes taken from it are too small and starts near it
-too far from the truth.
+They come of a model that lacks an effect: its fit is bent, so that sizes taken from it are too small and starts near it
+too far from the truth; and of grids that are no finer than a first look can pay for.
 """
 
 from __future__ import annotations
@@ -14,15 +14,17 @@ import numpy as np
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.discovery.run import on_threads
 from bwbn_bayes.elements.law import Effect
-from bwbn_bayes.inference.modes import find_modes, polish
+from bwbn_bayes.inference.modes import climb, find_modes, polish
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
 
 _LEADING = 6
-"""Effects, each at its best place, that are looked at again."""
+"""Forms of effects, each at its best place, that are looked at again."""
 _BEYOND = 1e-4
 """Prior probability of sizes so far out that the prior, not the record, may hold them there."""
 _WIDER, _MOST_TIMES = 4.0, 3
 """Factor by which such a prior is widened, and how often at most."""
+_N_SCANNED = 32
+"""Values of a time, a width or a gap that are tried over its whole prior."""
 _N_POINTS = 8
 _N_STARTS = 256
 
@@ -38,6 +40,20 @@ def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
         Threads for the solves.
     """
     again = {id(fit): _widened(fit, n_threads) for fit in leading(fits) if _beyond(fit)}
+    return _best_first([again.get(id(fit), fit) for fit in fits])
+
+
+def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
+    """Fits again, best first, the leading ones after a finer look along what does not switch the effect on.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        Best first.
+    n_threads : int
+        Threads for the solves.
+    """
+    again = {id(fit): _rescanned(fit, n_threads) for fit in leading(fits)}
     return _best_first([again.get(id(fit), fit) for fit in fits])
 
 
@@ -63,9 +79,11 @@ def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -
 
 
 def leading(fits: Sequence[Fit]) -> tuple[Fit, ...]:
-    """The best fit of each of the leading effects."""
-    names = dict.fromkeys(fit.hypothesis.name for fit in fits)
-    return tuple(next(fit for fit in fits if fit.hypothesis.name == name) for name in list(names)[:_LEADING])
+    """The best fit of each of the leading forms."""
+    forms: dict[tuple[str, ...], Fit] = {}
+    for fit in fits:
+        forms.setdefault(fit.hypothesis.symbols, fit)
+    return tuple(forms.values())[:_LEADING]
 
 
 def _beyond(fit: Fit) -> tuple[str, ...]:
@@ -91,6 +109,21 @@ def _widened(fit: Fit, n_threads: int) -> Fit:
         points = posterior.space.to_unit(fit.posterior.space.from_unit(fit.best(_N_POINTS)))
         fit = _fitted(replace(fit, hypothesis=hypothesis, posterior=posterior), points, n_threads)
     return fit
+
+
+def _rescanned(fit: Fit, n_threads: int) -> Fit:
+    space, hypothesis = fit.posterior.space, fit.hypothesis
+    view = on_threads(fit.posterior, n_threads)
+    found = [fit.best(_N_POINTS)]
+    for name in hypothesis.brought:
+        if name in hypothesis.amplitudes:
+            continue
+        points = np.tile(fit.best(1), (_N_SCANNED, 1))
+        points[:, space.names.index(name)] = (np.arange(_N_SCANNED) + 0.5) / _N_SCANNED
+        points = points[np.isfinite(space.log_prior_unit(points))]
+        points, reached = climb(view, points, n_iterations=3, reach=50.0)
+        found.append(points[np.argsort(-reached, kind="stable")[: _N_POINTS // 2]])
+    return fit if len(found) == 1 else _fitted(fit, np.concatenate(found), n_threads)
 
 
 def _fitted(fit: Fit, points: Floats, n_threads: int) -> Fit:

@@ -28,7 +28,7 @@ from bwbn_bayes.discovery.run import (
     on_threads,
     score_all,
 )
-from bwbn_bayes.discovery.second_look import searched, widened
+from bwbn_bayes.discovery.second_look import rescanned, searched, widened
 from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.engines.precompile import precompile
@@ -220,7 +220,11 @@ def _fit_hypotheses(present: Present, run: Run) -> tuple[Fit, ...]:
     fits = race(
         on_one_thread(posterior), every, present.starts, n_workers=run.settings.n_workers, guess=first, progress=run.say
     )
-    return widened(fits, n_threads=run.settings.n_workers)
+    fits = widened(fits, n_threads=run.settings.n_workers)
+    if _leaves_noise(fits[0]):
+        return fits
+    run.say("looking closer at the leading hypotheses")
+    return rescanned(fits, n_threads=run.settings.n_workers)
 
 
 def _under_smaller_laws(present: Present, every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
@@ -246,13 +250,17 @@ def _weigh(present: Present, fits: Sequence[Fit], run: Run) -> Decision:
             evidences[i] = sampled_evidence(_threaded(fits[i], run), evidences[i], run.rng, 600)
     weighed = dict(zip([fit.hypothesis for fit in fits], evidences, strict=True))
     decision = decide(own, tuple(weighed.items()), run.considered)
-    if not decision.doubtful or not leaves_noise(fits[order[0]].posterior, fits[order[0]].best(1)[0]):
+    if not decision.doubtful or not _leaves_noise(fits[order[0]]):
         return decision
     for candidate in decision.doubtful:
         run.say(f"sampling {candidate.hypothesis.label} by transitional MCMC")
         fit = next(fit for fit in fits if fit.hypothesis is candidate.hypothesis)
         weighed[fit.hypothesis] = bridged_evidence(_threaded(fit, run), candidate.evidence, run.rng, 200)
     return decide(own, tuple(weighed.items()), run.considered)
+
+
+def _leaves_noise(fit: Fit) -> bool:
+    return leaves_noise(fit.posterior, fit.best(1)[0])
 
 
 def _threaded(fit: Fit, run: Run) -> Fit:

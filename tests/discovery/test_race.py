@@ -137,11 +137,22 @@ def test_later_rounds_keep_the_planted_effect(
     told: list[str] = []
     fits = race(present, every, base_points, n_workers=1, progress=told.append)
     numbers = [n for n, _ in entered]
-    assert [numbers.count(n) for n in (2, 4, 25)] == [14, 6, 3]
+    assert [numbers.count(n) for n in (2, 4, 25)] == [11, 9, 3]
     assert all(any(is_planted(h) for n, h in entered if n == wanted) for wanted in (2, 4, 25))
     assert is_planted(fits[0].hypothesis)
     assert told[-1] == "best so far: cubic_stiffness, storey 2"
     assert len(told) == 3
+
+
+def test_every_storey_alike_is_tried_of_the_leading_forms_only(
+    present: Posterior, every: tuple[Hypothesis, ...], base_points: Floats, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cubic spring leads at one storey, so that it alone is tried in both; where it was planted stays ahead."""
+    monkeypatch.setattr(racing, "_LEADING_FORMS", 1)
+    fits = race(present, every, base_points, n_workers=1)
+    assert [fit.hypothesis.name for fit in fits if len(fit.hypothesis.storeys) > 1] == ["cubic_stiffness"]
+    assert is_planted(fits[0].hypothesis)
+    assert len(fits) == 12
 
 
 def test_families_fit_their_members_as_well_as_each_is_fitted_alone(

@@ -6,9 +6,9 @@ from scipy import stats
 
 from bwbn_bayes.discovery.candidates import Hypothesis, scales_of
 from bwbn_bayes.discovery.race import Fit, race
-from bwbn_bayes.discovery.second_look import leading, searched, widened
+from bwbn_bayes.discovery.second_look import leading, rescanned, searched, widened
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.effects import CubicStiffness, StoreyParameter
+from bwbn_bayes.elements.effects import CubicStiffness, StoreyParameter, SuddenDamage
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
@@ -117,9 +117,32 @@ def test_a_fit_to_which_no_start_led_is_found(present: Posterior, base_points: F
     assert abs(size_of(first)[0] - SIZE) < 4.0 * size_of(first)[1]
 
 
-def test_the_leading_fits_are_the_best_of_each_effect(present: Posterior, base_points: Floats) -> None:
+def test_the_leading_fits_are_the_best_of_each_form(present: Posterior, base_points: Floats) -> None:
     priors = (StoreyParameter(parameter="gamma", offset=Normal(0.0, 10.0)), CubicStiffness(k3=Normal(0.0, 1000.0)))
     every = [hypothesis(present, base_points, effect) for effect in (*priors, priors[0])]
     fits = race(present, every, base_points, n_workers=1)
-    assert [fit.hypothesis.name for fit in leading(fits)] == list(dict.fromkeys(fit.hypothesis.name for fit in fits))
+    assert [fit.hypothesis.symbols for fit in leading(fits)] == list(dict.fromkeys(f.hypothesis.symbols for f in fits))
     assert leading(fits)[0] is fits[0]
+
+
+def test_a_time_between_two_starts_is_found(base_points: Floats) -> None:
+    """A spring that breaks at 4.1 s; the fit sits in a local optimum three seconds later."""
+    hidden = MODEL.with_effect(SuddenDamage(parameter="k", jump=-8.0, time=4.1), storeys=[1])
+    response = Reference().simulate(hidden, hidden.draws(TRUTH), GROUND, CHANNELS).values[0]
+    measured = response + SD * np.random.default_rng(4).standard_normal(response.shape)
+    record = GROUND.with_channels(dict(zip(CHANNELS, measured, strict=True)))
+    present = Posterior(model=MODEL, record=record, engine=Lanes(n_threads=1), noise=default_noise(record))
+    effect = SuddenDamage(parameter="k", jump=Normal(0.0, 20.0), time=Uniform(0.5, 8.0))
+    own = Hypothesis(base=MODEL, effect=effect, storeys=(1,), scales=scales_of(present, base_points[0])[0])
+    posterior = present.with_model(own.model)
+    known = dict(zip(MODEL.space.names, MODEL.space.from_unit(base_points)[0].tolist(), strict=True))
+    values = [{**known, "k_jump[1]": -1.0, "k_time[1]": 7.0}[name] for name in posterior.space.names]
+    points, local = polish(posterior, posterior.space.to_unit(np.array([values])), n_iterations=25)
+    stuck = Fit(hypothesis=own, posterior=posterior, points=points, local=local)
+    exact = log_likelihood_of_truth(present, response)
+    assert stuck.log_likelihood < exact - 1000.0
+    (found,) = rescanned([stuck], n_threads=1)
+    assert abs(found.log_likelihood - exact) < 5.0
+    # Before 4.1 s the storey stands still for a while: a jump at 3.93 s does the same.
+    times = posterior.space.from_unit(found.best(2))[:, posterior.space.names.index("k_time[1]")]
+    assert np.min(np.abs(times - 4.1)) < 0.05

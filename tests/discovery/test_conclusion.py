@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.conclusion import _verdict, is_explained, unexplained_share
-from bwbn_bayes.discovery.outcome import Added
-from bwbn_bayes.discovery.run import Present
+from bwbn_bayes.discovery.outcome import Added, Step
+from bwbn_bayes.discovery.run import DiscoverySettings, Present, Run
 
 
 def fitted(ratios: tuple[float, ...], *, noise: bool = False, quiet: bool = False) -> Present:
@@ -51,3 +51,33 @@ def test_verdict(n_added: int, ratio: float, noise: bool, verdict: str) -> None:
     present = fitted((ratio, 1.0), noise=noise)
     assert _verdict(GIVEN, present, effects(n_added)) == verdict
     assert is_explained(GIVEN, present, effects(n_added)) == (verdict in ("effects_found", "no_missing_effect"))
+
+
+def step(number: int, *, passes: bool) -> Step:
+    decision = cast(Any, SimpleNamespace(passes=passes))
+    return Step(
+        number=number,
+        model=cast(Any, None),
+        disagreement=cast(Any, None),
+        decision=decision,
+        sentence=f"Step {number}.",
+        elapsed_s=1.0,
+    )
+
+
+def test_what_did_not_stay_is_said_to_be_withdrawn_once() -> None:
+    """The last step at once, the others with the verdict; a step that named nothing has nothing to withdraw."""
+    told: list[str] = []
+    run = Run(settings=DiscoverySettings(), rng=np.random.default_rng(1), listener=told.append)
+    run.steps += [step(1, passes=True), step(2, passes=False), step(3, passes=True)]
+    run.withdraw_last(0.91)
+    run.withdraw(0.4)
+    sentences = [one.sentence for one in run.steps]
+    assert sentences == [
+        "Step 1. It is withdrawn: 40 % of the disagreement stayed.",
+        "Step 2.",
+        "Step 3. It is withdrawn: 91 % of the disagreement stayed.",
+    ]
+    assert told == sentences[2:]
+    run.note("It rained.")
+    assert (run.notes, told[-1]) == (["It rained."], "It rained.")

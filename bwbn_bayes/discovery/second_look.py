@@ -14,6 +14,7 @@ import numpy as np
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.discovery.run import on_threads
 from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import climb, find_modes, polish
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
 
@@ -71,8 +72,10 @@ def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -
     """
     again = {}
     for fit in leading(fits):
-        view = on_threads(fit.posterior, n_threads)
-        modes = find_modes(view, rng, n_starts=_N_STARTS)
+        try:
+            modes = find_modes(on_threads(fit.posterior, n_threads), rng, n_starts=_N_STARTS)
+        except UserError:  # no draw of its prior can be solved: what the race found stays
+            continue
         points = np.concatenate([np.array([mode.point for mode in modes]), fit.best(_N_POINTS)])
         again[id(fit)] = _fitted(fit, points, n_threads)
     return _best_first([again.get(id(fit), fit) for fit in fits])
@@ -121,6 +124,8 @@ def _rescanned(fit: Fit, n_threads: int) -> Fit:
         points = np.tile(fit.best(1), (_N_SCANNED, 1))
         points[:, space.names.index(name)] = (np.arange(_N_SCANNED) + 0.5) / _N_SCANNED
         points = points[np.isfinite(space.log_prior_unit(points))]
+        if not len(points):
+            continue
         points, reached = climb(view, points, n_iterations=3, reach=50.0)
         found.append(points[np.argsort(-reached, kind="stable")[: _N_POINTS // 2]])
     return fit if len(found) == 1 else _fitted(fit, np.concatenate(found), n_threads)

@@ -270,7 +270,12 @@ def _candidates(step: StepContent, threshold: float) -> Drawing | None:
 
 
 def _short(label: str) -> str:
-    return label.replace("_", " ").replace(", storey ", ", st. ").replace(", floor ", ", fl. ")
+    return (
+        label.replace("_", " ")
+        .replace(", storey ", ", st. ")
+        .replace(", storeys ", ", st. ")
+        .replace(", floor ", ", fl. ")
+    )
 
 
 def _survival(step: StepContent, threshold: float) -> Drawing | None:

@@ -104,15 +104,16 @@ def race(
     """
     fits: dict[Hypothesis, Fit] = {}
     at_one_place = {h.symbols for h in hypotheses if len(h.storeys) < 2}
-    later = [h for h in hypotheses if len(h.storeys) > 1 and h.symbols in at_one_place]
-    waiting = set(later)
-    kept: Sequence[Hypothesis] = [h for h in hypotheses if h not in waiting]
+    everywhere: list[Hypothesis] = []
+    kept: list[Hypothesis] = []
+    for hypothesis in hypotheses:
+        joins_later = len(hypothesis.storeys) > 1 and hypothesis.symbols in at_one_place
+        (everywhere if joins_later else kept).append(hypothesis)
     with ThreadPoolExecutor(max_workers=n_workers) as pool:
-        for n_iterations, share in ROUNDS:
+        for number, (n_iterations, share) in enumerate(ROUNDS):
             n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(kept))
-            leading = list(dict.fromkeys(h.symbols for h in kept))[:_LEADING_FORMS] if fits else []
-            joining = [h for h in later if h.symbols in leading]
-            later = [] if fits else later
+            leading = list(dict.fromkeys(h.symbols for h in kept))[:_LEADING_FORMS]
+            joining = [h for h in everywhere if h.symbols in leading] if number == 1 else []
             kept = [*kept[:n_kept], *joining]
 
             def further(family: Family, n: int = n_iterations) -> list[Fit]:

@@ -6,7 +6,7 @@ too far from the truth; and of grids that are no finer than a first look can pay
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
@@ -40,8 +40,7 @@ def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
     n_threads : int
         Threads for the solves.
     """
-    again = {id(fit): _widened(fit, n_threads) for fit in leading(fits) if _beyond(fit)}
-    return _best_first([again.get(id(fit), fit) for fit in fits])
+    return _again(fits, lambda fit: _widened(fit, n_threads))
 
 
 def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
@@ -54,8 +53,7 @@ def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
     n_threads : int
         Threads for the solves.
     """
-    again = {id(fit): _rescanned(fit, n_threads) for fit in leading(fits)}
-    return _best_first([again.get(id(fit), fit) for fit in fits])
+    return _again(fits, lambda fit: _rescanned(fit, n_threads))
 
 
 def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -> tuple[Fit, ...]:
@@ -70,15 +68,13 @@ def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -
     n_threads : int
         Threads for the solves.
     """
-    again = {}
-    for fit in leading(fits):
-        try:
-            modes = find_modes(on_threads(fit.posterior, n_threads), rng, n_starts=_N_STARTS)
-        except UserError:  # no draw of its prior can be solved: what the race found stays
-            continue
-        points = np.concatenate([np.array([mode.point for mode in modes]), fit.best(_N_POINTS)])
-        again[id(fit)] = _fitted(fit, points, n_threads)
-    return _best_first([again.get(id(fit), fit) for fit in fits])
+    return _again(fits, lambda fit: _searched(fit, rng, n_threads))
+
+
+def _again(fits: Sequence[Fit], look: Callable[[Fit], Fit]) -> tuple[Fit, ...]:
+    """Fits, best first, after another look at the leading ones."""
+    seen = {id(fit): look(fit) for fit in leading(fits)}
+    return tuple(sorted((seen.get(id(fit), fit) for fit in fits), key=lambda fit: -fit.log_likelihood))
 
 
 def leading(fits: Sequence[Fit]) -> tuple[Fit, ...]:
@@ -131,6 +127,14 @@ def _rescanned(fit: Fit, n_threads: int) -> Fit:
     return fit if len(found) == 1 else _fitted(fit, np.concatenate(found), n_threads)
 
 
+def _searched(fit: Fit, rng: np.random.Generator, n_threads: int) -> Fit:
+    try:
+        modes = find_modes(on_threads(fit.posterior, n_threads), rng, n_starts=_N_STARTS)
+    except UserError:  # no draw of its prior can be solved: what the race found stays
+        return fit
+    return _fitted(fit, np.concatenate([np.array([mode.point for mode in modes]), fit.best(_N_POINTS)]), n_threads)
+
+
 def _fitted(fit: Fit, points: Floats, n_threads: int) -> Fit:
     found, local = polish(on_threads(fit.posterior, n_threads), points, n_iterations=25, reach=50.0)
     return replace(fit, points=found, local=local)
@@ -149,7 +153,3 @@ def _wider(prior: Prior) -> Prior:
     if not isinstance(prior, (Normal, HalfNormal)):
         raise TypeError(f"{prior} has no scale to widen")
     return replace(prior, scale=_WIDER * prior.scale)
-
-
-def _best_first(fits: Sequence[Fit]) -> tuple[Fit, ...]:
-    return tuple(sorted(fits, key=lambda fit: -fit.log_likelihood))

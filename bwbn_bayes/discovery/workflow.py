@@ -250,9 +250,10 @@ def _weigh(present: Present, fits: Sequence[Fit], run: Run) -> Decision:
             evidences[i] = sampled_evidence(_threaded(fits[i], run), evidences[i], run.rng, 600)
     weighed = dict(zip([fit.hypothesis for fit in fits], evidences, strict=True))
     decision = decide(own, tuple(weighed.items()), run.considered)
-    if not decision.doubtful or not _leaves_noise(fits[order[0]]):
+    doubtful = decision.doubtful
+    if not doubtful or not _leaves_noise(fits[order[0]]):
         return decision
-    for candidate in decision.doubtful:
+    for candidate in doubtful:
         run.say(f"sampling {candidate.hypothesis.label} by transitional MCMC")
         fit = next(fit for fit in fits if fit.hypothesis is candidate.hypothesis)
         weighed[fit.hypothesis] = bridged_evidence(_threaded(fit, run), candidate.evidence, run.rng, 200)

@@ -10,6 +10,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 from scipy.stats import chi2, f, f_oneway, levene
 
+from bwbn_bayes.engines.base import measured_matrix
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
@@ -105,7 +106,7 @@ def is_noise(residual: Floats, motions: Floats | Sequence[Floats] = ()) -> bool:
     ----------
     residual : (n_times,) array
     motions : (n_motions, n_times) array, optional
-        Histories that the model says took place, see :func:`motions_of`.
+        Histories that the model says took place.
     """
     noise = coloured_noise(residual)
     innovations = noise.innovations(residual)
@@ -145,25 +146,30 @@ def _steadiness(residual: Floats, correlation_samples: float = 1.0) -> float:
 
 def residual_of(posterior: Posterior, point: Floats) -> Floats:
     """Measured minus modelled channels ``(n_channels, n_times)`` at a point ``(n_dim,)`` of the unit cube."""
-    values, _ = posterior.split(point[None])
-    posterior.solves.total += 1
-    response = posterior.engine.simulate(posterior.model, values, posterior.record).values[0]
-    return np.asarray(np.stack(list(posterior.record.channels.values())) - response)
-
-
-def motions_of(posterior: Posterior, point: Floats) -> Floats:
-    """The modelled channels, and drift, drift rate and hysteretic displacement of every storey, ``(n, n_times)``."""
-    values, _ = posterior.split(point[None])
-    posterior.solves.total += 2
-    channels = posterior.engine.simulate(posterior.model, values, posterior.record).values[0]
-    rows = observe(posterior.engine, posterior.model, values, posterior.record)
-    return np.concatenate([channels, *(rows[kind][0] for kind in _MOTIONS)])
+    record = posterior.record
+    return np.asarray(measured_matrix(record, tuple(record.channels)) - _modelled(posterior, point))
 
 
 def leaves_noise(posterior: Posterior, point: Floats) -> bool:
-    """Whether what a fit at a point ``(n_dim,)`` of the unit cube leaves of every channel :func:`is_noise`."""
-    motions = motions_of(posterior, point)
-    return all(is_noise(rest, motions) for rest in residual_of(posterior, point))
+    """Whether what a fit at a point ``(n_dim,)`` of the unit cube leaves of every channel :func:`is_noise`.
+
+    The motions it may know nothing of are the modelled channels, and drift, drift rate and hysteretic displacement of
+    every storey.
+    """
+    record = posterior.record
+    modelled = _modelled(posterior, point)
+    values, _ = posterior.split(point[None])
+    posterior.solves.total += 1
+    rows = observe(posterior.engine, posterior.model, values, record)
+    motions = np.concatenate([modelled, *(rows[kind][0] for kind in _MOTIONS)])
+    return all(is_noise(rest, motions) for rest in measured_matrix(record, tuple(record.channels)) - modelled)
+
+
+def _modelled(posterior: Posterior, point: Floats) -> Floats:
+    """Channels ``(n_channels, n_times)`` at a point of the unit cube."""
+    values, _ = posterior.split(point[None])
+    posterior.solves.total += 1
+    return np.asarray(posterior.engine.simulate(posterior.model, values, posterior.record).values[0])
 
 
 def noise_floor(signal: Floats) -> float:

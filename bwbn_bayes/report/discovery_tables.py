@@ -14,7 +14,6 @@ from bwbn_bayes.report.numbers import NOTHING, duration, html_symbol, html_unit,
 from bwbn_bayes.report.tables import KeyFigure, Table, parameter_row
 
 MAX_SPOTS = 6
-_BUILDING = "the building"
 
 
 def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
@@ -113,7 +112,7 @@ def limits_table(limits: tuple[DetectionLimit, ...], n_storeys: int) -> Table:
         )
         for (name, symbol, unit), row in cells.items()
     )
-    headings = [_BUILDING if place == 0 else str(place) for place in used]
+    headings = [str(place) if place else place_in_words("structure", ()) for place in used]
     return Table(columns=("effect", "unit", "expected size", *headings), rows=rows)
 
 

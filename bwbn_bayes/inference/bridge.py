@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Literal
 
+import numpy as np
+
 from bwbn_bayes.inference.importance import Mixture
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.ridge import RidgeProposal, ridge_coordinate
+from bwbn_bayes.inference.nested_laplace import NestedLaplace, first_nodes
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.inference.transported import Transported
 from bwbn_bayes.inference.truncated import TruncatedStudent
@@ -18,6 +20,8 @@ INFLATION = 4.0
 """Factor on the variances of the approximation from which it starts at one mode."""
 _INFLATION_OF_SEVERAL = 25.0
 _FEWEST = 2
+_ON_THE_SHEET = 3.0
+"""Standardised distance from the sheet's surface up to which a mode counts as lying on it."""
 _REACH, _MOST = 50.0, 8
 """Modes this close to the best are bridged from, up to so many. [nat]"""
 
@@ -31,6 +35,7 @@ def bridge(
     posterior: Posterior,
     modes: Sequence[Mode],
     *,
+    nested: NestedLaplace | None = None,
     n_particles: int,
     rng_seed: int,
     variant: Literal["default", "plain"] = "default",
@@ -38,8 +43,8 @@ def bridge(
 ) -> TmcmcResult:
     """Sample a posterior whose optima are known.
 
-    With one mode the road starts at the inflated ridge and runs in the coordinates that make it uniform, so that
-    neither scales nor curvature are left to learn; with several it starts at the inflated mixture of all of them.
+    Where all of them lie on one sheet the road starts at the inflated sheet and runs in the coordinates that make it
+    uniform, so that neither scales nor curvature are left to learn; else at the inflated mixture of all of them.
 
     Parameters
     ----------
@@ -47,17 +52,22 @@ def bridge(
         Target.
     modes : sequence of Mode
         Its optima, best first.
+    nested : NestedLaplace, optional
+        The sheet, where it is known already.
     n_particles, rng_seed, variant, progress
         As for :func:`~bwbn_bayes.inference.tmcmc.sampler.sample`.
     """
     kept = contributing(modes)
-    # Beside the ridge's own coordinate and the one it is drawn first with, something must be left to bend.
-    if len(kept) == 1 and posterior.n_dim > _FEWEST:
-        ridge = RidgeProposal.along(posterior, kept[0], ridge_coordinate(kept[0])).inflated(INFLATION)
-        target = Transported(target=posterior, transport=ridge.transport)
-        return target.back(
-            sample(target, n_particles=n_particles, rng_seed=rng_seed, variant=variant, progress=progress)
-        )
+    # Beside a wide coordinate and the one that is drawn first with it, something must be left to bend.
+    if posterior.n_dim > _FEWEST:
+        if nested is None:
+            nodes = first_nodes(posterior, kept)
+            nested = NestedLaplace.through(nodes).bent(posterior, nodes)
+        if np.all(nested.distance(np.array([mode.point for mode in kept])) < _ON_THE_SHEET):
+            target = Transported(target=posterior, transport=nested.inflated(INFLATION).transport)
+            return target.back(
+                sample(target, n_particles=n_particles, rng_seed=rng_seed, variant=variant, progress=progress)
+            )
     wide = Mixture(
         weights=tuple([1.0 / len(kept)] * len(kept)),
         components=tuple(

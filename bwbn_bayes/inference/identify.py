@@ -17,20 +17,17 @@ from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.base import require_channels, require_parameters
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
-from bwbn_bayes.inference.adaptive import adapt
 from bwbn_bayes.inference.bridge import bridge
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
-    Mixture,
-    Proposal,
     WeightedDraws,
     laplace_mixture,
     sample_importance,
 )
 from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode, WindowFacts, distinct, find_modes, polish
+from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
 from bwbn_bayes.inference.residuals import residual_checks
-from bwbn_bayes.inference.ridge import RidgeProposal, ridge_coordinate
 from bwbn_bayes.inference.summary import Draws, build_result
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.parameters import Floats
@@ -48,10 +45,10 @@ N_ATTEMPTS = 3
 _PILOT = 800
 _LEAST_EFFICIENCY = 0.5
 _PILOT_LIMIT = 0.5
+_N_REFINED = 3
+"""Times that a sheet whose weights turn out to have a heavy tail is refined and drawn from anew."""
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it runs with this fraction of the draws asked for: each costs it some hundred solves."""
-_LEAST_SHARE = 0.5
-"""Share of the effective draws asked for below which the proposal is fitted to the draws."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,8 +209,9 @@ def _sampled(
     roads: dict[str, tuple[float, float]] = {}
     method: str = settings.method
     draws: Draws | None = None
+    nested: NestedLaplace | None = None
     if method == "importance":
-        weighted = _importance(posterior, modes, rng, settings.particles, history)
+        weighted, nested = _importance(posterior, modes, rng, settings.particles, history)
         roads["importance"] = (weighted.log_evidence, weighted.log_evidence_se)
         checks += (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
         if weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k)):
@@ -238,7 +236,7 @@ def _sampled(
         )
         checks += own_checks
     if draws is None:
-        cloud = _bridge(posterior, modes, settings, history)
+        cloud = _bridge(posterior, modes, nested, settings, history)
         roads["tmcmc (bridge)"] = (cloud.log_evidence, cloud.log_evidence_se)
         if settings.method == "tmcmc":
             road = _from_prior(posterior, settings, history)
@@ -315,14 +313,16 @@ def _tell_window(history: _History, posterior: Posterior, facts: WindowFacts) ->
 
 def _importance(
     posterior: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator, effective: int, history: _History
-) -> WeightedDraws:
-    """Importance sampling: from the modes, along the ridge where they cover badly, from a fitted mixture after that."""
-    proposal: Proposal = laplace_mixture(modes)
-    pilot = sample_importance(posterior, proposal, rng, effective=_PILOT, most=_PILOT)
-    if pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT:
-        coordinate = ridge_coordinate(modes[0])
-        history.say(f"following the ridge along {posterior.space.names[coordinate]}")
-        proposal = _with_ridge(proposal, RidgeProposal.along(posterior, modes[0], coordinate))
+) -> tuple[WeightedDraws, NestedLaplace | None]:
+    """Importance sampling from the modes, or from the sheet through them where they alone cover the posterior badly."""
+    start = laplace_mixture(modes)
+    sheet: Sheet | None = None
+    pilot = sample_importance(posterior, start, rng, effective=_PILOT, most=_PILOT)
+    poor = pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
+    if poor and posterior.n_dim > 1:
+        history.say("the posterior is bent: laying a sheet through it")
+        sheet = Sheet(posterior, modes, start, rng)
+        sheet.settle()
     history.say("sampling the posterior by importance")
 
     def tell(reached: float, n_draws: int) -> None:
@@ -340,23 +340,29 @@ def _importance(
             ),
         )
 
-    weighted = sample_importance(posterior, proposal, rng, effective=effective, progress=tell)
-    if weighted.pareto_k <= PARETO_LIMIT and weighted.effective_sample_size > _LEAST_SHARE * effective:
-        return weighted
-    history.say("fitting the proposal to the draws")
-    return sample_importance(posterior, adapt(posterior, proposal, rng), rng, effective=effective, progress=tell)
+    if sheet is None:
+        return sample_importance(posterior, start, rng, effective=effective, progress=tell), None
+    weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, progress=tell)
+    for _ in range(_N_REFINED):
+        if weighted.pareto_k <= PARETO_LIMIT:
+            break
+        sheet.refine(weighted)
+        weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, progress=tell)
+    return weighted, sheet.nested
 
 
-def _with_ridge(laplace: Proposal, ridge: RidgeProposal) -> Mixture:
-    """The ridge, a wider one for its tails, and what the modes alone suggest."""
-    return Mixture(weights=(0.75, 0.2, 0.05), components=(ridge, ridge.inflated(1.7), laplace))
-
-
-def _bridge(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, history: _History) -> TmcmcResult:
+def _bridge(
+    posterior: Posterior,
+    modes: tuple[Mode, ...],
+    nested: NestedLaplace | None,
+    settings: Settings,
+    history: _History,
+) -> TmcmcResult:
     history.say("sampling by transitional MCMC from the inflated approximation at the mode")
     return bridge(
         posterior,
         modes,
+        nested=nested,
         n_particles=settings.particles,
         rng_seed=settings.seed,
         variant=settings.variant,

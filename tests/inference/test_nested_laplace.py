@@ -1,4 +1,4 @@
-"""The ridge that one redundant scale leaves: its proposal, its exact marginal, and the evidence that goes with it.
+"""The sheet that redundant and weakly seen directions leave: its density, exact marginals, exact evidences.
 
 With A free, z and A scale by a factor lambda, and nothing that is measured changes if at the same time
 
@@ -16,14 +16,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from inference_cases import A_RANGE, SDOF
-from scipy import integrate
+from scipy import integrate, stats
 
 from bwbn_bayes.engines.reference import Reference
-from bwbn_bayes.inference.importance import Mixture, WeightedDraws, laplace_mixture, sample_importance
-from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.importance import PARETO_LIMIT, WeightedDraws, laplace_mixture, sample_importance
+from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.ridge import RidgeProposal, ridge_coordinate
-from bwbn_bayes.inference.truncated import Bend, TruncatedStudent
+from bwbn_bayes.inference.nested_laplace import NestedLaplace, Nodes, Sheet, first_nodes, wide_coordinates
 from bwbn_bayes.parameters import Floats
 
 MOVED = ("k", "alpha", "beta", "gamma")
@@ -67,15 +66,16 @@ def along_a(free_posterior: Posterior) -> int:
 
 
 @pytest.fixture(scope="module")
-def ridge(free_posterior: Posterior, free_mode: Mode, along_a: int) -> RidgeProposal:
-    return RidgeProposal.along(free_posterior, free_mode, along_a)
+def nested(free_posterior: Posterior, free_mode: Mode) -> NestedLaplace:
+    return NestedLaplace.through(first_nodes(free_posterior, [free_mode]))
 
 
 @pytest.fixture(scope="module")
-def free_draws(free_posterior: Posterior, free_mode: Mode, ridge: RidgeProposal) -> WeightedDraws:
-    tails = TruncatedStudent.at(free_mode.point, free_mode.gradient, free_mode.information, inflation=1.6, degrees=8.0)
-    proposal = Mixture(weights=(0.85, 0.15), components=(ridge, tails))
-    return sample_importance(free_posterior, proposal, np.random.default_rng(2), effective=3000)
+def free_draws(free_posterior: Posterior, free_mode: Mode) -> WeightedDraws:
+    rng = np.random.default_rng(2)
+    sheet = Sheet(free_posterior, [free_mode], laplace_mixture([free_mode]), rng)
+    sheet.settle()
+    return sample_importance(free_posterior, sheet.proposal, rng, effective=3000)
 
 
 @pytest.fixture(scope="module")
@@ -107,86 +107,118 @@ def test_the_jacobian_by_hand(posterior: Posterior, at_one: WeightedDraws) -> No
         np.testing.assert_allclose(jacobian_determinant(values, names, scale), expected, rtol=1e-6)
 
 
-def test_the_redundant_direction_is_recognised(free_mode: Mode, free_posterior: Posterior) -> None:
-    assert free_posterior.space.names[ridge_coordinate(free_mode)] in {"A", "k"}
+def test_the_redundant_direction_is_taken_out(free_mode: Mode, free_posterior: Posterior) -> None:
+    """One of the parameters that share the scale; what is left is seen by the data."""
+    wide = wide_coordinates(free_mode.information)
+    assert free_posterior.space.names[wide[0]] in {"A", *MOVED}
+    rest = np.setdiff1d(np.arange(free_posterior.n_dim), wide)
+    covariance = np.linalg.inv(free_mode.information[np.ix_(rest, rest)] + 12.0 * np.eye(len(rest)))
+    assert np.all(np.sqrt(np.diag(covariance)) < 0.05)
 
 
-def test_the_ridge_runs_along_the_orbit(free_posterior: Posterior, free_mode: Mode, ridge: RidgeProposal) -> None:
-    """At every node the mean of the rest is the mode carried to that A, within two tenths of a conditional sd."""
+def test_the_sheet_holds_the_orbit(free_posterior: Posterior, free_mode: Mode, nested: NestedLaplace) -> None:
+    """The mode carried along the redundant scale stays within two conditional sds of the surface."""
     names = free_posterior.space.names
     start = free_posterior.space.from_unit(free_mode.point[None])
-    nodes = np.tile(free_mode.point, (len(ridge.nodes), 1))
-    nodes[:, ridge.coordinate] = ridge.nodes
-    targets = free_posterior.space.from_unit(nodes)[:, ridge.coordinate]
-    expected = [carried(start, names, a / start[0, ridge.coordinate])[0] for a in targets]
-    wanted = free_posterior.space.to_unit(np.array(expected))[:, ridge.order]
-    factor = np.zeros((len(ridge.nodes), len(ridge.order), len(ridge.order)))
-    factor[:, *np.tril_indices(len(ridge.order))] = ridge.factors
-    distance = np.linalg.solve(factor, (ridge.means - wanted)[:, :, None])[:, :, 0]
-    assert ridge.nodes[0] < 0.01
-    assert ridge.nodes[-1] > 0.99
-    assert np.max(np.sqrt(np.sum(distance**2, axis=1))) < 0.5
+    own = start[0, names.index("A")]
+    orbit = [carried(start, names, a / own)[0] for a in np.linspace(0.8 * own, 1.25 * own, 10)]
+    points = free_posterior.space.to_unit(np.array(orbit))
+    inside = np.all((points > 0.0) & (points < 1.0), axis=1)
+    assert np.count_nonzero(inside) > 4
+    assert np.max(nested.distance(points[inside])) < 2.0
 
 
-def test_transport_sample_and_density_agree(ridge: RidgeProposal) -> None:
-    n_dim = len(ridge.order) + 1
-    points, log_density = ridge.transport(np.random.default_rng(3).random((2000, n_dim)))
-    np.testing.assert_allclose(ridge.log_density(points), log_density, atol=1e-5)
-    np.testing.assert_array_equal(ridge.sample(np.random.default_rng(3), 2000), points)
+def test_transport_sample_and_density_agree(nested: NestedLaplace) -> None:
+    n_dim = len(nested.order) + len(nested.wide)
+    points, log_density = nested.transport(np.random.default_rng(3).random((2000, n_dim)))
+    np.testing.assert_allclose(nested.log_density(points), log_density, atol=1e-5)
+    np.testing.assert_array_equal(nested.sample(np.random.default_rng(3), 2000), points)
     assert np.all((points >= 0.0) & (points <= 1.0))
     outside = points[:2].copy()
-    outside[0, ridge.order[0]] = 1.01
-    outside[1, ridge.coordinate] = ridge.edges[-1] + 1e-6
-    assert np.all(ridge.log_density(outside) == -np.inf)
+    outside[0, nested.order[0]] = 1.01
+    outside[1, nested.wide[0]] = nested.high[0] + 1e-6
+    assert np.all(nested.log_density(outside) == -np.inf)
 
 
-@pytest.mark.parametrize("factor", [1.0, 4.0])
-def test_the_density_is_that_of_the_transport(ridge: RidgeProposal, factor: float) -> None:
+@pytest.mark.parametrize(("factor", "degrees"), [(1.0, np.inf), (4.0, np.inf), (1.5, 6.0)])
+def test_the_density_is_that_of_the_transport(nested: NestedLaplace, factor: float, degrees: float) -> None:
     """One over the Jacobian determinant of the map from uniform points, by central differences: so it is normalised."""
-    wide = ridge.inflated(factor)
+    spread = nested.inflated(factor, degrees)
     rng = np.random.default_rng(4)
-    n, n_dim = 40, len(ridge.order) + 1
+    n, n_dim = 40, len(nested.order) + len(nested.wide)
     uniforms = rng.uniform(0.05, 0.95, (n, n_dim))
-    above = np.cumsum(wide.mass)
-    cell = np.searchsorted(above, uniforms[:, 0])
-    uniforms[:, 0] = above[cell] - 0.5 * wide.mass[cell]  # mid-cell: the map has kinks between cells
-    points, log_density = wide.transport(uniforms)
-    step = 1e-6
+    points, log_density = spread.transport(uniforms)
+    step = 1e-7
     slopes = np.empty((n, n_dim, n_dim))
     for i in range(n_dim):
-        ahead, behind = (wide.transport(uniforms + side * step * np.eye(n_dim)[i])[0] for side in (1.0, -1.0))
+        ahead, behind = (spread.transport(uniforms + side * step * np.eye(n_dim)[i])[0] for side in (1.0, -1.0))
         slopes[:, :, i] = (ahead - behind) / (2.0 * step)
-    np.testing.assert_allclose(log_density, -np.linalg.slogdet(slopes)[1], atol=1e-4)
-    np.testing.assert_allclose(wide.log_density(points), log_density, atol=1e-5)
+    error = np.abs(log_density + np.linalg.slogdet(slopes)[1])
+    # The map has kinks at the borders of cells, which a difference may straddle.
+    assert np.count_nonzero(error > 1e-3) <= 2
+    np.testing.assert_allclose(spread.log_density(points), log_density, atol=1e-5)
 
 
-def test_a_bent_ridge_in_two_dimensions_integrates_to_one() -> None:
-    """Made by hand, by quadrature on a grid: uneven cell masses, a mean and a width that change along the walk."""
-    edges = np.linspace(0.1, 0.9, 4097)
-    mass = 1.0 + np.sin(9.0 * edges[1:]) ** 2
-    nodes = np.linspace(0.1, 0.9, 6)
-    hand = RidgeProposal(
-        coordinate=1,
-        order=np.array([0]),
-        edges=edges,
-        mass=mass / mass.sum(),
-        nodes=nodes,
-        means=(0.2 + nodes**2)[:, None],
-        factors=(0.05 + 0.1 * nodes)[:, None],
-        bend=Bend(n_wide=0, coefficients=np.zeros((0, 1))),
+BEND, WIDTH = 0.8, 0.01
+
+
+def banana_nodes(n: int = 64) -> Nodes:
+    """Exact nodes of a density over the unit cube: uniform in x1 and x2, normal in x3 about a bent surface."""
+    rng = np.random.default_rng(5)
+    points = rng.random((n, 3))
+    points[:, 2] = surface(points)
+    information = np.zeros((n, 3, 3))
+    information[:, 2, 2] = 1.0 / WIDTH**2 - 12.0
+    local = Linearisation(log_likelihood=np.zeros(n), gradient=np.zeros((n, 3)), information=information)
+    return Nodes(points=points, local=local, wide=np.array([0, 1]), low=np.zeros(2), high=np.ones(2))
+
+
+def surface(points: Floats) -> Floats:
+    return np.asarray(0.5 + BEND * (points[:, 0] - 0.5) * (points[:, 1] - 0.5))
+
+
+def test_a_bent_sheet_is_found_exactly() -> None:
+    """Density by quadrature integrates to one, and equals the truth where the nodes are dense enough."""
+    nested = NestedLaplace.through(banana_nodes())
+    draws = nested.sample(np.random.default_rng(6), 4000)
+    ratio = stats.norm.logpdf(draws[:, 2], surface(draws), WIDTH) - nested.log_density(draws)
+    assert np.mean(np.exp(ratio)) == pytest.approx(1.0, abs=0.02)
+    assert np.std(np.exp(ratio)) < 0.35
+    wide = (np.arange(64) + 0.5) / 64
+    across = np.linspace(0.0, 1.0, 2001)
+    grid = np.stack(np.meshgrid(wide, wide[::8], across, indexing="ij"), axis=-1)
+    density = np.exp(nested.log_density(grid.reshape(-1, 3))).reshape(grid.shape[:-1])
+    per_column = integrate.simpson(density, across, axis=2)
+    # The mass is uniform but for rounding of the interpolated heights.
+    assert np.mean(per_column) == pytest.approx(1.0, abs=0.02)
+
+
+def test_distance_from_the_sheet_counts_standard_deviations() -> None:
+    nested = NestedLaplace.through(banana_nodes())
+    points = np.random.default_rng(7).uniform(0.2, 0.8, (50, 3))
+    points[:, 2] = surface(points) + 2.0 * np.sqrt(1.1) * WIDTH
+    np.testing.assert_allclose(nested.distance(points), 2.0, atol=0.2)
+
+
+def test_nodes_are_alive_within_reach_of_the_best_but_never_too_few() -> None:
+    nodes = banana_nodes(16)
+    nodes.local.log_likelihood[:] = -100.0 * np.arange(16)
+    np.testing.assert_array_equal(np.flatnonzero(nodes.alive), np.arange(6))
+    nodes.local.log_likelihood[:] = np.r_[np.zeros(10), np.full(6, -31.0)]
+    assert np.count_nonzero(nodes.alive) == 10
+
+
+def test_a_posterior_that_no_gaussian_covers(free_posterior: Posterior, free_mode: Mode) -> None:
+    """Laplace's mixture alone fails here, so that what follows shows something."""
+    poor = sample_importance(
+        free_posterior, laplace_mixture([free_mode]), np.random.default_rng(8), effective=2000, most=4000
     )
-    along, across = 0.5 * (edges[1:] + edges[:-1])[::16], np.linspace(0.0, 1.0, 401)
-    points = np.stack(np.meshgrid(across, along, indexing="ij"), axis=-1).reshape(-1, 2)
-    density = np.exp(hand.log_density(points)).reshape(len(across), len(along))
-    whole = np.sum(integrate.simpson(density, across, axis=0)) * 0.8 / len(along)
-    assert whole == pytest.approx(1.0, abs=2e-3)
+    assert poor.effective_sample_size < 0.1 * len(poor.points)
 
 
-def test_importance_along_the_ridge_is_efficient(free_draws: WeightedDraws) -> None:
-    """The shape of a tail of ``3 sqrt(n)`` weights is itself known to ``(1 + k) / sqrt(3 sqrt(n))``."""
-    n = len(free_draws.points)
-    assert free_draws.effective_sample_size > 0.1 * n
-    assert free_draws.pareto_k < 0.7 + 1.7 / np.sqrt(3.0 * np.sqrt(n))
+def test_importance_over_the_sheet_is_efficient(free_draws: WeightedDraws) -> None:
+    assert free_draws.effective_sample_size > 0.25 * len(free_draws.points)
+    assert free_draws.pareto_k < PARETO_LIMIT
 
 
 def test_the_posterior_of_a_is_exact(

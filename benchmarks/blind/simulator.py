@@ -18,6 +18,7 @@ from benchmarks.blind.storey import (
     compiled,
     drift_force,
     hysteretic_rate,
+    play_rate,
     rate_force,
     stiffness,
     stop_rate,
@@ -136,14 +137,14 @@ def _sensed(p: Storey, fine: Floats, time_step: float, steps: int) -> Floats:
 def _storey_rates(p: Storey, t: float, t_step: float, u: float, v: float, own: Floats, out: Floats) -> float:
     """Storey force with damping; ``own`` holds z, eps, Maxwell force, bristle and play, ``out`` their rates."""
     k = stiffness(p, t, t_step)
-    play_rate = stop_rate(own[4], p.b, v) if p.b > 0.0 else 0.0
-    taken, rate = u - own[4], v - play_rate
+    within = play_rate(own[4], p.b, v) if p.b > 0.0 else 0.0
+    taken, rate = u - own[4], v - within
     spring = (1.0 - p.alpha) * k * own[0]
     out[0] = hysteretic_rate(p, taken, rate, own[0], own[1])
     out[1] = spring * rate
     out[2] = p.k_m * v - own[2] / p.tau
     out[3] = stop_rate(own[3], p.bristle, v) if p.F_bristle != 0.0 else 0.0
-    out[4] = play_rate
+    out[4] = within
     force = p.alpha * k * taken + spring + own[2] + p.F_bristle * own[3] / p.bristle
     return float(force + rate_force(p, v) + drift_force(p, u))
 
@@ -220,6 +221,8 @@ def _integrate(
             stage[:] = y + h * k3
             rates(storeys, whole, t + h, middle, a + slope, stage, k4, unused)
             y += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+            for i in range(n):
+                y[6 * n + i] = min(max(y[6 * n + i], -storeys[i].b), storeys[i].b)
         states[j + 1] = y
     end = (n_times - 1) * time_step
     rates(storeys, whole, end, end + 0.5 * h, ground[-1], y, k1, total[-1])

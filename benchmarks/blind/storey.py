@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from numba import njit
 
-PLAY_EXPONENT = 10
-"""Sharpness of the play (backlash) and of the bristle (stick-slip friction): a stop operator in Bouc-Wen's form."""
+BRISTLE_EXPONENT = 10
+"""Sharpness of the bristle (stick-slip friction): a stop operator in Bouc-Wen's form."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,12 +149,17 @@ def _stiffness(p: Storey, t: float, t_step: float) -> float:
     return (p.k + p.k_jump * share) * breathing
 
 
+def _play_rate(position: float, half_width: float, v: float) -> float:
+    """Rate of the position in a play: with the drift until it meets a side, and again at once when the drift turns."""
+    return 0.0 if position * v > 0.0 and abs(position) >= half_width else v
+
+
 def _stop_rate(deflection: float, limit: float, v: float) -> float:
     """Rate of a spring-like deflection that moves with v until it reaches its limit."""
     if deflection * v <= 0.0:
         return v
     # Never below zero: a step that oversteps the limit stays where it is.
-    return v * max(1.0 - abs(deflection / limit) ** PLAY_EXPONENT, 0.0)
+    return v * max(1.0 - abs(deflection / limit) ** BRISTLE_EXPONENT, 0.0)
 
 
 def _pinching(p: Storey, v: float, z: float, eps: float) -> float:
@@ -216,6 +221,7 @@ def _drift_force(p: Storey, u: float) -> float:
 compiled = njit(cache=True, error_model="numpy")
 sign = compiled(_sign)
 stiffness = compiled(_stiffness)
+play_rate = compiled(_play_rate)
 stop_rate = compiled(_stop_rate)
 pinching = compiled(_pinching)
 hysteretic_rate = compiled(_hysteretic_rate)

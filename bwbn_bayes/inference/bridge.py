@@ -10,7 +10,8 @@ import numpy as np
 from bwbn_bayes.inference.importance import Mixture
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.nested_laplace import NestedLaplace, first_nodes
+from bwbn_bayes.inference.nested_laplace import NestedLaplace
+from bwbn_bayes.inference.sheet_nodes import first_nodes
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.inference.transported import Transported
 from bwbn_bayes.inference.truncated import TruncatedStudent

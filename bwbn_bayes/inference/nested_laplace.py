@@ -22,34 +22,29 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.special import logsumexp
-from scipy.stats import qmc
 
 from bwbn_bayes.inference.importance import Mixture, Proposal, WeightedDraws, sample_importance
-from bwbn_bayes.inference.likelihood import Linearisation, Posterior
-from bwbn_bayes.inference.modes import Mode, polish
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.sheet_nodes import (
+    EDGE,
+    REACH,
+    Integers,
+    Nodes,
+    conditional_covariance,
+    first_nodes,
+    refitted,
+    to_the_faces,
+)
 from bwbn_bayes.inference.truncated import Bend, walk
 from bwbn_bayes.parameters import Floats
 
-Integers = NDArray[np.int64]
-
-MOST_WIDE = 4
-_WIDE = 0.02
-"""A coordinate is wide whose standard deviation, given the wide ones before it, exceeds this share of the prior."""
-_N_NODES = (32, 32, 64, 128)
 _N_CELLS = (4096, 128, 32, 16)
 """Per wide coordinate, for one, two, three or four of them."""
-_PRIOR_PRECISION = 12.0
 _DEFENSIVE = 0.02
-_REACH = 30.0
-"""Nodes this far below the best carry no mass. [nat]"""
-_SPREAD = 8.0
-"""The nodes reach this many standard deviations to each side of the modes."""
 _WIDEN = 1.1
-_EDGE = 1e-6
-_STRETCH = 1.15
 _N_BENDING = 4
 _N_ROUNDS = 6
 _N_PILOT = 800
@@ -59,51 +54,6 @@ _ENOUGH, _LIGHT = 0.3, 0.6
 """Share of effective draws, and Pareto shape, with which a proposal is good enough."""
 _TAILS = (1.5, 6.0)
 """Variance factor and degrees of freedom of its wider companion."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Nodes:
-    """Points whose rest is at its conditional optimum, and the expansion there.
-
-    Attributes
-    ----------
-    points : (n, n_dim) array
-        In the unit cube.
-    local : Linearisation
-        There, in the directions of the rest.
-    wide : (n_wide,) integer array
-        The coordinates that were held.
-    low, high : (n_wide,) array
-        The box over them.
-    """
-
-    points: Floats
-    local: Linearisation
-    wide: Integers
-    low: Floats
-    high: Floats
-
-    def joined(self, points: Floats, local: Linearisation) -> Nodes:
-        """With further ones."""
-        return replace(
-            self,
-            points=np.concatenate([self.points, points]),
-            local=Linearisation(
-                log_likelihood=np.concatenate([self.local.log_likelihood, local.log_likelihood]),
-                gradient=np.concatenate([self.local.gradient, local.gradient]),
-                information=np.concatenate([self.local.information, local.information]),
-            ),
-        )
-
-    def shares(self, points: Floats) -> Floats:
-        """Where in the box points ``(n, n_dim)`` lie, ``(n, n_wide)``."""
-        return np.asarray((points[:, self.wide] - self.low) / (self.high - self.low))
-
-    @property
-    def alive(self) -> NDArray[np.bool_]:
-        """Which of them lie within reach of the best, or are the few best, ``(n,)``."""
-        value = self.local.log_likelihood
-        return value >= min(float(np.max(value)) - _REACH, float(np.sort(value)[-2 * len(self.wide) - 2]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +95,7 @@ class NestedLaplace:
         """Interpolate between nodes."""
         wide = nodes.wide
         rest = np.setdiff1d(np.arange(nodes.points.shape[1]), wide)
-        covariance = np.array([_covariance(info[np.ix_(rest, rest)]) for info in nodes.local.information])
+        covariance = np.array([conditional_covariance(info[np.ix_(rest, rest)]) for info in nodes.local.information])
         gradient = nodes.local.gradient[:, rest]
         step = np.einsum("nij,nj->ni", covariance, gradient)
         mean = nodes.points[:, rest] + step
@@ -156,7 +106,7 @@ class NestedLaplace:
         # What Laplace's approximation leaves of the density at a node when the rest is integrated out.
         _, conditional = walk(mean[:, order], factor, np.inf, points=nodes.points[:, rest[order]])
         height = nodes.local.log_likelihood - conditional
-        height = np.maximum(height - np.max(height), -1.5 * _REACH)
+        height = np.maximum(height - np.max(height), -1.5 * REACH)
         packed = factor / diagonal[:, :, None]
         np.einsum("nii->ni", packed)[...] = np.log(diagonal)
         shares, kept = nodes.shares(nodes.points), nodes.alive
@@ -186,21 +136,21 @@ class NestedLaplace:
         if m < 1:
             return self
         first, later = self.order[:m], self.order[m:]
-        covariance = _covariance(nodes.local.information[best][np.ix_(self.order, self.order)])
+        covariance = conditional_covariance(nodes.local.information[best][np.ix_(self.order, self.order)])
         mean = point[self.order] + covariance @ nodes.local.gradient[best][self.order]
         sd = np.sqrt(np.diag(covariance))[:m]
         single = [side * 1.5 * sd[i] * np.eye(m)[i] for i in range(m) for side in (-1.0, 1.0)]
         double = [1.2 * (sd[i] * np.eye(m)[i] + sd[j] * np.eye(m)[j]) for i in range(m) for j in range(i)]
         starts = np.tile(point, (len(single) + len(double), 1))
-        starts[:, first] = np.clip(point[first] + np.array(single + double), _EDGE, 1.0 - _EDGE)
+        starts[:, first] = np.clip(point[first] + np.array(single + double), EDGE, 1.0 - EDGE)
         deviations = starts[:, first] - mean[:m]
         straight = mean[m:] + deviations @ np.linalg.solve(covariance[:m, :m], covariance[:m, m:])
-        starts[:, later] = np.clip(straight, _EDGE, 1.0 - _EDGE)
-        points, local = _refitted(posterior, starts, np.concatenate([self.wide, first]), 10)
+        starts[:, later] = np.clip(straight, EDGE, 1.0 - EDGE)
+        points, local = refitted(posterior, starts, np.concatenate([self.wide, first]), 10)
         # One further Newton step tells where an optimum beyond a bound would lie, as the means do.
         step = np.einsum(
             "nij,nj->ni",
-            [_covariance(information[np.ix_(later, later)]) for information in local.information],
+            [conditional_covariance(information[np.ix_(later, later)]) for information in local.information],
             local.gradient[:, later],
         )
         bend = Bend(n_wide=m, coefficients=np.zeros((m * (m + 3) // 2, len(self.order))))
@@ -264,7 +214,7 @@ class NestedLaplace:
         points = self.sample(rng, n)
         mean, _ = self._conditional((points[:, self.wide] - self.low) / (self.high - self.low))
         points[:, self.order] = mean
-        return np.clip(points, _EDGE, 1.0 - _EDGE)
+        return np.clip(points, EDGE, 1.0 - EDGE)
 
     def _log_mass(self, cells: tuple[Integers, ...]) -> Floats:
         volume = np.prod((self.high - self.low) / self.mass.shape[0])
@@ -316,10 +266,10 @@ class Sheet:
     def refine(self, draws: WeightedDraws) -> None:
         """Lay nodes where draws of the proposal turned out heavy, and as many where it has its mass."""
         nodes, typical = self._nodes, self.nested.inflated(2.0).centred(self._rng, _N_ADDED)
-        held = nodes.low + _to_the_faces(nodes.shares(typical)) * (nodes.high - nodes.low)
-        typical[:, nodes.wide] = np.clip(held, _EDGE, 1.0 - _EDGE)
+        held = nodes.low + to_the_faces(nodes.shares(typical)) * (nodes.high - nodes.low)
+        typical[:, nodes.wide] = np.clip(held, EDGE, 1.0 - EDGE)
         starts = np.concatenate([_heavy(draws, self._rng), typical])
-        self._nodes = nodes.joined(*_refitted(self._posterior, starts, nodes.wide, 10))
+        self._nodes = nodes.joined(*refitted(self._posterior, starts, nodes.wide, 10))
         self.nested = NestedLaplace.through(self._nodes).bent(self._posterior, self._nodes)
 
 
@@ -328,99 +278,6 @@ def _heavy(pilot: WeightedDraws, rng: np.random.Generator) -> Floats:
     root = np.exp(0.5 * (pilot.log_weights - np.max(pilot.log_weights)))
     n = min(_N_ADDED, int(np.count_nonzero(root)))
     return pilot.points[rng.choice(len(root), n, replace=False, p=root / np.sum(root))]
-
-
-def wide_coordinates(information: Floats) -> Integers:
-    """Coordinates to take out: the widest, the widest given that one, and so on while one stays wide; at least one."""
-    rest = list(range(len(information)))
-    wide: list[int] = []
-    while len(rest) > 1 and len(wide) < MOST_WIDE:
-        sd = np.sqrt(np.diag(_covariance(information[np.ix_(rest, rest)])))
-        if wide and np.max(sd) < _WIDE:
-            break
-        wide.append(rest.pop(int(np.argmax(sd))))
-    return np.array(wide)
-
-
-def first_nodes(posterior: Posterior, modes: Sequence[Mode]) -> Nodes:
-    """Refit the rest at nodes over the box of the wide coordinates that the modes suggest."""
-    wide = wide_coordinates(modes[0].information)
-    sds = np.sqrt([np.diag(_covariance(mode.information))[wide] for mode in modes])
-    centres = np.array([mode.point[wide] for mode in modes])
-    low = np.clip(np.min(centres - _SPREAD * sds, axis=0), 0.0, 1.0)
-    high = np.clip(np.max(centres + _SPREAD * sds, axis=0), 0.0, 1.0)
-    shares = qmc.Sobol(len(wide), rng=0).random(_N_NODES[len(wide) - 1])
-    held = low + _to_the_faces(shares) * (high - low)
-    starts = _continued(posterior, modes, wide, np.clip(held, _EDGE, 1.0 - _EDGE))
-    points, local = _refitted(posterior, starts, wide, 15)
-    nodes = Nodes(points=points, local=local, wide=wide, low=low, high=high)
-    for _ in range(3):
-        before, nodes = nodes, _from_neighbours(posterior, nodes)
-        if nodes is before:
-            break
-    return nodes
-
-
-def _refitted(posterior: Posterior, points: Floats, wide: Integers, n_iterations: int) -> tuple[Floats, Linearisation]:
-    """Climb from points ``(n, n_dim)`` with the wide coordinates held."""
-    held = np.isin(np.arange(points.shape[1]), wide)
-    return polish(posterior, points, n_iterations=n_iterations, held=held, reach=2.0 * _REACH)
-
-
-def _to_the_faces(shares: Floats) -> Floats:
-    """Shares of the box stretched about its centre, what lies beyond put on its faces.
-
-    Beyond the outermost node the surface is a guess, and a narrow conditional density then misses the posterior
-    without a sign: with the outer 2 % of A uncovered its mean was off by five standard errors.
-    """
-    return np.clip(0.5 + _STRETCH * (shares - 0.5), 0.0, 1.0)
-
-
-def _from_neighbours(posterior: Posterior, nodes: Nodes) -> Nodes:
-    """Climb again from the surface through the nodes alive, where that is better at once."""
-    alive, wide = nodes.alive, nodes.wide
-    surface = RBFInterpolator(nodes.points[alive][:, wide], nodes.points[alive], degree=1, smoothing=1e-6)
-    starts = np.clip(surface(nodes.points[:, wide]), _EDGE, 1.0 - _EDGE)
-    starts[:, wide] = nodes.points[:, wide]
-    better = posterior.log_likelihood(starts) > nodes.local.log_likelihood + 0.1
-    if not np.any(better):
-        return nodes
-    others = np.flatnonzero(~better)
-    kept = replace(nodes, points=nodes.points[others], local=nodes.local[others])
-    return kept.joined(*_refitted(posterior, starts[better], wide, 8))
-
-
-def _continued(posterior: Posterior, modes: Sequence[Mode], wide: Integers, held: Floats) -> Floats:
-    """Starts at held values ``(n, n_wide)``: the tangent at the nearest mode, straight or by powers of the held ones.
-
-    Parameters that share one scale follow powers of each other exactly.
-    """
-    known = np.array([mode.point for mode in modes])
-    sds = np.sqrt(np.diag(_covariance(modes[0].information)))[wide]
-    nearest = np.argmin(np.sum(np.square((held[:, None] - known[None][:, :, wide]) / sds), axis=2), axis=1)
-    straight, powers = np.empty((len(held), known.shape[1])), np.empty((len(held), known.shape[1]))
-    for index in np.unique(nearest):
-        mine = nearest == index
-        point, covariance = known[index], _covariance(modes[index].information)
-        slope = np.linalg.solve(covariance[np.ix_(wide, wide)], covariance[wide]).T
-        straight[mine] = point + (held[mine] - point[wide]) @ slope.T
-        value = posterior.space.from_unit(point[None])
-        scale = posterior.space.unit_scale(value)[0]
-        value = np.maximum(np.abs(value[0]), 1e-12) * np.where(value[0] < 0.0, -1.0, 1.0)
-        exponent = np.clip(slope * scale[:, None] / scale[wide] * value[wide] / value[:, None], -4.0, 4.0)
-        moved = np.tile(point, (int(np.count_nonzero(mine)), 1))
-        moved[:, wide] = held[mine]
-        ratio = np.abs(posterior.space.from_unit(moved)[:, wide] / value[wide])
-        powers[mine] = posterior.space.to_unit(value * np.exp(np.log(np.maximum(ratio, 1e-12)) @ exponent.T))
-    for starts in (straight, powers):
-        starts[:] = np.clip(starts, _EDGE, 1.0 - _EDGE)
-        starts[:, wide] = held
-    better = posterior.log_likelihood(powers) > posterior.log_likelihood(straight)
-    return np.where(better[:, None], powers, straight)
-
-
-def _covariance(information: Floats) -> Floats:
-    return np.linalg.inv(information + _PRIOR_PRECISION * np.eye(len(information)))
 
 
 def _drawing_order(mean: Floats, sd: Floats) -> Integers:

@@ -22,7 +22,8 @@ from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.inference.importance import PARETO_LIMIT, WeightedDraws, laplace_mixture, sample_importance
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.nested_laplace import NestedLaplace, Nodes, Sheet, first_nodes, wide_coordinates
+from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
+from bwbn_bayes.inference.sheet_nodes import Nodes, first_nodes, wide_coordinates
 from bwbn_bayes.parameters import Floats
 
 MOVED = ("k", "alpha", "beta", "gamma")

@@ -66,6 +66,8 @@ class Step:
     decision: Decision | None
     sentence: str
     elapsed_s: float
+    withdrawn: bool = False
+    """Whether the effect that it added did not stay."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,7 +190,13 @@ class Discovery:
             "gap": gap,
             "unexplained": None if self.unexplained is None else self.unexplained.as_json(),
             "steps": [
-                {"step": step.number, "sentence": step.sentence, "elapsed_s": step.elapsed_s} for step in self.steps
+                {
+                    "step": step.number,
+                    "sentence": step.sentence,
+                    "withdrawn": step.withdrawn,
+                    "elapsed_s": step.elapsed_s,
+                }
+                for step in self.steps
             ],
             "candidates": _candidates(self.steps),
             "detection_limits": [

@@ -26,8 +26,6 @@ from bwbn_bayes.structures.structure import Structure
 
 Listener = Callable[[str], None]
 
-_WITHDRAWN = "It is withdrawn"
-
 
 @dataclass(frozen=True, kw_only=True)
 class DiscoverySettings:
@@ -125,9 +123,9 @@ class Run:
 
     def _withdraw(self, number: int, share: float) -> None:
         step = self.steps[number]
-        if step.decision is not None and step.decision.passes and _WITHDRAWN not in step.sentence:
-            left = f"{_WITHDRAWN}: {100 * share:.0f} % of the disagreement stayed."
-            self.steps[number] = replace(step, sentence=f"{step.sentence} {left}")
+        if step.decision is not None and step.decision.passes and not step.withdrawn:
+            left = f"It is withdrawn: {100 * share:.0f} % of the disagreement stayed."
+            self.steps[number] = replace(step, sentence=f"{step.sentence} {left}", withdrawn=True)
 
     @property
     def elapsed(self) -> float:

@@ -78,6 +78,7 @@ def test_what_did_not_stay_is_said_to_be_withdrawn_once() -> None:
         "Step 2.",
         "Step 3. It is withdrawn: 91 % of the disagreement stayed.",
     ]
+    assert [one.withdrawn for one in run.steps] == [True, False, True]
     assert told == sentences[2:]
     run.note("It rained.")
     assert (run.notes, told[-1]) == (["It rained."], "It rained.")

@@ -135,7 +135,7 @@ def test_nothing_named_leaves_no_effect(run):
     facts = written(replace(run.discovery, verdict="no_missing_effect", added=(), steps=(step,)))
     check(facts, CONTRACT)
     assert (facts["effects"], facts["candidates"]) == ([], [])
-    assert facts["steps"] == [{"step": 1, "sentence": "Nothing.", "elapsed_s": 1.0}]
+    assert facts["steps"] == [{"step": 1, "sentence": "Nothing.", "withdrawn": False, "elapsed_s": 1.0}]
 
 
 def test_what_stays_unexplained_is_told_with_the_nearest_shapes(run):

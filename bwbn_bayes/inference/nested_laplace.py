@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 from scipy.special import logsumexp
 
 from bwbn_bayes.inference.importance import Mixture, Proposal, WeightedDraws, sample_importance
@@ -36,6 +35,7 @@ from bwbn_bayes.inference.sheet_nodes import (
     conditional_covariance,
     first_nodes,
     refitted,
+    surface_through,
     to_the_faces,
 )
 from bwbn_bayes.inference.truncated import Bend, walk
@@ -111,7 +111,7 @@ class NestedLaplace:
         np.einsum("nii->ni", packed)[...] = np.log(diagonal)
         shares, kept = nodes.shares(nodes.points), nodes.alive
         columns = np.hstack([mean[:, order], packed[:, *np.tril_indices(len(rest))]])
-        over = RBFInterpolator(shares, height, degree=1, smoothing=1e-4)
+        over = surface_through(shares, height, 1e-4)
         n_cells = _N_CELLS[len(wide) - 1]
         centres = np.stack(np.meshgrid(*[(np.arange(n_cells) + 0.5) / n_cells] * len(wide), indexing="ij"), axis=-1)
         log_mass = over(centres.reshape(-1, len(wide)))
@@ -123,7 +123,7 @@ class NestedLaplace:
             low=nodes.low,
             high=nodes.high,
             mass=mass.reshape([n_cells] * len(wide)),
-            surface=RBFInterpolator(shares[kept], columns[kept], degree=1, smoothing=1e-6),
+            surface=surface_through(shares[kept], columns[kept], 1e-6),
         )
 
     def bent(self, posterior: Posterior, nodes: Nodes) -> Self:

@@ -113,6 +113,17 @@ def refitted(posterior: Posterior, points: Floats, wide: Integers, n_iterations:
     return polish(posterior, points, n_iterations=n_iterations, held=held, reach=2.0 * REACH)
 
 
+def surface_through(points: Floats, values: Floats, smoothing: float) -> RBFInterpolator:
+    """Thin-plate splines through values at points ``(n, n_wide)``.
+
+    Where the points lie in a plane, say all on one face of the box, they do not fix a slope across it: then none.
+    """
+    planes = np.column_stack([np.ones(len(points)), points])
+    if np.linalg.matrix_rank(planes) < planes.shape[1]:
+        return RBFInterpolator(points, values, kernel="linear", degree=0, smoothing=smoothing)
+    return RBFInterpolator(points, values, degree=1, smoothing=smoothing)
+
+
 def to_the_faces(shares: Floats) -> Floats:
     """Shares of the box stretched about its centre, what lies beyond put on its faces.
 
@@ -125,7 +136,7 @@ def to_the_faces(shares: Floats) -> Floats:
 def _from_neighbours(posterior: Posterior, nodes: Nodes) -> Nodes:
     """Climb again from the surface through the nodes alive, where that is better at once."""
     alive, wide = nodes.alive, nodes.wide
-    surface = RBFInterpolator(nodes.points[alive][:, wide], nodes.points[alive], degree=1, smoothing=1e-6)
+    surface = surface_through(nodes.points[alive][:, wide], nodes.points[alive], 1e-6)
     starts = np.clip(surface(nodes.points[:, wide]), EDGE, 1.0 - EDGE)
     starts[:, wide] = nodes.points[:, wide]
     better = posterior.log_likelihood(starts) > nodes.local.log_likelihood + 0.1

@@ -194,6 +194,17 @@ def test_a_bent_sheet_is_found_exactly() -> None:
     assert np.mean(per_column) == pytest.approx(1.0, abs=0.02)
 
 
+def test_nodes_on_one_face_of_the_box_still_make_a_sheet() -> None:
+    """No slope across the face can be known; the density stays proper."""
+    nodes = banana_nodes()
+    nodes.points[:, 1] = 0.0
+    nodes.points[:, 2] = surface(nodes.points)
+    nested = NestedLaplace.through(nodes)
+    points, log_density = nested.transport(np.random.default_rng(9).random((500, 3)))
+    assert np.all(np.isfinite(points))
+    np.testing.assert_allclose(nested.log_density(points), log_density, atol=1e-5)
+
+
 def test_distance_from_the_sheet_counts_standard_deviations() -> None:
     nested = NestedLaplace.through(banana_nodes())
     points = np.random.default_rng(7).uniform(0.2, 0.8, (50, 3))

@@ -46,7 +46,7 @@ _PILOT = 800
 _LEAST_EFFICIENCY = 0.5
 _PILOT_LIMIT = 0.5
 _N_REFINED = 3
-"""Times that a sheet whose weights turn out to have a heavy tail is refined and drawn from anew."""
+"""Times that a proposal whose weights turn out to have a heavy tail is bettered and drawn from anew."""
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it runs with this fraction of the draws asked for: each costs it some hundred solves."""
 
@@ -317,12 +317,19 @@ def _importance(
     """Importance sampling from the modes, or from the sheet through them where they alone cover the posterior badly."""
     start = laplace_mixture(modes)
     sheet: Sheet | None = None
-    pilot = sample_importance(posterior, start, rng, effective=_PILOT, most=_PILOT)
-    poor = pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
-    if poor and posterior.n_dim > 1:
+
+    def lay() -> Sheet:
         history.say("the posterior is bent: laying a sheet through it")
-        sheet = Sheet(posterior, modes, start, rng)
-        sheet.settle()
+        laid = Sheet(posterior, modes, start, rng)
+        laid.settle()
+        return laid
+
+    pilot = sample_importance(posterior, start, rng, effective=_PILOT, most=_PILOT)
+    may_bend = posterior.n_dim > 1
+    if may_bend and (
+        pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
+    ):
+        sheet = lay()
     history.say("sampling the posterior by importance")
 
     def tell(reached: float, n_draws: int) -> None:
@@ -340,15 +347,20 @@ def _importance(
             ),
         )
 
-    if sheet is None:
-        return sample_importance(posterior, start, rng, effective=effective, progress=tell), None
-    weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, progress=tell)
-    for _ in range(_N_REFINED):
+    def drawn() -> WeightedDraws:
+        proposal = start if sheet is None else sheet.proposal
+        return sample_importance(posterior, proposal, rng, effective=effective, progress=tell)
+
+    weighted = drawn()
+    for _ in range(_N_REFINED if may_bend else 0):
         if weighted.pareto_k <= PARETO_LIMIT:
             break
-        sheet.refine(weighted)
-        weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, progress=tell)
-    return weighted, sheet.nested
+        if sheet is None:
+            sheet = lay()
+        else:
+            sheet.refine(weighted)
+        weighted = drawn()
+    return weighted, None if sheet is None else sheet.nested
 
 
 def _bridge(

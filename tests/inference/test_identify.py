@@ -10,8 +10,12 @@ from pymc_cases import TRUTH, small_model, small_record
 
 from bwbn_bayes import BoucWen, Record, Result, Settings, ShearBuilding, UserError, identify
 from bwbn_bayes.inference.identify import METHODS, identify_from
+from bwbn_bayes.inference.importance import Mixture, WeightedDraws, sample_importance
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.nested_laplace import NestedLaplace
+from bwbn_bayes.inference.tmcmc.target import Target
+from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import StageFacts
 
@@ -202,7 +206,7 @@ def test_a_missing_effect_is_not_silent(slip_record: Record) -> None:
 
 
 def test_a_redundant_scale_is_said_and_sampled(record: Record) -> None:
-    """With A free the run follows the ridge; A's posterior is nearly its prior."""
+    """With A free the run lays a sheet; A's posterior is nearly its prior."""
     facts = identify(with_free_a(sdof_model()), record, settings=Settings(particles=1000)).facts
     assert len(facts.identifiability) == 1
     assert all(name in facts.identifiability[0] for name in ("k", "A", "alpha", "beta", "gamma"))
@@ -210,6 +214,30 @@ def test_a_redundant_scale_is_said_and_sampled(record: Record) -> None:
     assert flags["A"] == "unidentified"
     assert facts.effective_sample_size >= 0.98 * 1000
     assert "residual" not in " ".join(check.sentence for check in facts.checks if not check.passed)
+
+
+def test_a_heavy_tail_found_late_is_answered_by_a_sheet(
+    posterior: Posterior, mode: Mode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pilot passes; all draws are then said to hold a heavy one: the sheet's draws replace them."""
+    drawn: list[Mixture] = []
+
+    def heavy_at_first(target: Target, proposal: Mixture, rng: np.random.Generator, **options: float) -> WeightedDraws:
+        found = sample_importance(target, proposal, rng, effective=options["effective"])
+        if "progress" not in options:
+            return found
+        drawn.append(proposal)
+        return replace(found, pareto_k=0.9) if len(drawn) == 1 else found
+
+    monkeypatch.setattr("bwbn_bayes.inference.identify.sample_importance", heavy_at_first)
+    told: list[str] = []
+    facts = identify_from(
+        posterior, mode.point[None], settings=Settings(particles=500), listener=lambda text, _: told.append(text)
+    ).facts
+    assert [type(proposal.components[0]) for proposal in drawn] == [TruncatedStudent, NestedLaplace]
+    assert any("sheet" in text for text in told)
+    assert facts.method == "importance"
+    assert all(check.passed for check in facts.checks if check.name == "Pareto k")
 
 
 def test_methods_are_four() -> None:

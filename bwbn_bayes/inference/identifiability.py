@@ -11,9 +11,6 @@ from bwbn_bayes.parameters import Floats
 PRIOR_SD = float(np.sqrt(1.0 / 12.0))
 """Standard deviation of every coordinate of the unit cube under the prior."""
 
-INVOLVED = 0.12
-"""A parameter takes part in a direction where its component exceeds this share of the largest."""
-
 UNSEEN = 0.5
 """A direction is unseen where the data leave more than this share of the prior's standard deviation."""
 

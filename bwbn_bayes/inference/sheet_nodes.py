@@ -73,7 +73,8 @@ class Nodes:
     def alive(self) -> NDArray[np.bool_]:
         """Which of them lie within reach of the best, or are the few best, ``(n,)``."""
         value = self.local.log_likelihood
-        return value >= min(float(np.max(value)) - REACH, float(np.sort(value)[-2 * len(self.wide) - 2]))
+        few = min(2 * len(self.wide) + 2, len(value))
+        return value >= min(float(np.max(value)) - REACH, float(np.sort(value)[-few]))
 
 
 def wide_coordinates(information: Floats) -> Integers:
@@ -98,7 +99,7 @@ def first_nodes(posterior: Posterior, modes: Sequence[Mode]) -> Nodes:
     shares = qmc.Sobol(len(wide), rng=0).random(_N_NODES[len(wide) - 1])
     held = low + to_the_faces(shares) * (high - low)
     starts = _continued(posterior, modes, wide, np.clip(held, EDGE, 1.0 - EDGE))
-    points, local = refitted(posterior, starts, wide, 15)
+    points, local = refitted(posterior, np.concatenate([[mode.point for mode in modes], starts]), wide, 15)
     nodes = Nodes(points=points, local=local, wide=wide, low=low, high=high)
     for _ in range(3):
         before, nodes = nodes, _from_neighbours(posterior, nodes)
@@ -108,9 +109,11 @@ def first_nodes(posterior: Posterior, modes: Sequence[Mode]) -> Nodes:
 
 
 def refitted(posterior: Posterior, points: Floats, wide: Integers, n_iterations: int) -> tuple[Floats, Linearisation]:
-    """Climb from points ``(n, n_dim)`` with the wide coordinates held."""
+    """Climb from points ``(n, n_dim)`` with the wide coordinates held; those that cannot be solved are left out."""
     held = np.isin(np.arange(points.shape[1]), wide)
-    return polish(posterior, points, n_iterations=n_iterations, held=held, reach=2.0 * REACH)
+    found, local = polish(posterior, points, n_iterations=n_iterations, held=held, reach=2.0 * REACH)
+    solved = np.flatnonzero(np.isfinite(local.log_likelihood))
+    return found[solved], local[solved]
 
 
 def surface_through(points: Floats, values: Floats, smoothing: float) -> RBFInterpolator:

@@ -21,7 +21,7 @@ from scipy import integrate, stats
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.inference.importance import PARETO_LIMIT, WeightedDraws, laplace_mixture, sample_importance
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
-from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.modes import Mode, polish
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
 from bwbn_bayes.inference.sheet_nodes import Nodes, first_nodes, wide_coordinates
 from bwbn_bayes.parameters import Floats
@@ -218,6 +218,23 @@ def test_nodes_are_alive_within_reach_of_the_best_but_never_too_few() -> None:
     np.testing.assert_array_equal(np.flatnonzero(nodes.alive), np.arange(6))
     nodes.local.log_likelihood[:] = np.r_[np.zeros(10), np.full(6, -31.0)]
     assert np.count_nonzero(nodes.alive) == 10
+
+
+def test_what_cannot_be_solved_is_no_node(
+    free_posterior: Posterior, free_mode: Mode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of the refits fail; the sheet goes through the rest."""
+
+    def failing(*given: object, **options: object) -> tuple[Floats, Linearisation]:
+        points, local = polish(*given, **options)  # type: ignore[arg-type]
+        local.log_likelihood[1::2] = -np.inf
+        local.information[1::2] = np.nan
+        return points, local
+
+    monkeypatch.setattr("bwbn_bayes.inference.sheet_nodes.polish", failing)
+    nodes = first_nodes(free_posterior, [free_mode])
+    assert 0 < len(nodes.points) < 32
+    assert np.all(np.isfinite(NestedLaplace.through(nodes).log_density(free_mode.point[None])))
 
 
 def test_a_posterior_that_no_gaussian_covers(free_posterior: Posterior, free_mode: Mode) -> None:

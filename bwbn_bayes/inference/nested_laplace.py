@@ -191,7 +191,7 @@ class NestedLaplace:
 
     def log_density(self, points: Floats) -> Floats:
         """Normalised log density ``(n,)``; minus infinity outside cube and box."""
-        shares = (points[:, self.wide] - self.low) / (self.high - self.low)
+        shares = self._shares(points)
         inside = np.all((points >= 0.0) & (points <= 1.0), axis=1) & np.all((shares >= 0.0) & (shares <= 1.0), axis=1)
         shares = np.clip(shares, 0.0, 1.0)
         n_cells = self.mass.shape[0]
@@ -202,7 +202,7 @@ class NestedLaplace:
 
     def distance(self, points: Floats) -> Floats:
         """Root mean square of the rest's standardised deviations from the surface, ``(n,)``."""
-        mean, factor = self._conditional(np.clip((points[:, self.wide] - self.low) / (self.high - self.low), 0.0, 1.0))
+        mean, factor = self._conditional(np.clip(self._shares(points), 0.0, 1.0))
         rest = points[:, self.order]
         if self.bend is not None:
             mean = mean + self.bend(rest[:, : self.bend.n_wide] - mean[:, : self.bend.n_wide])
@@ -212,9 +212,12 @@ class NestedLaplace:
     def centred(self, rng: np.random.Generator, n: int) -> Floats:
         """Draws ``(n, n_dim)`` of the wide coordinates with the rest at its conditional mean, inside the cube."""
         points = self.sample(rng, n)
-        mean, _ = self._conditional((points[:, self.wide] - self.low) / (self.high - self.low))
+        mean, _ = self._conditional(self._shares(points))
         points[:, self.order] = mean
         return np.clip(points, EDGE, 1.0 - EDGE)
+
+    def _shares(self, points: Floats) -> Floats:
+        return np.asarray((points[:, self.wide] - self.low) / (self.high - self.low))
 
     def _log_mass(self, cells: tuple[Integers, ...]) -> Floats:
         volume = np.prod((self.high - self.low) / self.mass.shape[0])

@@ -62,8 +62,7 @@ def bridge(
     # Beside a wide coordinate and the one that is drawn first with it, something must be left to bend.
     if posterior.n_dim > _FEWEST:
         if nested is None:
-            nodes = first_nodes(posterior, kept)
-            nested = NestedLaplace.through(nodes).bent(posterior, nodes)
+            nested = NestedLaplace.laid(posterior, first_nodes(posterior, kept))
         if np.all(nested.distance(np.array([mode.point for mode in kept])) < _ON_THE_SHEET):
             target = Transported(target=posterior, transport=nested.inflated(INFLATION).transport)
             return target.back(

@@ -18,6 +18,14 @@ TAKES_PART = 0.25
 """A parameter takes part in a direction that accounts for more than this share of its posterior variance."""
 
 
+def covariance_of(information: Floats) -> Floats:
+    """Covariance ``(n, n)`` in prior units: the inverse of the data's information and the prior's own.
+
+    Of some of the coordinates only, with their part of the information: while the others are held.
+    """
+    return np.linalg.inv(information + np.eye(len(information)) / PRIOR_SD**2)
+
+
 def unseen_directions(information: Floats) -> list[tuple[float, Floats]]:
     """Directions of the unit cube that the data leave open.
 
@@ -51,7 +59,7 @@ def describe(information: Floats, names: Sequence[str]) -> tuple[str, ...]:
         Labels of the parameters.
     """
     sentences = []
-    covariance = np.linalg.inv(information + np.eye(len(names)) / PRIOR_SD**2)
+    covariance = covariance_of(information)
     for _, direction in unseen_directions(information):
         share = (direction @ covariance @ direction) * np.square(direction) / np.diag(covariance)
         involved = [names[i] for i in np.argsort(-np.abs(direction)) if share[i] > TAKES_PART]

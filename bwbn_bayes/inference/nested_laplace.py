@@ -24,20 +24,20 @@ from typing import Self
 import numpy as np
 from scipy.special import logsumexp
 
+from bwbn_bayes.inference.identifiability import covariance_of
 from bwbn_bayes.inference.importance import Mixture, Proposal, WeightedDraws, sample_importance
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.sheet_nodes import (
     EDGE,
     REACH,
-    Integers,
     Nodes,
-    conditional_covariance,
     first_nodes,
     refitted,
     surface_through,
     to_the_faces,
 )
+from bwbn_bayes.inference.tmcmc.target import Integers
 from bwbn_bayes.inference.truncated import Bend, walk
 from bwbn_bayes.parameters import Floats
 
@@ -91,11 +91,16 @@ class NestedLaplace:
     degrees: float = np.inf
 
     @classmethod
+    def laid(cls, posterior: Posterior, nodes: Nodes) -> Self:
+        """Through the nodes, with the curvature within the rest."""
+        return cls.through(nodes).bent(posterior, nodes)
+
+    @classmethod
     def through(cls, nodes: Nodes) -> Self:
         """Interpolate between nodes."""
         wide = nodes.wide
         rest = np.setdiff1d(np.arange(nodes.points.shape[1]), wide)
-        covariance = np.array([conditional_covariance(info[np.ix_(rest, rest)]) for info in nodes.local.information])
+        covariance = np.array([covariance_of(info[np.ix_(rest, rest)]) for info in nodes.local.information])
         gradient = nodes.local.gradient[:, rest]
         step = np.einsum("nij,nj->ni", covariance, gradient)
         mean = nodes.points[:, rest] + step
@@ -136,7 +141,7 @@ class NestedLaplace:
         if m < 1:
             return self
         first, later = self.order[:m], self.order[m:]
-        covariance = conditional_covariance(nodes.local.information[best][np.ix_(self.order, self.order)])
+        covariance = covariance_of(nodes.local.information[best][np.ix_(self.order, self.order)])
         mean = point[self.order] + covariance @ nodes.local.gradient[best][self.order]
         sd = np.sqrt(np.diag(covariance))[:m]
         single = [side * 1.5 * sd[i] * np.eye(m)[i] for i in range(m) for side in (-1.0, 1.0)]
@@ -150,7 +155,7 @@ class NestedLaplace:
         # One further Newton step tells where an optimum beyond a bound would lie, as the means do.
         step = np.einsum(
             "nij,nj->ni",
-            [conditional_covariance(information[np.ix_(later, later)]) for information in local.information],
+            [covariance_of(information[np.ix_(later, later)]) for information in local.information],
             local.gradient[:, later],
         )
         bend = Bend(n_wide=m, coefficients=np.zeros((m * (m + 3) // 2, len(self.order))))
@@ -251,7 +256,7 @@ class Sheet:
     def __init__(self, posterior: Posterior, modes: Sequence[Mode], start: Proposal, rng: np.random.Generator) -> None:
         self._posterior, self._start, self._rng = posterior, start, rng
         self._nodes = first_nodes(posterior, modes)
-        self.nested = NestedLaplace.through(self._nodes).bent(posterior, self._nodes)
+        self.nested = NestedLaplace.laid(posterior, self._nodes)
 
     @property
     def proposal(self) -> Mixture:
@@ -273,7 +278,7 @@ class Sheet:
         typical[:, nodes.wide] = np.clip(held, EDGE, 1.0 - EDGE)
         starts = np.concatenate([_heavy(draws, self._rng), typical])
         self._nodes = nodes.joined(*refitted(self._posterior, starts, nodes.wide, 10))
-        self.nested = NestedLaplace.through(self._nodes).bent(self._posterior, self._nodes)
+        self.nested = NestedLaplace.laid(self._posterior, self._nodes)
 
 
 def _heavy(pilot: WeightedDraws, rng: np.random.Generator) -> Floats:

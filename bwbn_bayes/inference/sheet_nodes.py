@@ -6,15 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.stats import qmc
 
+from bwbn_bayes.inference.identifiability import covariance_of
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, polish
-from bwbn_bayes.parameters import Floats
-
-Integers = NDArray[np.int64]
+from bwbn_bayes.inference.tmcmc.target import Integers
+from bwbn_bayes.parameters import Booleans, Floats
 
 MOST_WIDE = 4
 EDGE = 1e-6
@@ -25,7 +24,6 @@ _WIDE = 0.02
 """A coordinate is wide whose standard deviation, given the wide ones before it, exceeds this share of the prior."""
 _N_NODES = (32, 32, 64, 128)
 """For one, two, three or four wide coordinates."""
-_PRIOR_PRECISION = 12.0
 _SPREAD = 8.0
 """The nodes reach this many standard deviations to each side of the modes."""
 _STRETCH = 1.15
@@ -70,7 +68,7 @@ class Nodes:
         return np.asarray((points[:, self.wide] - self.low) / (self.high - self.low))
 
     @property
-    def alive(self) -> NDArray[np.bool_]:
+    def alive(self) -> Booleans:
         """Which of them lie within reach of the best, or are the few best, ``(n,)``."""
         value = self.local.log_likelihood
         few = min(2 * len(self.wide) + 2, len(value))
@@ -82,7 +80,7 @@ def wide_coordinates(information: Floats) -> Integers:
     rest = list(range(len(information)))
     wide: list[int] = []
     while len(rest) > 1 and len(wide) < MOST_WIDE:
-        sd = np.sqrt(np.diag(conditional_covariance(information[np.ix_(rest, rest)])))
+        sd = np.sqrt(np.diag(covariance_of(information[np.ix_(rest, rest)])))
         if wide and np.max(sd) < _WIDE:
             break
         wide.append(rest.pop(int(np.argmax(sd))))
@@ -92,7 +90,7 @@ def wide_coordinates(information: Floats) -> Integers:
 def first_nodes(posterior: Posterior, modes: Sequence[Mode]) -> Nodes:
     """Refit the rest at nodes over the box of the wide coordinates that the modes suggest."""
     wide = wide_coordinates(modes[0].information)
-    sds = np.sqrt([np.diag(conditional_covariance(mode.information))[wide] for mode in modes])
+    sds = np.sqrt([np.diag(covariance_of(mode.information))[wide] for mode in modes])
     centres = np.array([mode.point[wide] for mode in modes])
     low = np.clip(np.min(centres - _SPREAD * sds, axis=0), 0.0, 1.0)
     high = np.clip(np.max(centres + _SPREAD * sds, axis=0), 0.0, 1.0)
@@ -156,12 +154,12 @@ def _continued(posterior: Posterior, modes: Sequence[Mode], wide: Integers, held
     Parameters that share one scale follow powers of each other exactly.
     """
     known = np.array([mode.point for mode in modes])
-    sds = np.sqrt(np.diag(conditional_covariance(modes[0].information)))[wide]
+    sds = np.sqrt(np.diag(covariance_of(modes[0].information)))[wide]
     nearest = np.argmin(np.sum(np.square((held[:, None] - known[None][:, :, wide]) / sds), axis=2), axis=1)
     straight, powers = np.empty((len(held), known.shape[1])), np.empty((len(held), known.shape[1]))
     for index in np.unique(nearest):
         mine = nearest == index
-        point, covariance = known[index], conditional_covariance(modes[index].information)
+        point, covariance = known[index], covariance_of(modes[index].information)
         slope = np.linalg.solve(covariance[np.ix_(wide, wide)], covariance[wide]).T
         straight[mine] = point + (held[mine] - point[wide]) @ slope.T
         value = posterior.space.from_unit(point[None])
@@ -177,8 +175,3 @@ def _continued(posterior: Posterior, modes: Sequence[Mode], wide: Integers, held
         starts[:, wide] = held
     better = posterior.log_likelihood(powers) > posterior.log_likelihood(straight)
     return np.where(better[:, None], powers, straight)
-
-
-def conditional_covariance(information: Floats) -> Floats:
-    """Of coordinates with this information and the prior's own, the others held."""
-    return np.linalg.inv(information + _PRIOR_PRECISION * np.eye(len(information)))

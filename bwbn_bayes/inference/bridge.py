@@ -17,7 +17,7 @@ from bwbn_bayes.inference.transported import Transported
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.results import StageFacts
 
-INFLATION = 4.0
+INFLATION = 2.0
 """Factor on the variances of the approximation from which it starts at one mode."""
 _INFLATION_OF_SEVERAL = 25.0
 _FEWEST = 2

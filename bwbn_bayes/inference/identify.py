@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -21,7 +22,6 @@ from bwbn_bayes.inference.bridge import bridge
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
     WeightedDraws,
-    laplace_mixture,
     sample_importance,
 )
 from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
@@ -315,52 +315,45 @@ def _importance(
     posterior: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator, effective: int, history: _History
 ) -> tuple[WeightedDraws, NestedLaplace | None]:
     """Importance sampling from the modes, or from the sheet through them where they alone cover the posterior badly."""
-    start = laplace_mixture(modes)
-    sheet: Sheet | None = None
-
-    def lay() -> Sheet:
-        history.say("the posterior is bent: laying a sheet through it")
-        laid = Sheet(posterior, modes, start, rng)
-        laid.settle()
-        return laid
-
-    pilot = sample_importance(posterior, start, rng, effective=_PILOT, most=_PILOT)
-    may_bend = posterior.n_dim > 1
-    if may_bend and (
-        pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
-    ):
-        sheet = lay()
+    sheet = Sheet(posterior, modes, rng)
+    n_refined = _N_REFINED if posterior.n_dim > 1 else 0
+    pilot = sample_importance(posterior, sheet.proposal, rng, effective=_PILOT, most=_PILOT)
+    poor = pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
+    if poor and n_refined:
+        _lay(sheet, history)
     history.say("sampling the posterior by importance")
-
-    def tell(reached: float, n_draws: int) -> None:
-        history.say(
-            f"{reached:.0f} of {effective} effective draws",
-            StageFacts(
-                stage=0,
-                tempering_parameter=1.0,
-                acceptance=float("nan"),
-                effective_sample_size=reached,
-                n_solves=posterior.solves.total,
-                log_evidence=float("nan"),
-                elapsed_s=0.0,
-                label=f"importance sampling, {n_draws} draws",
-            ),
-        )
-
-    def drawn() -> WeightedDraws:
-        proposal = start if sheet is None else sheet.proposal
-        return sample_importance(posterior, proposal, rng, effective=effective, progress=tell)
-
-    weighted = drawn()
-    for _ in range(_N_REFINED if may_bend else 0):
+    tell = partial(_tell_draws, history, posterior, effective)
+    weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, progress=tell)
+    for _ in range(n_refined):
         if weighted.pareto_k <= PARETO_LIMIT:
             break
-        if sheet is None:
-            sheet = lay()
+        if sheet.nested is None:
+            _lay(sheet, history)
         else:
             sheet.refine(weighted)
-        weighted = drawn()
-    return weighted, None if sheet is None else sheet.nested
+        weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, progress=tell)
+    return weighted, sheet.nested
+
+
+def _lay(sheet: Sheet, history: _History) -> None:
+    history.say("the posterior is bent: laying a sheet through it")
+    sheet.lay()
+
+
+def _tell_draws(history: _History, posterior: Posterior, effective: int, reached: float, n_draws: int) -> None:
+    history.say(
+        f"{reached:.0f} of {effective} effective draws",
+        StageFacts(
+            stage=0,
+            tempering_parameter=1.0,
+            acceptance=float("nan"),
+            effective_sample_size=reached,
+            n_solves=posterior.solves.total,
+            log_evidence=float("nan"),
+            elapsed_s=0.0,
+            label=f"importance sampling, {n_draws} draws",
+        ),
+    )
 
 
 def _bridge(
@@ -383,12 +376,12 @@ def _bridge(
 
 
 def _from_prior(posterior: Posterior, settings: Settings, history: _History) -> TmcmcResult:
-    """The published road: from the prior, one Metropolis step a stage, a fifth of the particles, the coarse scheme.
+    """The published road: from the prior, one Metropolis step a stage, a tenth of the particles, the coarse scheme.
 
     Its evidence is known to fall short on long records; it is printed beside the bridge's, not used.
     """
     history.say("sampling by transitional MCMC from the prior")
-    fewest = max(settings.particles // 5, 8 * (posterior.n_dim + 1))
+    fewest = max(settings.particles // 10, 8 * (posterior.n_dim + 1))
     coarse = posterior.with_engine(on_rung(posterior.engine, LADDER[0]))
     return sample(
         coarse,

@@ -25,12 +25,13 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bwbn_bayes.inference.identifiability import covariance_of
-from bwbn_bayes.inference.importance import Mixture, Proposal, WeightedDraws, sample_importance
+from bwbn_bayes.inference.importance import Mixture, WeightedDraws, laplace_mixture, sample_importance
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.sheet_nodes import (
     EDGE,
     REACH,
+    Box,
     Nodes,
     first_nodes,
     refitted,
@@ -62,12 +63,10 @@ class NestedLaplace:
 
     Attributes
     ----------
-    wide : (n_wide,) integer array
-        The coordinates that are taken out.
+    box : Box
+        Over the coordinates that are taken out; the density is zero outside.
     order : (n_dim - n_wide,) integer array
         The rest, in the order in which they are drawn.
-    low, high : (n_wide,) array
-        The box over the wide coordinates; the density is zero outside.
     mass : array of n_wide dimensions
         Probability of each cell of the box.
     surface : callable
@@ -80,10 +79,8 @@ class NestedLaplace:
         Degrees of freedom of the conditional Student-t.
     """
 
-    wide: Integers
+    box: Box
     order: Integers
-    low: Floats
-    high: Floats
     mass: Floats
     surface: Callable[[Floats], Floats]
     bend: Bend | None = None
@@ -98,7 +95,7 @@ class NestedLaplace:
     @classmethod
     def through(cls, nodes: Nodes) -> Self:
         """Interpolate between nodes."""
-        wide = nodes.wide
+        wide = nodes.box.wide
         rest = np.setdiff1d(np.arange(nodes.points.shape[1]), wide)
         covariance = np.array([covariance_of(info[np.ix_(rest, rest)]) for info in nodes.local.information])
         gradient = nodes.local.gradient[:, rest]
@@ -114,7 +111,7 @@ class NestedLaplace:
         height = np.maximum(height - np.max(height), -1.5 * REACH)
         packed = factor / diagonal[:, :, None]
         np.einsum("nii->ni", packed)[...] = np.log(diagonal)
-        shares, kept = nodes.shares(nodes.points), nodes.alive
+        shares, kept = nodes.box.shares(nodes.points), nodes.alive
         columns = np.hstack([mean[:, order], packed[:, *np.tril_indices(len(rest))]])
         over = surface_through(shares, height, 1e-4)
         n_cells = _N_CELLS[len(wide) - 1]
@@ -123,10 +120,8 @@ class NestedLaplace:
         mass = np.exp(log_mass - logsumexp(log_mass))
         mass = (1.0 - _DEFENSIVE) * mass + _DEFENSIVE / mass.size
         return cls(
-            wide=wide,
+            box=nodes.box,
             order=rest[order],
-            low=nodes.low,
-            high=nodes.high,
             mass=mass.reshape([n_cells] * len(wide)),
             surface=surface_through(shares[kept], columns[kept], 1e-6),
         )
@@ -151,7 +146,7 @@ class NestedLaplace:
         deviations = starts[:, first] - mean[:m]
         straight = mean[m:] + deviations @ np.linalg.solve(covariance[:m, :m], covariance[:m, m:])
         starts[:, later] = np.clip(straight, EDGE, 1.0 - EDGE)
-        points, local = refitted(posterior, starts, np.concatenate([self.wide, first]), 10)
+        points, local = refitted(posterior, starts, np.concatenate([self.box.wide, first]), 10)
         # One further Newton step tells where an optimum beyond a bound would lie, as the means do.
         step = np.einsum(
             "nij,nj->ni",
@@ -170,11 +165,11 @@ class NestedLaplace:
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draws ``(n, n_dim)``."""
-        return self.transport(rng.random((n, len(self.order) + len(self.wide))))[0]
+        return self.transport(rng.random((n, len(self.order) + len(self.box.wide))))[0]
 
     def transport(self, uniforms: Floats) -> tuple[Floats, Floats]:
         """Map uniform points ``(n, n_dim)`` of the cube to draws, and give the draws' log density ``(n,)``."""
-        n_wide, n_cells = len(self.wide), self.mass.shape[0]
+        n_wide, n_cells = len(self.box.wide), self.mass.shape[0]
         shares = np.empty((len(uniforms), n_wide))
         cells: list[Integers] = []
         for axis in range(n_wide):
@@ -190,13 +185,13 @@ class NestedLaplace:
         mean, factor = self._conditional(shares)
         ordered, log_density = walk(mean, factor, self.degrees, uniforms=uniforms[:, n_wide:], bend=self.bend)
         points = np.empty_like(uniforms)
-        points[:, self.wide] = self.low + shares * (self.high - self.low)
+        points[:, self.box.wide] = self.box.values(shares)
         points[:, self.order] = ordered
         return points, log_density + self._log_mass(tuple(cells))
 
     def log_density(self, points: Floats) -> Floats:
         """Normalised log density ``(n,)``; minus infinity outside cube and box."""
-        shares = self._shares(points)
+        shares = self.box.shares(points)
         inside = np.all((points >= 0.0) & (points <= 1.0), axis=1) & np.all((shares >= 0.0) & (shares <= 1.0), axis=1)
         shares = np.clip(shares, 0.0, 1.0)
         n_cells = self.mass.shape[0]
@@ -207,7 +202,7 @@ class NestedLaplace:
 
     def distance(self, points: Floats) -> Floats:
         """Root mean square of the rest's standardised deviations from the surface, ``(n,)``."""
-        mean, factor = self._conditional(np.clip(self._shares(points), 0.0, 1.0))
+        mean, factor = self._conditional(np.clip(self.box.shares(points), 0.0, 1.0))
         rest = points[:, self.order]
         if self.bend is not None:
             mean = mean + self.bend(rest[:, : self.bend.n_wide] - mean[:, : self.bend.n_wide])
@@ -217,16 +212,12 @@ class NestedLaplace:
     def centred(self, rng: np.random.Generator, n: int) -> Floats:
         """Draws ``(n, n_dim)`` of the wide coordinates with the rest at its conditional mean, inside the cube."""
         points = self.sample(rng, n)
-        mean, _ = self._conditional(self._shares(points))
+        mean, _ = self._conditional(self.box.shares(points))
         points[:, self.order] = mean
         return np.clip(points, EDGE, 1.0 - EDGE)
 
-    def _shares(self, points: Floats) -> Floats:
-        return np.asarray((points[:, self.wide] - self.low) / (self.high - self.low))
-
     def _log_mass(self, cells: tuple[Integers, ...]) -> Floats:
-        volume = np.prod((self.high - self.low) / self.mass.shape[0])
-        return np.asarray(np.log(self.mass[cells] / volume))
+        return np.asarray(np.log(self.mass[cells] * self.mass.size / self.box.volume))
 
     def _conditional(self, shares: Floats) -> tuple[Floats, Floats]:
         d = len(self.order)
@@ -239,7 +230,7 @@ class NestedLaplace:
 
 
 class Sheet:
-    """A nested approximation that learns from the weights of its own draws.
+    """A proposal from the modes alone; once laid, a nested approximation that learns from the weights of its own draws.
 
     Parameters
     ----------
@@ -247,24 +238,32 @@ class Sheet:
         Target.
     modes : sequence of Mode
         Its optima, best first.
-    start : Proposal
-        What the modes alone suggest; it keeps a small share of the proposal.
     rng : numpy.random.Generator
         Random stream.
+
+    Attributes
+    ----------
+    nested : NestedLaplace, optional
+        The sheet, once it is laid.
     """
 
-    def __init__(self, posterior: Posterior, modes: Sequence[Mode], start: Proposal, rng: np.random.Generator) -> None:
-        self._posterior, self._start, self._rng = posterior, start, rng
-        self._nodes = first_nodes(posterior, modes)
-        self.nested = NestedLaplace.laid(posterior, self._nodes)
+    def __init__(self, posterior: Posterior, modes: Sequence[Mode], rng: np.random.Generator) -> None:
+        self._posterior, self._modes, self._rng = posterior, modes, rng
+        self._start = laplace_mixture(modes)
+        self._nodes: Nodes | None = None
+        self.nested: NestedLaplace | None = None
 
     @property
     def proposal(self) -> Mixture:
-        """The sheet, a wider one for its tails, and the start."""
+        """What the modes alone suggest; once laid, the sheet, a wider one for its tails, and a little of that."""
+        if self.nested is None:
+            return self._start
         return Mixture(weights=(0.65, 0.3, 0.05), components=(self.nested, self.nested.inflated(*_TAILS), self._start))
 
-    def settle(self) -> None:
-        """Refine by pilots until their weights are even, or six rounds are over."""
+    def lay(self) -> None:
+        """Lay it through the modes, and refine it by pilots until their weights are even or six rounds are over."""
+        self._nodes = first_nodes(self._posterior, self._modes)
+        self.nested = NestedLaplace.laid(self._posterior, self._nodes)
         for _ in range(_N_ROUNDS):
             pilot = sample_importance(self._posterior, self.proposal, self._rng, effective=_N_PILOT, most=_N_PILOT)
             if pilot.effective_sample_size > _ENOUGH * len(pilot.points) and pilot.pareto_k < _LIGHT:
@@ -273,11 +272,13 @@ class Sheet:
 
     def refine(self, draws: WeightedDraws) -> None:
         """Lay nodes where draws of the proposal turned out heavy, and as many where it has its mass."""
+        if self._nodes is None or self.nested is None:
+            raise ValueError("lay the sheet before refining it")
         nodes, typical = self._nodes, self.nested.inflated(2.0).centred(self._rng, _N_ADDED)
-        held = nodes.low + to_the_faces(nodes.shares(typical)) * (nodes.high - nodes.low)
-        typical[:, nodes.wide] = np.clip(held, EDGE, 1.0 - EDGE)
+        held = nodes.box.values(to_the_faces(nodes.box.shares(typical)))
+        typical[:, nodes.box.wide] = np.clip(held, EDGE, 1.0 - EDGE)
         starts = np.concatenate([_heavy(draws, self._rng), typical])
-        self._nodes = nodes.joined(*refitted(self._posterior, starts, nodes.wide, 10))
+        self._nodes = nodes.joined(*refitted(self._posterior, starts, nodes.box.wide, 10))
         self.nested = NestedLaplace.laid(self._posterior, self._nodes)
 
 

@@ -178,11 +178,18 @@ def noise_floor(signal: Floats) -> float:
 
 
 def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
-    """Noise level and whiteness of the residual at a point ``(n_dim,)`` of the unit cube, worst channel of each."""
+    """Noise level and whiteness of the residual at a point ``(n_dim,)`` of the unit cube, worst channel of each.
+
+    The colour of what is less than a thousandth of a channel's rms does not count: a record without noise leaves only
+    the solver's error.
+    """
     record = posterior.record
     residual = dict(zip(record.channels, residual_of(posterior, point), strict=True))
     ratios = {name: float(np.std(rest)) / noise_floor(record.channels[name]) for name, rest in residual.items()}
-    white = {name: whiteness_probability(rest) for name, rest in residual.items()}
+    white = {
+        name: whiteness_probability(rest) if np.std(rest) > LEAST_NOISE * np.std(record.channels[name]) else 1.0
+        for name, rest in residual.items()
+    }
     loudest, reddest = max(ratios, key=lambda name: ratios[name]), min(white, key=lambda name: white[name])
     return (
         Check(

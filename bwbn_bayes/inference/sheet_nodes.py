@@ -30,6 +30,36 @@ _STRETCH = 1.15
 
 
 @dataclass(frozen=True, kw_only=True)
+class Box:
+    """A box over the coordinates that stay wide.
+
+    Attributes
+    ----------
+    wide : (n_wide,) integer array
+        Which coordinates.
+    low, high : (n_wide,) array
+        Its faces, within the unit cube.
+    """
+
+    wide: Integers
+    low: Floats
+    high: Floats
+
+    def shares(self, points: Floats) -> Floats:
+        """Where in the box points ``(n, n_dim)`` lie, ``(n, n_wide)``: zero at the low faces, one at the high ones."""
+        return np.asarray((points[:, self.wide] - self.low) / (self.high - self.low))
+
+    def values(self, shares: Floats) -> Floats:
+        """The wide coordinates ``(n, n_wide)`` at these shares."""
+        return np.asarray(self.low + shares * (self.high - self.low))
+
+    @property
+    def volume(self) -> float:
+        """In the unit cube."""
+        return float(np.prod(self.high - self.low))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Nodes:
     """Points whose rest is at its conditional optimum, and the expansion there.
 
@@ -39,17 +69,13 @@ class Nodes:
         In the unit cube.
     local : Linearisation
         There, in the directions of the rest.
-    wide : (n_wide,) integer array
-        The coordinates that were held.
-    low, high : (n_wide,) array
-        The box over them.
+    box : Box
+        Over the coordinates that were held.
     """
 
     points: Floats
     local: Linearisation
-    wide: Integers
-    low: Floats
-    high: Floats
+    box: Box
 
     def joined(self, points: Floats, local: Linearisation) -> Nodes:
         """With further ones."""
@@ -63,15 +89,11 @@ class Nodes:
             ),
         )
 
-    def shares(self, points: Floats) -> Floats:
-        """Where in the box points ``(n, n_dim)`` lie, ``(n, n_wide)``."""
-        return np.asarray((points[:, self.wide] - self.low) / (self.high - self.low))
-
     @property
     def alive(self) -> Booleans:
         """Which of them lie within reach of the best, or are the few best, ``(n,)``."""
         value = self.local.log_likelihood
-        few = min(2 * len(self.wide) + 2, len(value))
+        few = min(2 * len(self.box.wide) + 2, len(value))
         return value >= min(float(np.max(value)) - REACH, float(np.sort(value)[-few]))
 
 
@@ -92,13 +114,16 @@ def first_nodes(posterior: Posterior, modes: Sequence[Mode]) -> Nodes:
     wide = wide_coordinates(modes[0].information)
     sds = np.sqrt([np.diag(covariance_of(mode.information))[wide] for mode in modes])
     centres = np.array([mode.point[wide] for mode in modes])
-    low = np.clip(np.min(centres - _SPREAD * sds, axis=0), 0.0, 1.0)
-    high = np.clip(np.max(centres + _SPREAD * sds, axis=0), 0.0, 1.0)
+    box = Box(
+        wide=wide,
+        low=np.clip(np.min(centres - _SPREAD * sds, axis=0), 0.0, 1.0),
+        high=np.clip(np.max(centres + _SPREAD * sds, axis=0), 0.0, 1.0),
+    )
     shares = qmc.Sobol(len(wide), rng=0).random(_N_NODES[len(wide) - 1])
-    held = low + to_the_faces(shares) * (high - low)
-    starts = _continued(posterior, modes, wide, np.clip(held, EDGE, 1.0 - EDGE))
+    held = np.clip(box.values(to_the_faces(shares)), EDGE, 1.0 - EDGE)
+    starts = _continued(posterior, modes, wide, held)
     points, local = refitted(posterior, np.concatenate([[mode.point for mode in modes], starts]), wide, 15)
-    nodes = Nodes(points=points, local=local, wide=wide, low=low, high=high)
+    nodes = Nodes(points=points, local=local, box=box)
     for _ in range(3):
         before, nodes = nodes, _from_neighbours(posterior, nodes)
         if nodes is before:
@@ -136,7 +161,7 @@ def to_the_faces(shares: Floats) -> Floats:
 
 def _from_neighbours(posterior: Posterior, nodes: Nodes) -> Nodes:
     """Climb again from the surface through the nodes alive, where that is better at once."""
-    alive, wide = nodes.alive, nodes.wide
+    alive, wide = nodes.alive, nodes.box.wide
     surface = surface_through(nodes.points[alive][:, wide], nodes.points[alive], 1e-6)
     starts = np.clip(surface(nodes.points[:, wide]), EDGE, 1.0 - EDGE)
     starts[:, wide] = nodes.points[:, wide]

@@ -68,7 +68,7 @@ class Options:
     seed : int
         First seed of noise and method.
     seeds : int
-        Number of seeds of TMCMC's noisy cases in group 1.
+        Number of seeds of TMCMC's noisy cases in group 1; those after the first use a fifth of the particles.
     quick : bool
         Whether this is a small run, for a first look.
 
@@ -85,7 +85,7 @@ class Options:
     sine_time_step: float = 0.02
     el_centro_version: ElCentroVersion = "rsn6_180"
     el_centro_scale: float = 1.0
-    error_floor: float = 1e-3
+    error_floor: float = 1e-2
     free_a: bool = False
     particles: int = 5000
     generations: int = 175
@@ -102,6 +102,11 @@ class Options:
         if not self.error_floor > 0.0:
             raise UserError(f"error floor is {self.error_floor:g}: a noise-free posterior needs a positive one")
         _ = self.genetic
+
+    @property
+    def further_particles(self) -> int:
+        """Particles for seeds after the first, whose posterior means alone are of interest."""
+        return max(100, self.particles // 5)
 
     @property
     def genetic(self) -> GeneticSettings:
@@ -143,7 +148,7 @@ class Options:
             ),
             (
                 f"--seed {self.seed} --seeds {self.seeds}",
-                "Noise and methods; several seeds for TMCMC with noise, group 1.",
+                f"Noise and methods; further seeds (TMCMC with noise, group 1): {self.further_particles} particles.",
             ),
             (
                 "jumps of delta_nu and delta_eta keep the past work",

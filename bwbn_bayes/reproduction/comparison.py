@@ -39,10 +39,10 @@ class Line:
         Correlations against the noisy record instead; NaN for other quantities.
     limit : float
         Cramer-Rao standard deviation of a parameter, in the quantity's unit; NaN for other quantities.
-    covered : str
-        Whether the 90 % interval holds the true value, ``yes`` or ``no``; empty without one.
     n_seeds : int
         Errors are medians of absolute values where there is more than one.
+    n_covered : int, optional
+        In how many of them the 90 % interval holds the true value; None without intervals.
     """
 
     table: int
@@ -55,8 +55,8 @@ class Line:
     ours: float = float("nan")
     ours_noisy: float = float("nan")
     limit: float = float("nan")
-    covered: str = ""
     n_seeds: int = 0
+    n_covered: int | None = None
 
 
 def comparison(tables: Sequence[int], outcomes: Sequence[Outcome]) -> tuple[Line, ...]:
@@ -87,7 +87,7 @@ def write_csv(lines: Sequence[Line], path: Path) -> None:
         writer.writeheader()
         for line in lines:
             plain = asdict(line)
-            writer.writerow({k: "" if isinstance(v, float) and np.isnan(v) else v for k, v in plain.items()})
+            writer.writerow({k: "" if v is None or v != v else v for k, v in plain.items()})
 
 
 def _line(table: int, case: Case, quantity: str, paper: str, outcomes: Sequence[Outcome]) -> Line:
@@ -134,7 +134,5 @@ def _error(line: Line, label: str, outcomes: Sequence[Outcome]) -> Line:
         line,
         ours=errors[0] if len(errors) == 1 else float(np.median(np.abs(errors))),
         limit=abs(scale) * found[0]["cramer_rao"],
-        covered=("yes" if inside[0] else "no")
-        if len(inside) == 1
-        else f"{sum(inside)} of {len(inside)}" * bool(inside),
+        n_covered=sum(inside) if inside else None,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -18,7 +19,7 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.inference.identify import Settings
 from bwbn_bayes.inference.likelihood import KnownNoise
-from bwbn_bayes.inference.summary import path_correlation
+from bwbn_bayes.inference.summary import path_correlation, processor_name
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.noise import add_noise
 from bwbn_bayes.records.record import Record
@@ -60,6 +61,8 @@ class Outcome:
         For IPV: ``nrmse`` of the force learned from drift and drift rate, ``other_nrmse`` of its prediction.
     remarks : tuple of str
         The method's verdict on itself.
+    processor : str
+        On which it ran, and how many of its cores there were.
     """
 
     case: Case
@@ -72,6 +75,7 @@ class Outcome:
     other: Numbers = field(default_factory=dict)
     drift_variant: Numbers = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    processor: str = "unknown processor"
 
     @property
     def coverage(self) -> float:
@@ -145,6 +149,7 @@ def run_case(
         other=_prediction(case, options, result, model) if predicts and case.method != "IPV" else {},
         drift_variant=_drift_variant(case, options, clean, seed) if predicts and case.method == "IPV" else {},
         remarks=result.facts.verdict,
+        processor=f"{processor_name()}, {os.cpu_count()} cores",
     )
     drift, true = (np.stack([clean.channels[f"{kind}_{i}"] for i in STOREYS]) for kind in ("drift", "force"))
     return outcome, Histories(drift=drift, true=true, identified=found)

@@ -78,6 +78,9 @@ def render(
         assumptions=options.sentences(),
         tables=[_assignment(t) if t in _ASSIGNMENTS else _compared(t, lines) for t in tables],
         findings=findings(lines),
+        errors=errors(lines),
+        costs=costs(lines),
+        processors=", ".join(sorted({outcome.processor for outcome in outcomes})),
         prediction=_prediction(outcomes),
         redundant=_redundant(outcomes),
         figures=[(name, base64.b64encode(png).decode("ascii"), _ALT[name]) for name, png in drawings],
@@ -120,6 +123,59 @@ def _finding(name: str, lines: Sequence[Line]) -> str:
     )
 
 
+def errors(lines: Sequence[Line]) -> tuple[str, ...]:
+    """How large TMCMC's parameter errors are beside their Cramer-Rao bounds, one sentence for each noisy case.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+        Printed and own numbers.
+    """
+    cases: dict[tuple[str, str], list[Line]] = {}
+    for line in lines:
+        if line.method == "TMCMC" and line.snr != "inf" and np.isfinite(line.ours) and np.isfinite(line.limit):
+            cases.setdefault((line.excitation, line.snr), []).append(line)
+    found = []
+    for (excitation, snr), chosen in cases.items():
+        size = np.array([abs(line.ours) / line.limit for line in chosen])
+        worst = chosen[int(np.argmax(size))]
+        held = sum(line.n_covered or 0 for line in chosen)
+        n_seeds, n_small = worst.n_seeds, int(np.count_nonzero(size <= 1.0))
+        seeds, kind = ("1 seed", "errors") if n_seeds == 1 else (f"{n_seeds} seeds", "median errors")
+        found.append(
+            f"{excitation} at {snr} dB, {seeds}: {n_small} of {len(chosen)} {kind} are within their Cramér-Rao sd, the "
+            f"largest ({worst.quantity}) is {np.max(size):.2f} of it; 90 % intervals hold {held} of "
+            f"{n_seeds * len(chosen)} true values."
+        )
+    return tuple(found)
+
+
+def costs(lines: Sequence[Line]) -> tuple[str, ...]:
+    """Printed running times beside ours, one sentence for each method.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+        Printed and own numbers.
+    """
+    found = []
+    for method in METHODS:
+        times = [
+            (float(line.paper), line.ours)
+            for line in lines
+            if (line.method, line.quantity) == (method, "running_time_s") and np.isfinite(line.ours)
+        ]
+        if times:
+            paper, ours = zip(*times, strict=True)
+            found.append(f"{method}: {_range(paper)} printed, {_range(ours)} here.")
+    return tuple(found)
+
+
+def _range(seconds: Sequence[float]) -> str:
+    low, high = (f"{value:,.0f}" if value >= 10.0 else f"{value:.2g}" for value in (min(seconds), max(seconds)))
+    return f"{low} s" if low == high else f"{low} to {high} s"
+
+
 def _assignment(table: int) -> Table:
     rows = printed(table)
     return Table(caption=_CAPTIONS[table], columns=tuple(rows[0]), rows=tuple(tuple(row.values()) for row in rows))
@@ -135,7 +191,7 @@ def _compared(table: int, lines: Sequence[Line]) -> Table:
             line.quantity,
             line.paper,
             *(_text(value, line) for value in (line.ours, line.ours_noisy, line.limit)),
-            line.covered or _NOTHING,
+            f"{line.n_covered} of {line.n_seeds}" if line.n_covered is not None else _NOTHING,
             str(line.n_seeds),
         )
         for line in lines

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.reproduction.cases import Case, Options, cases_of
+from bwbn_bayes.reproduction.cases import Case, MethodName, Options, cases_of
 from bwbn_bayes.reproduction.comparison import comparison, write_csv
 from bwbn_bayes.reproduction.figures import draw_all
 from bwbn_bayes.reproduction.measure import Histories, Outcome, run_case
@@ -20,6 +20,8 @@ from bwbn_bayes.reproduction.printed import TABLES
 from bwbn_bayes.results import finite
 
 _CACHE = "cases"
+_SETTINGS_OF: Mapping[str, MethodName] = {"particles": "TMCMC", "generations": "GA", "growing": "GA"}
+"""Options that only one method sees."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,23 +74,24 @@ def reproduce(
     wanted = tuple(dict.fromkeys(case for table in tables for case in cases_of(table)))
     if cases is not None:
         wanted = tuple(case for case in wanted if case in set(cases))
-    store = directory / _CACHE / fingerprint(options)
-    store.mkdir(parents=True, exist_ok=True)
     outcomes: list[Outcome] = []
     n_run = 0
     for i, case in enumerate(wanted):
         for seed in _seeds(case, options):
-            path = store / f"{case.key}_seed{seed}.json"
+            path = _path(directory, case, options, seed)
             if not path.exists():
+                path.parent.mkdir(parents=True, exist_ok=True)
                 if say is not None:
                     say(f"case {i + 1} of {len(wanted)}: {case.key}, seed {seed}")
-                _finish(path, *run_case(case, options, seed, predicts=case.group == 1 and seed == options.seed))
+                first = seed == options.seed
+                sized = options if first else replace(options, particles=options.further_particles)
+                _finish(path, *run_case(case, sized, seed, predicts=case.group == 1 and first))
                 n_run += 1
             outcomes.append(_read(path))
     rows = comparison(tables, outcomes)
     csv_path = directory / "reproduction.csv"
     write_csv(rows, csv_path)
-    drawings = draw_all(rows, _histories(store, outcomes))
+    drawings = draw_all(rows, _histories(directory, options, outcomes))
     paths = tuple(directory / f"{name}.png" for name, _ in drawings)
     for path, (_, png) in zip(paths, drawings, strict=True):
         path.write_bytes(png)
@@ -102,10 +105,19 @@ def _seeds(case: Case, options: Options) -> range:
     return range(options.seed, options.seed + (options.seeds if many else 1))
 
 
-def fingerprint(options: Options) -> str:
-    """A short name for the assumptions a case was run under; more seeds keep what is finished."""
-    plain = {key: value for key, value in asdict(options).items() if key not in ("seed", "seeds", "quick")}
+def fingerprint(options: Options, method: MethodName) -> str:
+    """A short name for what a method was run under; more seeds or other methods' settings keep what is finished."""
+    others = {name for name, owner in _SETTINGS_OF.items() if owner != method}
+    plain = {
+        key: value
+        for key, value in asdict(options).items()
+        if key not in ("seed", "seeds", "quick") and key not in others
+    }
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _path(directory: Path, case: Case, options: Options, seed: int) -> Path:
+    return directory / _CACHE / fingerprint(options, case.method) / f"{case.key}_seed{seed}.json"
 
 
 def _finish(path: Path, outcome: Outcome, histories: Histories) -> None:
@@ -129,10 +141,10 @@ def _with_nan(mapping: dict[str, object]) -> dict[str, object]:
     return {key: float("nan") if value is None else value for key, value in mapping.items()}
 
 
-def _histories(store: Path, outcomes: Sequence[Outcome]) -> dict[Case, Histories]:
+def _histories(directory: Path, options: Options, outcomes: Sequence[Outcome]) -> dict[Case, Histories]:
     found = {}
     for outcome in outcomes:
-        path = store / f"{outcome.case.key}_seed{outcome.seed}.npz"
+        path = _path(directory, outcome.case, options, outcome.seed).with_suffix(".npz")
         if outcome.case.group == 1 and outcome.case.snr == "inf" and path.exists():
             with np.load(path) as arrays:
                 found[outcome.case] = Histories(**{name: arrays[name] for name in arrays.files})

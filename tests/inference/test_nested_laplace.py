@@ -23,7 +23,7 @@ from bwbn_bayes.inference.importance import PARETO_LIMIT, WeightedDraws, laplace
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, polish
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
-from bwbn_bayes.inference.sheet_nodes import Nodes, first_nodes, wide_coordinates
+from bwbn_bayes.inference.sheet_nodes import Box, Nodes, first_nodes, wide_coordinates
 from bwbn_bayes.parameters import Floats
 
 MOVED = ("k", "alpha", "beta", "gamma")
@@ -74,8 +74,8 @@ def nested(free_posterior: Posterior, free_mode: Mode) -> NestedLaplace:
 @pytest.fixture(scope="module")
 def free_draws(free_posterior: Posterior, free_mode: Mode) -> WeightedDraws:
     rng = np.random.default_rng(2)
-    sheet = Sheet(free_posterior, [free_mode], laplace_mixture([free_mode]), rng)
-    sheet.settle()
+    sheet = Sheet(free_posterior, [free_mode], rng)
+    sheet.lay()
     return sample_importance(free_posterior, sheet.proposal, rng, effective=3000)
 
 
@@ -130,14 +130,14 @@ def test_the_sheet_holds_the_orbit(free_posterior: Posterior, free_mode: Mode, n
 
 
 def test_transport_sample_and_density_agree(nested: NestedLaplace) -> None:
-    n_dim = len(nested.order) + len(nested.wide)
+    n_dim = len(nested.order) + len(nested.box.wide)
     points, log_density = nested.transport(np.random.default_rng(3).random((2000, n_dim)))
     np.testing.assert_allclose(nested.log_density(points), log_density, atol=1e-5)
     np.testing.assert_array_equal(nested.sample(np.random.default_rng(3), 2000), points)
     assert np.all((points >= 0.0) & (points <= 1.0))
     outside = points[:2].copy()
     outside[0, nested.order[0]] = 1.01
-    outside[1, nested.wide[0]] = nested.high[0] + 1e-6
+    outside[1, nested.box.wide[0]] = nested.box.high[0] + 1e-6
     assert np.all(nested.log_density(outside) == -np.inf)
 
 
@@ -146,7 +146,7 @@ def test_the_density_is_that_of_the_transport(nested: NestedLaplace, factor: flo
     """One over the Jacobian determinant of the map from uniform points, by central differences: so it is normalised."""
     spread = nested.inflated(factor, degrees)
     rng = np.random.default_rng(4)
-    n, n_dim = 40, len(nested.order) + len(nested.wide)
+    n, n_dim = 40, len(nested.order) + len(nested.box.wide)
     uniforms = rng.uniform(0.05, 0.95, (n, n_dim))
     points, log_density = spread.transport(uniforms)
     step = 1e-7
@@ -171,7 +171,8 @@ def banana_nodes(n: int = 64) -> Nodes:
     information = np.zeros((n, 3, 3))
     information[:, 2, 2] = 1.0 / WIDTH**2 - 12.0
     local = Linearisation(log_likelihood=np.zeros(n), gradient=np.zeros((n, 3)), information=information)
-    return Nodes(points=points, local=local, wide=np.array([0, 1]), low=np.zeros(2), high=np.ones(2))
+    box = Box(wide=np.array([0, 1]), low=np.zeros(2), high=np.ones(2))
+    return Nodes(points=points, local=local, box=box)
 
 
 def surface(points: Floats) -> Floats:

@@ -5,7 +5,7 @@ import pytest
 from inference_cases import SDOF, climbed, posterior_of, recorded, sdof_model, true_point
 from scipy import optimize, signal, stats
 
-from bwbn_bayes import Record
+from bwbn_bayes import Record, simulate
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.residuals import (
@@ -14,6 +14,7 @@ from bwbn_bayes.inference.residuals import (
     coloured_noise,
     is_noise,
     residual_checks,
+    residual_of,
     whiteness_probability,
 )
 from bwbn_bayes.parameters import Floats
@@ -84,6 +85,17 @@ def test_a_noise_free_record_passes_at_its_truth(record: Record) -> None:
     level, white = residual_checks(clean, point)
     assert level.value == 0.0
     assert white.value == 1.0
+
+
+def test_the_solver_s_error_has_no_colour_that_counts() -> None:
+    """A record of the reference engine, without noise, against coarse steps: coloured, but below a thousandth."""
+    assert SDOF.excitation is not None
+    clean = simulate(SDOF.model, SDOF.excitation, SDOF.truth, snr_db=None)
+    posterior, point = posterior_of(sdof_model(), clean), true_point(sdof_model(), clean)
+    (rest,) = residual_of(posterior, point)
+    assert whiteness_probability(rest) < 1e-10
+    assert 0.0 < np.std(rest) < 1e-3 * np.std(clean.channels["acceleration_1"])
+    assert all(check.passed for check in residual_checks(posterior, point))
 
 
 def autoregression(rng: np.random.Generator, coefficients: tuple[float, ...], n: int = 1500) -> Floats:

@@ -14,10 +14,10 @@ import pytest
 
 from bwbn_bayes import UserError
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.reproduction.cases import Case, Options, building, truth_of
+from bwbn_bayes.reproduction.cases import Case, MethodName, Options, building, truth_of
 from bwbn_bayes.reproduction.comparison import comparison
 from bwbn_bayes.reproduction.measure import Outcome, clean_record, cramer_rao_sd
-from bwbn_bayes.reproduction.page import findings
+from bwbn_bayes.reproduction.page import costs, errors, findings
 from bwbn_bayes.reproduction.printed import printed
 from bwbn_bayes.reproduction.workflow import Files, fingerprint, reproduce
 
@@ -112,17 +112,24 @@ def test_finished_cases_are_kept_and_an_interrupted_one_is_run_again(directory: 
     assert (files.n_run, files.n_kept) == (2, 0)
     again = reproduce(directory, options=OPTIONS, cases=CASES)
     assert (again.n_run, again.n_kept) == (0, 2)
-    (store,) = (directory / "cases").iterdir()
-    (store / f"{CASES[0].key}_seed1.json").rename(store / "half.partial")
+    (finished,) = (directory / "cases").glob(f"*/{CASES[0].key}_seed1.json")
+    finished.rename(finished.with_suffix(".partial"))
     assert reproduce(directory, tables=[5], options=OPTIONS, cases=CASES).n_run == 1
 
 
 def test_other_assumptions_do_not_share_a_cache() -> None:
-    """More seeds do: they only add cases."""
-    assert fingerprint(OPTIONS) == fingerprint(replace(OPTIONS, seeds=10, quick=False))
-    changes = {"damage_order": "321", "error_floor": 2e-3, "free_a": True, "particles": 600, "growing": False}
-    others = {fingerprint(replace(OPTIONS, **{name: value})) for name, value in changes.items()}  # type: ignore[arg-type]
-    assert len(others | {fingerprint(OPTIONS)}) == 1 + len(changes)
+    """More seeds do: they only add cases. So do the settings of a method that the case does not use."""
+    assert fingerprint(OPTIONS, "TMCMC") == fingerprint(replace(OPTIONS, seeds=10, quick=False), "TMCMC")
+    own: dict[MethodName, dict[str, object]] = {
+        "IPV": {"damage_order": "321", "error_floor": 2e-3, "free_a": True},
+        "GA": {"damage_order": "321", "generations": 7, "growing": False},
+        "TMCMC": {"damage_order": "321", "error_floor": 2e-3, "free_a": True, "particles": 600},
+    }
+    for method, changes in own.items():
+        others = {fingerprint(replace(OPTIONS, **{name: value}), method) for name, value in changes.items()}  # type: ignore[arg-type]
+        assert len(others | {fingerprint(OPTIONS, method)}) == 1 + len(changes)
+    assert fingerprint(OPTIONS, "TMCMC") == fingerprint(replace(OPTIONS, generations=7), "TMCMC")
+    assert fingerprint(OPTIONS, "GA") == fingerprint(replace(OPTIONS, particles=600), "GA")
 
 
 def test_a_broken_cache_is_one_sentence(directory: Path) -> None:
@@ -160,7 +167,7 @@ def test_errors_of_several_seeds_are_medians() -> None:
     lines = comparison([2], [made("TMCMC", seed, value) for seed, value in ((1, 10.1), (2, 9.7), (3, 10.2))])
     (line,) = [line for line in lines if line.quantity == "k1" and np.isfinite(line.ours)]
     assert (line.ours, line.limit) == (pytest.approx(2.0), pytest.approx(2.0))
-    assert (line.covered, line.n_seeds, line.paper) == ("3 of 3", 3, "5.57")
+    assert (line.n_covered, line.n_seeds, line.paper) == (3, 3, "5.57")
     (single,) = [x for x in comparison([2], [made("TMCMC", 1, 9.7)]) if x.quantity == "k1" and np.isfinite(x.ours)]
     assert single.ours == pytest.approx(-3.0)
 
@@ -179,6 +186,20 @@ def test_the_page_says_which_reference_the_printed_numbers_fit() -> None:
     assert sentence.endswith("fits neither; the noise-free truth is nearer, 0.0168 away.")
     (sentence,) = findings(comparison([3], [made("TMCMC", 1, 10.0, correlation=0.91)]))
     assert sentence.endswith("fits ours with the noise-free truth.")
+
+
+def test_the_page_says_how_large_errors_are_and_what_they_cost() -> None:
+    """k of 10: median error 2 % against a bound of 2 %; the paper's 69,334 s against 2 s. One of three misses."""
+    outcomes = [made("TMCMC", seed, value) for seed, value in ((1, 10.1), (2, 9.7), (3, 10.2))]
+    low, high = 9.65, 9.75
+    missed = replace(outcomes[1], parameters={"k[1]": {**outcomes[1].parameters["k[1]"], "low": low, "high": high}})
+    lines = comparison([2, 3], [outcomes[0], missed, outcomes[2]])
+    (error,) = errors(lines)
+    assert error.startswith("Sin at 30 dB, 3 seeds: 1 of 1 median errors are within their Cramér-Rao sd")
+    assert error.endswith("the largest (k1) is 1.00 of it; 90 % intervals hold 2 of 3 true values.")
+    (cost,) = costs(lines)
+    assert cost.startswith("TMCMC: 6")
+    assert cost.endswith(" s printed, 2 s here.")
 
 
 def test_cramer_rao_is_the_inverse_information_of_finite_differences() -> None:
@@ -212,4 +233,4 @@ def test_a_noisy_posterior_case_against_the_paper(tmp_path: Path) -> None:
     forces = [line for line in lines if line["quantity"].startswith("corr_R_x")]
     assert len(forces) == 3
     assert all(float(line["ours"]) > 0.9999 for line in forces)
-    assert sum(line["covered"] == "yes" for line in lines if line["table"] == "2") >= 10
+    assert sum(line["n_covered"] == "1" for line in lines if line["table"] == "2") >= 10

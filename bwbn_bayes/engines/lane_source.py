@@ -25,6 +25,16 @@ from bwbn_bayes.elements.law import (
     StoreyLaw,
 )
 from bwbn_bayes.engines.codegen import INPUT_NAMES, INVERSE_MASS, LawPrograms, Part, Program, print_expression
+from bwbn_bayes.engines.lane_template import (
+    ADVANCE,
+    MATHEMATICS,
+    ON_BASE,
+    ON_BASE_TANGENT,
+    ON_GROUND,
+    ON_GROUND_TANGENT,
+    PREPARE,
+    STAGE,
+)
 from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
 
 LANES = 16
@@ -98,328 +108,6 @@ def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
     )
 
 
-_MATHEMATICS = '''\
-import numpy as np
-from numba import njit, types
-from numba.extending import intrinsic
-
-LANES = {lanes}
-BLOCK = {block} * LANES
-TANGENT_BLOCK = {tangent_block} * LANES
-
-
-@intrinsic
-def _bits(typing_context, value):
-    """The bit pattern of a double as an integer."""
-    def generate(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.int64))
-    return types.int64(types.float64), generate
-
-
-@intrinsic
-def _from_bits(typing_context, value):
-    """The double with the given bit pattern."""
-    def generate(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.float64))
-    return types.float64(types.int64), generate
-
-
-@njit({flags})
-def _exp2(x):
-    """Two to the power x, to 2e-14 relative; the power's whole part is assembled from bits, so that loops vectorise."""
-    x = -1021.0 if x < -1021.0 else x
-    x = 1023.0 if x > 1023.0 else x
-    k = np.rint(x)
-    r = x - k
-    p = 1.0150337260976417e-07
-    p = p * r + 1.3259405611204192e-06
-    p = p * r + 1.5252984835578367e-05
-    p = p * r + 0.00015403434948081424
-    p = p * r + 0.0013333557617609879
-    p = p * r + 0.009618129192067202
-    p = p * r + 0.05550410866868558
-    p = p * r + 0.24022650695649653
-    p = p * r + 0.693147180559871
-    p = p * r + 1.0000000000000127
-    return p * _from_bits(_bits(k + 4503599627371519.0) << 52)
-
-
-@njit({flags})
-def _log2(x):
-    """Logarithm to base two of a positive number, to 3e-14; exponent and mantissa in [0.7, 1.4] are split by bits."""
-    b = _bits(x)
-    above = b - 0x3FE6A09E667F3BCD
-    e = _from_bits((above >> 52) + 0x4338000000000000) - 6755399441055744.0
-    m = _from_bits(b - (above & -0x10000000000000))
-    s = (m - 1.0) / (m + 1.0)
-    q = s * s
-    p = 0.282899281459652
-    p = p * q + 0.31990575510624353
-    p = p * q + 0.4122092510534761
-    p = p * q + 0.5770779423768015
-    p = p * q + 0.9617966941133066
-    p = p * q + 2.88539008177785
-    return e + s * p
-'''
-
-_PREPARE = """
-
-@njit({flags})
-def prepare(n_storeys, w):
-    # What the law needs that changes at events alone.
-    for i in range(n_storeys):
-        a = i * BLOCK
-        for l in range(LANES):
-{prepare}
-"""
-
-_STAGE = """
-
-@njit({flags})
-def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, active, w, t):
-    for i in range(n_storeys):
-        a = i * BLOCK
-        for l in range(LANES):
-{law}
-{base}
-
-
-@njit({flags})
-def stage_with_tangents(n_storeys, n_directions, weight, share, inside, step, ground, seed, active, w, t):
-    for i in range(n_storeys):
-        a = i * BLOCK
-        for l in range(LANES):
-{tangent_law}
-        for k in range(n_directions):
-            o = (k * (n_storeys + 2) + i) * TANGENT_BLOCK
-            moved = w[a + seed[k * n_storeys + i] * LANES:]
-            moves = active[(k * n_storeys + i) * LANES:]
-            for l in range(LANES):
-{chain}
-{tangent_base}
-"""
-
-_ON_GROUND = """\
-    first = w[n_storeys * BLOCK:]
-    for l in range(LANES):
-        first[{acceleration_of_drift} * LANES + l] = {ground_drift}"""
-
-_ON_GROUND_TANGENT = (
-    _ON_GROUND
-    + """
-    for k in range(n_directions):
-        first = t[(k * (n_storeys + 2) + n_storeys) * TANGENT_BLOCK:]
-        for l in range(LANES):
-            first[{acceleration_of_drift} * LANES + l] = {ground_drift_tangent}"""
-)
-
-_ON_BASE = """\
-    a = n_storeys * BLOCK
-    for l in range(LANES):
-{base_law}"""
-
-_ON_BASE_TANGENT = (
-    _ON_BASE
-    + """
-    for k in range(n_directions):
-        o = (k * (n_storeys + 2) + n_storeys) * TANGENT_BLOCK
-        moved = w[a + seed[(k + 1) * n_storeys - 1] * LANES:]
-        moves = active[((k + 1) * n_storeys - 1) * LANES:]
-        for l in range(LANES):
-{base_chain}"""
-)
-
-_ADVANCE = """
-
-@njit({flags})
-def advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, active, w, t):
-    # One step of every lane's own length, and the rates at its end.
-    for s in range(shares.shape[0]):
-        for l in range(LANES):
-            ground[l] = ground_0 + slope * (position[l] + shares[s] * step[l])
-        if n_directions > 0:
-            stage_with_tangents(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, active, w, t)
-        else:
-            stage(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, active, w, t)
-    for l in range(LANES):
-        position[l] += step[l]
-        ground[l] = ground_0 + slope * position[l]
-    close(n_storeys, n_directions, weights[shares.shape[0]], step, ground, seed, active, w, t)
-
-
-@njit({flags})
-def close(n_storeys, n_directions, weight, step, ground, seed, active, w, t):
-    if n_directions > 0:
-        stage_with_tangents(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, active, w, t)
-    else:
-        stage(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, active, w, t)
-
-
-@njit({flags})
-def plan(n_storeys, dt, substeps, resolution, length, w):
-    # Length of each lane's steps in the next interval.
-    for l in range(LANES):
-        length[l] = substeps
-    for i in range(n_storeys):
-        a = i * BLOCK
-{refine}
-    for l in range(LANES):
-        length[l] = dt / length[l]
-
-
-@njit({flags})
-def next_step(n_storeys, dt, cut, start, event, position, length, step, w):
-    # The next step of each lane, zero where it has arrived; returns whether every lane then is at the interval's end.
-    for l in range(LANES):
-        remaining = dt - position[l]
-        h = length[l]
-        h = remaining if remaining - h < 1e-9 * dt else h
-        step[l] = h if remaining > 1e-12 * dt else 0.0
-    if cut:
-        for i in range(n_storeys):
-            a = i * BLOCK
-{turn}
-    if event < start + dt:
-        for i in range(n_storeys):
-            a = i * BLOCK
-            for l in range(LANES):
-{limit}
-    left = 0.0
-    for l in range(LANES):
-        left += 1.0 if dt - position[l] - step[l] > 1e-12 * dt else 0.0
-    return left == 0.0
-
-
-@njit({flags})
-def next_event(n_storeys, w):
-    found = np.inf
-    for i in range(n_storeys):
-        a = i * BLOCK
-        for l in range(LANES):
-{next_event}
-    return found
-
-
-@njit({flags})
-def strike(n_storeys, n_directions, until, position, step, flipped, ground, seed, active, w, t):
-    # Events that are due happen one by one; each adds (rate before - rate after) d time / d parameter to the tangents.
-    for i in range(n_storeys):
-        a = i * BLOCK
-{strike}
-
-
-@njit({flags})
-def flip(n_storeys, n_directions, storey, event, column, step, flipped, ground, seed, active, w, t):
-    for l in range(LANES):
-        step[l] = 0.0
-    for i in range({n_blocks}):
-        a = (i + 1) * BLOCK
-        for r in range({n_states} * LANES):
-            w[a + {before} * LANES + r] = w[a + {n_states} * LANES + r]
-    a = (storey + 1) * BLOCK + ({happened} + event) * LANES
-    for l in range(LANES):
-        w[a + l] += flipped[l]
-    prepare(n_storeys, w)
-    close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)
-    for k in range(n_directions):
-        if seed[k * n_storeys + storey] == column:
-            moves = active[(k * n_storeys + storey) * LANES:]
-            for i in range({n_blocks}):
-                a = (i + 1) * BLOCK
-                o = (k * (n_storeys + 2) + i + 1) * TANGENT_BLOCK
-                for r in range({n_states}):
-                    for l in range(LANES):
-                        m = r * LANES + l
-                        jump = moves[l] * flipped[l] * (w[a + {before} * LANES + m] - w[a + {n_states} * LANES + m])
-                        t[o + m] += jump
-                        t[o + {n_states2} * LANES + m] += jump
-    if n_directions > 0:
-        close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)
-
-
-@njit({flags})
-def observe(n_storeys, n_directions, starts, block, row, coefficient, ground_part, ground_now, w, t, value):
-    n_channels = ground_part.shape[0]
-    for k in range(n_directions + 1):
-        for c in range(n_channels):
-            m = (k * n_channels + c) * LANES
-            offset = ground_part[c] * ground_now if k == 0 else 0.0
-            for l in range(LANES):
-                value[m + l] = offset
-            for term in range(starts[c], starts[c + 1]):
-                factor = coefficient[term]
-                if k == 0:
-                    observed = w[block[term] * BLOCK + row[term] * LANES:]
-                else:
-                    observed = t[((k - 1) * (n_storeys + 2) + block[term]) * TANGENT_BLOCK + row[term] * LANES:]
-                for l in range(LANES):
-                    value[m + l] += factor * observed[l]
-
-
-@njit({flags})
-def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
-    for c in range(n_channels):
-        o = c * LANES
-        now = measured[c, j]
-        for l in range(LANES):
-            value[o + l] = now - value[o + l]
-            misfit[o + l] += value[o + l] * value[o + l]
-        g = c * (n_directions * (n_directions + 3) // 2) * LANES
-        for a in range(1, n_directions + 1):
-            left = (a * n_channels + c) * LANES
-            for b in range(a + 1):
-                right = (b * n_channels + c) * LANES
-                for l in range(LANES):
-                    gram[g + l] += value[left + l] * value[right + l]
-                g += LANES
-
-
-@njit({flags})
-def run(n_storeys, n_directions, dt, excitation, w, t, seed, active, shares, weights, substeps, resolution, cut,
-        starts, block, row, coefficient, ground_part, measured, misfit, gram, store, stored):
-    n_times = excitation.shape[0]
-    n_channels = ground_part.shape[0]
-    value = np.zeros(n_channels * (n_directions + 1) * LANES)
-    ground = np.zeros(LANES)
-    position = np.zeros(LANES)
-    length = np.zeros(LANES)
-    step = np.zeros(LANES)
-    flipped = np.zeros(LANES)
-    for l in range(LANES):
-        ground[l] = excitation[0]
-    prepare(n_storeys, w)
-    strike(n_storeys, 0, 1e-9 * dt, position, step, flipped, ground, seed, active, w, t)
-    event = next_event(n_storeys, w)
-    close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)
-    for j in range(n_times):
-        ground_0 = excitation[j]
-        ahead = min(j + 1, n_times - 1)
-        slope = (excitation[ahead] - excitation[ahead - 1]) / dt
-{drive}
-        observe(n_storeys, n_directions, starts, block, row, coefficient, ground_part, ground_0, w, t, value)
-        if store:
-            o = j * n_channels * (n_directions + 1) * LANES
-            for r in range(n_channels * (n_directions + 1) * LANES):
-                stored[o + r] = value[r]
-        else:
-            accumulate(n_channels, n_directions, j, measured, value, misfit, gram)
-        if j + 1 == n_times:
-            break
-        for l in range(LANES):
-            position[l] = 0.0
-        start = j * dt
-        plan(n_storeys, dt, substeps, resolution, length, w)
-        arrived = False
-        while not arrived:
-            arrived = next_step(n_storeys, dt, cut, start, event, position, length, step, w)
-            advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, active,
-                    w, t)
-            if event < start + dt * (1.0 + 1e-9):
-                strike(n_storeys, n_directions, start + 1e-9 * dt, position, step, flipped, ground, seed, active, w, t)
-                event = next_event(n_storeys, w)
-"""
-
-
 def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
     """Source of the kernel module of one storey law.
 
@@ -455,7 +143,7 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         "strike": _indent(_strike(law, place), 2),
         "drive": _indent(_drive(place), 2) if driven else "",
     }
-    stages = _STAGE.format(
+    stages = STAGE.format(
         law=_indent(_law(law, programs, place, with_slopes=False), 3),
         tangent_law=_indent(_law(law, programs, place, with_slopes=True), 3),
         chain=_chain(programs, place),
@@ -463,7 +151,7 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         tangent_base=_base(law, programs, place, fields, with_slopes=True),
         **fields,
     )
-    return _MATHEMATICS.format(**fields) + _PREPARE.format(**fields) + stages + _ADVANCE.format(**fields)
+    return MATHEMATICS.format(**fields) + PREPARE.format(**fields) + stages + ADVANCE.format(**fields)
 
 
 _HEAD = (
@@ -571,7 +259,7 @@ def _base(
 ) -> str:
     """What the first storey stands on: it completes the rate of that storey's drift rate."""
     if programs.base is None:
-        return (_ON_GROUND_TANGENT if with_slopes else _ON_GROUND).format(**fields)
+        return (ON_GROUND_TANGENT if with_slopes else ON_GROUND).format(**fields)
     n, base_states = place.n_states, [str(s) for s in law.base_states]
     lines = _states(base_states, "w", "a + BLOCK", place)
     lines += [f"{INPUT_NAMES[FORCE_ABOVE]} = w[a + {place.force} * LANES + l]", _RECORDED]
@@ -587,7 +275,7 @@ def _base(
         for r in range(len(base_states))
     ]
     chain += [f"t[o + {n + 1} * LANES + l] = t[o + {place.acceleration} * LANES + l] - below"]
-    template = _ON_BASE_TANGENT if with_slopes else _ON_BASE
+    template = ON_BASE_TANGENT if with_slopes else ON_BASE
     return template.format(base_law=_indent(lines, 2), base_chain=_indent(chain, 3))
 
 

@@ -25,9 +25,7 @@ from bwbn_bayes import (
     Result,
     Settings,
     ShearBuilding,
-    SlipLock,
     StiffnessDegradation,
-    StrengthDegradation,
     Uniform,
     el_centro,
     identify,
@@ -45,7 +43,7 @@ pytestmark = pytest.mark.slow
 N_DATA_SEEDS = 10
 N_TRUTHS = 20
 N_REPLICATES = {"sdof": 200, "three storeys, A free": 100}
-N_PLAIN = 50
+N_PLAIN = 20
 """Replicates on which the published TMCMC is shown beside the default."""
 N_EFFECTIVE = 400
 N_RANKED = 100
@@ -145,21 +143,18 @@ class Replicate:
 
 
 def short_three_storeys() -> ShearBuilding:
-    """Three storeys with A free: with slip too, six parameters share one scale."""
+    """Three storeys with A free: seven of the nine parameters share one scale, so that the record cannot tell A."""
     storey = BoucWen(
         k=PerStorey(Uniform(15, 25)),
-        c=PerStorey(Uniform(0.01, 0.1)),
+        c=0.05,
         alpha=Uniform(0.001, 0.1),
         A=Uniform(0.5, 2.0),
         beta=Uniform(0.1, 8),
         gamma=Uniform(0.1, 8),
         n=Uniform(1, 2),
     )
-    return (
-        ShearBuilding(masses=[1.0, 1.0, 1.0], storey=storey)
-        .with_effect(StrengthDegradation(delta_nu=Uniform(0, 0.1)))
-        .with_effect(StiffnessDegradation(delta_eta=Uniform(0, 0.1)))
-        .with_effect(SlipLock(delta_s=Uniform(0.01, 0.1), sigma=Uniform(0.005, 0.05)))
+    return ShearBuilding(masses=[1.0, 1.0, 1.0], storey=storey).with_effect(
+        StiffnessDegradation(delta_eta=Uniform(0, 0.1))
     )
 
 

@@ -15,7 +15,8 @@ import pytest
 from rich.console import Console
 
 from bwbn_bayes import Record, Result, read_record, sine
-from bwbn_bayes.cli import _line, _parameters, main
+from bwbn_bayes.cli import main
+from bwbn_bayes.cli.console import line_of, parameter_table
 from bwbn_bayes.elements.catalogue import catalogue
 from bwbn_bayes.engines.available import NAMES
 from bwbn_bayes.records.readers import write_record
@@ -118,7 +119,7 @@ def test_no_number_of_the_table_is_folded_or_cut_on_80_columns() -> None:
     ]
     console = Console(width=80, file=io.StringIO())
     with console.capture() as capture:
-        console.print(_parameters(facts))
+        console.print(parameter_table(facts))
     head, *lines = capture.get().splitlines()
     assert head.split() == ["parameter", "mean", "sd", "90", "%", "from", "to", "true", "unit"]
     cells = ["0.010046", "0.000025", "0.010007", "0.010088", "0.01", "N", "s/m", "prior-bound"]
@@ -242,7 +243,7 @@ def test_an_out_that_cannot_be_written_is_found_before_the_run(
     def never(*_: object, **__: object) -> Record:
         raise AssertionError("the run began")
 
-    monkeypatch.setattr("bwbn_bayes.cli.simulate_record", never)
+    monkeypatch.setattr("bwbn_bayes.cli.commands.simulate_record", never)
     (tmp_path / "file").write_text("taken", encoding="utf-8")
     for command in ("identify", "simulate"):
         out = tmp_path / "file" / "below"
@@ -258,7 +259,7 @@ def test_a_run_that_fails_leaves_the_old_files_whole(
 
     old = tmp_path / "report.html"
     old.write_text("whole", encoding="utf-8")
-    monkeypatch.setattr("bwbn_bayes.cli.write_report", fail)
+    monkeypatch.setattr("bwbn_bayes.cli.files.write_report", fail)
     arguments = ("identify", SDOF, "--record", simulated, "--particles", "100", "--out", tmp_path)
     _is_one_sentence(run(*arguments), "No space left on device", after_steps=True)
     assert old.read_text(encoding="utf-8") == "whole"
@@ -269,7 +270,7 @@ def test_a_fault_of_ours_keeps_its_traceback(tmp_path: Path, monkeypatch: pytest
     def broken(*_: object, **__: object) -> Record:
         raise RuntimeError("ours")
 
-    monkeypatch.setattr("bwbn_bayes.cli.simulate_record", broken)
+    monkeypatch.setattr("bwbn_bayes.cli.commands.simulate_record", broken)
     with pytest.raises(RuntimeError, match="ours"):
         main(["simulate", str(SDOF), "--out", str(tmp_path)])
 
@@ -285,7 +286,7 @@ def test_a_step_says_stage_tempering_acceptance_and_solves() -> None:
         elapsed_s=2.0,
         label="TMCMC, bridge",
     )
-    said = _line("TMCMC, bridge", facts)
+    said = line_of("TMCMC, bridge", facts)
     assert said == "TMCMC, bridge, stage 3, tempering parameter 0.0142, acceptance 0.44, 8000 solves"
 
 

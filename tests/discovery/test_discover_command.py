@@ -5,6 +5,7 @@ import json
 import pytest
 
 from bwbn_bayes.cli import main
+from bwbn_bayes.cli.files import replacing
 from bwbn_bayes.results import Result
 from bwbn_bayes.structures.model_file import load_model_file
 
@@ -86,9 +87,7 @@ def test_the_improved_model_runs_as_it_is(run, tmp_path):
 
 def test_running_again_replaces_the_files(run):
     """Files in ``identify/`` too take their names only when all are whole."""
-    from bwbn_bayes.cli import _replacing
-
-    with _replacing(run.directory) as partial:
+    with replacing(run.directory) as partial:
         (partial / "identify").mkdir()
         (partial / "identify" / "note.txt").write_text("new")
     assert (run.directory / "identify" / "note.txt").read_text() == "new"

@@ -1,4 +1,4 @@
-"""The command line: options, one library call, an exit code.
+"""The commands: options, one library call, an exit code.
 
 Results go to stdout, everything else to stderr. Exit codes: 0; 2 for a mistake of the user's, told in one sentence;
 1 for ours, with a traceback.
@@ -6,26 +6,18 @@ Results go to stdout, everything else to stderr. Exit codes: 0; 2 for a mistake 
 
 from __future__ import annotations
 
-import json
-import math
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 from rich.text import Text
 
 from bwbn_bayes.baselines.methods import identify as identify_model
-from bwbn_bayes.discovery.improved_model import improved_model_source
-from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
+from bwbn_bayes.cli.files import replacing, writable, write_discovery_files, write_result
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover as discover_missing
 from bwbn_bayes.elements.catalogue import catalogue
@@ -36,13 +28,10 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.identify import Listener, Method, Settings
 from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.report.discovery_text import discovery_in_words
-from bwbn_bayes.report.numbers import decimal_place
 from bwbn_bayes.reproduction.cases import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
 from bwbn_bayes.reproduction.workflow import reproduce as reproduce_tables
-from bwbn_bayes.results import ParameterFacts, Result, StageFacts
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
 
 app = typer.Typer(
@@ -79,9 +68,9 @@ def identify(
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
     file = load_model_file(model)
-    directory = _writable(out or Path("reports") / f"{file.name}_{method}")
+    directory = writable(out or Path("reports") / f"{file.name}_{method}")
     notes = Console(stderr=True)
-    with _progress(notes, particles) as listener:
+    with progress(notes, particles) as listener:
         measured = _record(file, record, seed, listener)
         result = identify_model(
             file.model,
@@ -94,10 +83,10 @@ def identify(
             listener=listener,
         )
         listener("writing the report", None)
-        _write(result, directory)
+        write_result(result, directory)
     for warning in file.model.warnings:
         notes.print(warning, markup=False, highlight=False, soft_wrap=True)
-    _summarise(result, directory)
+    summarise(result, directory)
 
 
 @app.command()
@@ -124,9 +113,9 @@ def discover(
 ) -> None:
     """Find the physical effect that MODEL lacks to explain a record, add it, and write a report."""
     file = load_model_file(model)
-    directory = _writable(out or Path("reports") / f"{file.name}_discovery")
+    directory = writable(out or Path("reports") / f"{file.name}_discovery")
     notes = Console(stderr=True)
-    with _told(notes) as tell:
+    with told(notes) as tell:
         apart = _held_out(file, held_out, record)
         discovery = discover_missing(
             file.model,
@@ -137,8 +126,8 @@ def discover(
             listener=tell,
         )
         tell("writing the report")
-        _write_discovery(discovery, directory, model)
-    console = _results()
+        write_discovery_files(discovery, directory, model)
+    console = results_console()
     for line in discovery_in_words(discovery):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     for made in ("improved_model.py", "report.html"):
@@ -162,11 +151,11 @@ def simulate(
         raise UserError(f"{model} defines no `excitation`: add one, or give it with --record FILE")
     if not file.truth:
         raise UserError(f"{model} defines no `truth`: add the value of every identified parameter")
-    path = _writable(out) / f"{file.name}.csv"
+    path = writable(out) / f"{file.name}.csv"
     made = simulate_record(
         file.model, excitation, file.truth, snr_db=file.snr_db, seed=seed, engine=engine_by_name(engine)
     )
-    with _replacing(out) as partial:
+    with replacing(out) as partial:
         write_record(made, partial / path.name)
     print(path)
 
@@ -214,7 +203,7 @@ def reproduce(
         seeds=seeds,
         quick=quick,
     )
-    directory = _writable(out or Path("reports") / paper)
+    directory = writable(out or Path("reports") / paper)
     notes = Console(stderr=True)
     files = reproduce_tables(
         directory,
@@ -229,7 +218,7 @@ def reproduce(
 @app.command()
 def effects() -> None:
     """List the catalogue of physical effects with their equations."""
-    console = _results()
+    console = results_console()
     for facts in catalogue():
         console.print(Text.assemble((facts.name, "bold"), f"  {facts.summary}  ", (f"({facts.source})", "dim")))
         for equation in facts.equations:
@@ -243,10 +232,10 @@ def effects() -> None:
 @app.command()
 def engines() -> None:
     """List the engines and whether each can be used here."""
-    table = _table("engine", "available", "what it is, or why not")
+    table = plain_table("engine", "available", "what it is, or why not")
     for facts in available_engines():
         table.add_row(facts.name, "yes" if facts.available else "no", Text(facts.reason))
-    _results().print(table)
+    results_console().print(table)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -273,11 +262,6 @@ def _refuse(sentence: str) -> None:
     sys.exit(2)
 
 
-def _results() -> Console:
-    """Stdout; a file or a pipe is not folded at 80 columns."""
-    return Console() if sys.stdout.isatty() else Console(width=160)
-
-
 def _record(file: ModelFile, path: Path | None, seed: int, listener: Listener) -> Record:
     if path is not None:
         return read_record(path)
@@ -294,180 +278,3 @@ def _held_out(file: ModelFile, asked: str | None, record: Path | None) -> Record
         # A record named on the command line is another test: the file's held-out one may not belong to it.
         return file.held_out if record is None else None
     return "end" if asked == "end" else read_record(asked)
-
-
-@contextmanager
-def _progress(console: Console, particles: int) -> Iterator[Listener]:
-    """A bar with the time left on a terminal; one line per step elsewhere."""
-    if not console.is_terminal:
-        yield lambda text, facts: console.print(_line(text, facts), markup=False, highlight=False, soft_wrap=True)
-        return
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(24),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as progress:
-        yield _Bar(progress=progress, task=progress.add_task("starting", total=1.0), particles=particles)
-
-
-@contextmanager
-def _told(console: Console) -> Iterator[Callable[[str], None]]:
-    """One line for each thing done or found; on a terminal also what goes on now, turning."""
-    began = time.perf_counter()
-
-    def write(text: str) -> None:
-        line = f"{time.perf_counter() - began:6.1f} s  {text}"
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-
-    if not console.is_terminal:
-        yield write
-        return
-    with console.status("starting") as status:
-
-        def tell(text: str) -> None:
-            write(text)
-            status.update(Text(text))
-
-        yield tell
-
-
-@dataclass(kw_only=True)
-class _Bar:
-    """Fills once for each phase of a run, so that the time left is that phase's own."""
-
-    progress: Progress
-    task: TaskID
-    particles: int
-    first_tempering: float = 1.0
-
-    def __call__(self, text: str, facts: StageFacts | None) -> None:
-        if facts is None:
-            self.progress.reset(self.task, description=text)
-            self.first_tempering = 1.0
-        else:
-            self.progress.update(self.task, description=_line(text, facts), completed=self._share(facts))
-
-    def _share(self, facts: StageFacts) -> float:
-        reached = facts.tempering_parameter
-        if facts.label.startswith("TMCMC"):
-            # The steps of the tempering parameter are about equal on a logarithmic scale.
-            if reached > 0.0 and self.first_tempering == 1.0:
-                self.first_tempering = reached
-            return 1.0 - math.log(reached) / math.log(self.first_tempering) if 0.0 < reached < 1.0 else float(reached)
-        if facts.label.startswith("importance"):
-            return min(1.0, facts.effective_sample_size / self.particles)
-        return reached
-
-
-def _line(text: str, facts: StageFacts | None) -> str:
-    if facts is None:
-        return text
-    details = []
-    if facts.label.startswith("TMCMC"):
-        details = [
-            f"stage {facts.stage}",
-            f"tempering parameter {facts.tempering_parameter:.3g}",
-            f"acceptance {facts.acceptance:.2f}",
-        ]
-    return ", ".join((text, *details, f"{facts.n_solves} solves"))
-
-
-def _writable(directory: Path) -> Path:
-    """The directory, made and tried before a long run, not after it."""
-    with _replacing(directory):
-        return directory
-
-
-@contextmanager
-def _replacing(directory: Path) -> Iterator[Path]:
-    """A place for new files beside the old ones; they take their names only when all of them are whole."""
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=directory, prefix=".partial-") as name:
-            yield Path(name)
-            for path in sorted(found for found in Path(name).rglob("*") if found.is_file()):
-                place = directory / path.relative_to(name)
-                place.parent.mkdir(exist_ok=True)
-                path.replace(place)
-    except OSError as error:
-        raise UserError(
-            f"--out {directory} cannot be written to ({error.strerror or error}): choose another directory"
-        ) from error
-
-
-def _write(result: Result, directory: Path) -> None:
-    with _replacing(directory) as partial:
-        _save(result, partial)
-        write_report(result, partial)
-
-
-def _save(result: Result, directory: Path) -> None:
-    text = json.dumps(result.facts.as_json(), indent=1, allow_nan=False)
-    (directory / "result.json").write_text(text + "\n", encoding="utf-8")
-    result.save(directory / "result.nc")
-
-
-def _write_discovery(discovery: Discovery, directory: Path, model: Path) -> None:
-    """Page, numbers, record and improved model; ``identify/`` holds what ``bwbn identify`` writes of the latter."""
-    with _replacing(directory) as partial:
-        write_discovery(discovery, partial)
-        _save(discovery.result, partial / "identify")
-        text = json.dumps(discovery.as_json(), indent=1, allow_nan=False)
-        (partial / "discovery.json").write_text(text + "\n", encoding="utf-8")
-        write_record(discovery.record, partial / "record.csv")
-        source = improved_model_source(
-            discovery.improved,
-            discovery.added,
-            name=discovery.name,
-            origin=model.resolve(),
-            record_file="record.csv",
-        )
-        (partial / "improved_model.py").write_text(source, encoding="utf-8")
-
-
-def _summarise(result: Result, directory: Path) -> None:
-    facts = result.facts
-    console = _results()
-    console.print(Text(f"{facts.model}, {facts.record}\n", "bold"))
-    if facts.parameters:
-        console.print(_parameters(facts.parameters))
-        console.print()
-    failed = [check.sentence for check in facts.checks if not check.passed]
-    for sentence in (*facts.verdict, *failed, *facts.identifiability):
-        console.print(sentence, highlight=False, markup=False)
-    for road, (value, error) in facts.evidences.items():
-        console.print(f"log evidence, {road}: {value:.2f} +- {error:.2f}", highlight=False, markup=False)
-    console.print(f"{facts.n_solves} solves, {facts.elapsed_s:.1f} s, engine {facts.engine}", highlight=False)
-    console.print(Text(f"report: {directory / 'report.html'}"), soft_wrap=True)
-
-
-def _parameters(parameters: Sequence[ParameterFacts]) -> Table:
-    """One line for each parameter, also on 80 columns."""
-    truth_known = any(p.true is not None for p in parameters)
-    table = _table("parameter", "mean", "sd", "90 % from", "to", *(["true"] if truth_known else []), "unit", "")
-    for p in parameters:
-        true = [] if not truth_known else ["" if p.true is None else f"{p.true:.5g}"]
-        table.add_row(Text(p.name), *_numbers(p), *true, Text(p.unit), p.flag)
-    return table
-
-
-def _numbers(facts: ParameterFacts) -> tuple[str, ...]:
-    """Mean, sd and the interval's ends to the second digit of the sd."""
-    values = (facts.mean, facts.sd, *facts.hdi90)
-    if math.isnan(facts.sd):  # a point estimate
-        return f"{facts.mean:.5g}", "", "", ""
-    if not (math.isfinite(facts.sd) and facts.sd >= 1e-7):
-        return tuple(f"{value:.4g}" for value in values)
-    place = max(decimal_place(facts.sd), 0)
-    return tuple(f"{value:.{place}f}" for value in values)
-
-
-def _table(*columns: str) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    numeric = {"mean", "sd", "90 % from", "to", "true"}
-    for column in columns:
-        last = column == columns[-1]
-        table.add_column(column, justify="right" if column in numeric else "left", no_wrap=not last)
-    return table

@@ -1,0 +1,71 @@
+"""What the command line writes: new files take their names only when all of them are whole."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from bwbn_bayes.discovery.improved_model import improved_model_source
+from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.records.readers import write_record
+from bwbn_bayes.report import write_discovery, write_report
+from bwbn_bayes.results import Result
+
+
+def writable(directory: Path) -> Path:
+    """The directory, made and tried before a long run, not after it."""
+    with replacing(directory):
+        return directory
+
+
+@contextmanager
+def replacing(directory: Path) -> Iterator[Path]:
+    """A place for new files beside the old ones; they take their names only when all of them are whole."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=directory, prefix=".partial-") as name:
+            yield Path(name)
+            for path in sorted(found for found in Path(name).rglob("*") if found.is_file()):
+                place = directory / path.relative_to(name)
+                place.parent.mkdir(exist_ok=True)
+                path.replace(place)
+    except OSError as error:
+        raise UserError(
+            f"--out {directory} cannot be written to ({error.strerror or error}): choose another directory"
+        ) from error
+
+
+def write_result(result: Result, directory: Path) -> None:
+    """Page, figures, ``result.json`` and ``result.nc``."""
+    with replacing(directory) as partial:
+        save_result(result, partial)
+        write_report(result, partial)
+
+
+def save_result(result: Result, directory: Path) -> None:
+    """``result.json`` and ``result.nc`` alone."""
+    text = json.dumps(result.facts.as_json(), indent=1, allow_nan=False)
+    (directory / "result.json").write_text(text + "\n", encoding="utf-8")
+    result.save(directory / "result.nc")
+
+
+def write_discovery_files(discovery: Discovery, directory: Path, model: Path) -> None:
+    """Page, numbers, record and improved model; ``identify/`` holds what ``bwbn identify`` writes of the latter."""
+    with replacing(directory) as partial:
+        write_discovery(discovery, partial)
+        save_result(discovery.result, partial / "identify")
+        text = json.dumps(discovery.as_json(), indent=1, allow_nan=False)
+        (partial / "discovery.json").write_text(text + "\n", encoding="utf-8")
+        write_record(discovery.record, partial / "record.csv")
+        source = improved_model_source(
+            discovery.improved,
+            discovery.added,
+            name=discovery.name,
+            origin=model.resolve(),
+            record_file="record.csv",
+        )
+        (partial / "improved_model.py").write_text(source, encoding="utf-8")

@@ -8,6 +8,7 @@ cannot tell apart form one class.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +18,7 @@ from scipy.special import logsumexp
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.evidence import PRIOR_WIDTHS, Evidence
+from bwbn_bayes.discovery.score import Score
 
 THRESHOLD = 8.0
 """Log odds that a name must exceed beyond their error. [nat]"""
@@ -24,6 +26,8 @@ _SIMPLER = 3.0
 """Within this, the hypothesis with fewer parameters leads. [nat]"""
 _DOUBT = 6.0
 """Laplace's error could be as large as this. [nat]"""
+_LEAST_SCORE, _BEYOND_SCORE = 6.0, 2.0
+"""Least score worth a fit; what a fit may gain beyond it where the residual is quiet. [nat]"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,18 +171,49 @@ def decide(
     considered : sequence of Hypothesis
         All that share the prior, fitted or not.
     """
-    names = {hypothesis.name for hypothesis in considered}
-    variants = {name: sum(hypothesis.name == name for hypothesis in considered) for name in names}
+    prior = log_prior_odds(considered)
     candidates = [
         Candidate(
             hypothesis=hypothesis,
             evidence=evidence,
-            log_prior_odds=-float(np.log(len(names)) + np.log(variants[hypothesis.name])),
+            log_prior_odds=prior[hypothesis.name],
             log_bayes_factor=evidence.total - present.total,
         )
         for hypothesis, evidence in weighed
     ]
     return Decision(candidates=tuple(sorted(candidates, key=lambda c: -c.log_odds)), present=present)
+
+
+def worth_fitting(scored: Sequence[tuple[Hypothesis, Score]], *, quiet: bool) -> tuple[Hypothesis, ...]:
+    """Hypotheses that could be named, best score first.
+
+    A score bounds the log Bayes factor to first order: where the residual is quiet, and the order holds, one that falls
+    short of the threshold by more than two nats once the prior odds are counted is left out. Elsewhere six nats are
+    asked of the score.
+
+    Parameters
+    ----------
+    scored : sequence of (Hypothesis, Score)
+        All that share the prior.
+    quiet : bool
+        Whether the present model leaves nothing of note.
+    """
+    prior = log_prior_odds([hypothesis for hypothesis, _ in scored])
+    least = {name: THRESHOLD - odds - _BEYOND_SCORE if quiet else _LEAST_SCORE for name, odds in prior.items()}
+    ranked = sorted(scored, key=lambda pair: -pair[1].nats)
+    return tuple(hypothesis for hypothesis, score in ranked if score.nats > least[hypothesis.name])
+
+
+def log_prior_odds(considered: Sequence[Hypothesis]) -> dict[str, float]:
+    """Prior log odds against the present model of one hypothesis of each effect, by the effect's name.
+
+    Parameters
+    ----------
+    considered : sequence of Hypothesis
+        All that share the prior.
+    """
+    variants = Counter(hypothesis.name for hypothesis in considered)
+    return {name: -float(np.log(len(variants)) + np.log(count)) for name, count in variants.items()}
 
 
 def _by_name(candidates: Sequence[Candidate], width: str | None) -> dict[str, float]:

@@ -15,7 +15,7 @@ from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_la
 from bwbn_bayes.discovery.conclusion import conclude, is_explained, unexplained_share
 from bwbn_bayes.discovery.evidence import bridged_evidence, laplace_evidence, present_evidence, sampled_evidence
 from bwbn_bayes.discovery.held_out import set_apart
-from bwbn_bayes.discovery.name import THRESHOLD, Decision, decide
+from bwbn_bayes.discovery.name import THRESHOLD, Decision, decide, worth_fitting
 from bwbn_bayes.discovery.outcome import Added, Discovery, Step
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import (
@@ -40,8 +40,6 @@ from bwbn_bayes.records.noise import LEAST_NOISE, with_least_noise
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
-LEAST_SCORE = 6.0
-"""Where the residual is noise, and in later rounds, hypotheses whose score is below this are not fitted. [nat]"""
 MOST_LATER = 24
 """Hypotheses with the largest scores that are fitted in a later round."""
 CONTENDER = 40.0
@@ -146,7 +144,7 @@ def _grow(present: Present, run: Run, fits: tuple[Fit, ...] | None = None) -> tu
             run.first_fits = fits
         decision = _weigh(present, fits, run) if fits else None
         chosen = decision.leader if decision is not None and decision.passes else None
-        sentence = decision.sentence if decision is not None else "The residual is noise, and no effect has a score."
+        sentence = decision.sentence if decision is not None else "No effect could gain enough to be named."
         run.steps.append(
             Step(
                 number=len(run.steps) + 1,
@@ -210,8 +208,7 @@ def _fit_hypotheses(present: Present, run: Run) -> tuple[Fit, ...]:
     if present.is_quiet or not first:
         run.say(f"scoring {len(every)} hypotheses")
         run.scored = (posterior.model, score_all(present, every, run))
-        ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
-        every = tuple(h for h, s in ranked if s.nats > LEAST_SCORE)[: len(every) if first else MOST_LATER]
+        every = worth_fitting(run.scored[1], quiet=present.is_quiet)[: len(every) if first else MOST_LATER]
         if not every:
             return ()
     if not first and len(every) > FEW:

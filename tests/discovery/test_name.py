@@ -8,7 +8,8 @@ import pytest
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.evidence import PRIOR_WIDTHS, Evidence
-from bwbn_bayes.discovery.name import THRESHOLD, Decision, decide
+from bwbn_bayes.discovery.name import THRESHOLD, Decision, decide, worth_fitting
+from bwbn_bayes.discovery.score import Score
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorGain, SlipLock
 from bwbn_bayes.elements.law import Effect
@@ -103,6 +104,17 @@ def test_prior_odds_run_over_what_was_considered_not_over_what_was_fitted() -> N
     assert made.candidates[0].log_prior_odds == pytest.approx(-np.log(6.0))
     assert made.candidates[0].log_odds == pytest.approx(9.0 - np.log(6.0))
     assert not made.passes
+
+
+@pytest.mark.parametrize(("nats", "quiet"), [(6.0 + np.log(6.0), True), (6.0, False)])
+def test_only_what_could_be_named_is_worth_a_fit(nats: float, quiet: bool) -> None:
+    """Where the residual is quiet: 8 nats less 2, and the prior odds of one in six; elsewhere six nats."""
+    considered = [hypothesis(CUBIC, 1), hypothesis(CUBIC, 2), hypothesis(DAMPER, 1), hypothesis(GAIN, 1)]
+    scored = [
+        (h, Score(nats=value, amplitude="", unit="", smallest=1.0))
+        for h, value in zip(considered, (nats - 0.01, nats + 0.01, nats + 5.0, 0.0), strict=True)
+    ]
+    assert worth_fitting(scored, quiet=quiet) == (considered[2], considered[1])
 
 
 def test_an_effect_collects_its_forms_and_places() -> None:

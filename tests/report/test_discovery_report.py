@@ -48,7 +48,7 @@ def variants(found):
     near = NearShape(label="backlash, storey 1", share=0.2, correlation=0.8, log_odds=3.0, sentence="It is <not> it.")
     rest = Unexplained(forces=(learned,), nearest=(near,))
     alone = replace(found.gap, held_out=None)
-    step = replace(found.steps[0], decision=None, sentence="The residual is noise, and no effect has a score.")
+    step = replace(found.steps[0], decision=None, sentence="No effect could gain enough to be named.")
     given = {"added": (), "improved": found.model, "after": found.before}
     return {
         "effects_found": found,

@@ -39,6 +39,9 @@ from bwbn_bayes.structures.structure import Structure
 N_RESPONSES = 100
 """Draws whose responses are kept for figures and quantities."""
 
+_NEAR_A_BOUND = 0.01
+"""Share of an interval's width within which its outermost draw lies at a bound."""
+
 _LIBRARIES = ("bwbn-bayes", "numpy", "scipy", "numba", "sympy", "arviz", "xarray")
 
 
@@ -185,7 +188,6 @@ def _parameter_facts(posterior: Posterior, draws: Draws) -> tuple[ParameterFacts
     for i, parameter in enumerate(posterior.space.parameters):
         mean = float(draws.weights @ values[:, i])
         variance = float(draws.weights @ np.square(values[:, i] - mean))
-        low, high = arviz_base.array_stats.hdi(equal[:, i], prob=0.9)
         facts.append(
             ParameterFacts(
                 name=parameter.name,
@@ -194,12 +196,26 @@ def _parameter_facts(posterior: Posterior, draws: Draws) -> tuple[ParameterFacts
                 prior=str(parameter.prior),
                 mean=mean,
                 sd=float(np.sqrt(variance)),
-                hdi90=(float(low), float(high)),
+                hdi90=densest_interval(equal[:, i], parameter.prior.support),
                 true=posterior.record.truth.get(parameter.name),
                 flag=flag(draws.points[:, i]),
             )
         )
     return tuple(facts)
+
+
+def densest_interval(draws: Floats, support: tuple[float, float], prob: float = 0.9) -> tuple[float, float]:
+    """Shortest interval that holds a share of the draws ``(n,)``; where it reaches a bound of their support, up to it.
+
+    Where the density is highest at a bound the interval belongs there, but every draw lies a little inside.
+    """
+    low, high = map(float, arviz_base.array_stats.hdi(draws, prob=prob))
+    near = _NEAR_A_BOUND * (high - low)
+    if low <= np.min(draws) < support[0] + near:
+        low = support[0]
+    if high >= np.max(draws) > support[1] - near:
+        high = support[1]
+    return low, high
 
 
 def _tree(

@@ -45,6 +45,8 @@ N_ATTEMPTS = 3
 _PILOT = 800
 _LEAST_EFFICIENCY = 0.5
 _PILOT_LIMIT = 0.5
+_LEAST_EFFECTIVE = 2000
+"""Weighed draws are worth so many at least, whatever was asked for: from fewer, Pareto's k can miss a heavy tail."""
 _N_REFINED = 3
 """Times that a proposal whose weights turn out to have a heavy tail is bettered and drawn from anew."""
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
@@ -315,7 +317,7 @@ def _importance(
     posterior: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator, effective: int, history: _History
 ) -> tuple[WeightedDraws, NestedLaplace | None]:
     """Importance sampling from the modes, or from the sheet through them where they alone cover the posterior badly."""
-    sheet = Sheet(posterior, modes, rng)
+    sheet, effective = Sheet(posterior, modes, rng), max(effective, _LEAST_EFFECTIVE)
     n_refined = _N_REFINED if posterior.n_dim > 1 else 0
     pilot = sample_importance(posterior, sheet.proposal, rng, effective=_PILOT, most=_PILOT)
     poor = pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT

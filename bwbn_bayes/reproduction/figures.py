@@ -49,6 +49,7 @@ def _loops(excitation: Excitation, histories: Mapping[Case, Histories]) -> tuple
             axis = axes[len(STOREYS) - 1 - i, column]
             axis.plot(history.drift[i], history.true[i], color="#222222", linewidth=0.9, label="true")
             axis.plot(history.drift[i], history.identified[i], color=_COLOURS[method], linewidth=0.6, label=method)
+            axis.locator_params(axis="x", nbins=5)
             axis.set_title(f"{method}, storey {i + 1}", fontsize=9, loc="left")
             axis.tick_params(labelsize=7)
     figure.supxlabel(f"true drift [m], {words}", fontsize=9)

@@ -80,7 +80,7 @@ def render(
         findings=findings(lines),
         errors=errors(lines),
         costs=costs(lines),
-        processors=", ".join(sorted({outcome.processor for outcome in outcomes})),
+        processors="; ".join(sorted({outcome.processor for outcome in outcomes})),
         prediction=_prediction(outcomes),
         redundant=_redundant(outcomes),
         figures=[(name, base64.b64encode(png).decode("ascii"), _ALT[name]) for name, png in drawings],

@@ -40,7 +40,7 @@ from bwbn_bayes.inference.sheet_nodes import (
 )
 from bwbn_bayes.inference.tmcmc.target import Integers
 from bwbn_bayes.inference.truncated import Bend, walk
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 
 _N_CELLS = (4096, 128, 32, 16)
 """Per wide coordinate, for one, two, three or four of them."""
@@ -53,6 +53,7 @@ _N_ADDED = 64
 """Nodes added where the weights are large, and as many where the proposal has its mass."""
 _ENOUGH, _LIGHT = 0.3, 0.6
 """Share of effective draws, and Pareto shape, with which a proposal is good enough."""
+_LOG_TWO_PI = float(np.log(2.0 * np.pi))
 _TAILS = (1.5, 6.0)
 """Variance factor and degrees of freedom of its wider companion."""
 
@@ -105,9 +106,8 @@ class NestedLaplace:
         order = _drawing_order(mean[nodes.alive], sd[nodes.alive])
         factor = np.linalg.cholesky(_WIDEN * covariance[:, order][:, :, order])
         diagonal = np.einsum("nii->ni", factor)
-        # What Laplace's approximation leaves of the density at a node when the rest is integrated out.
-        _, conditional = walk(mean[:, order], factor, np.inf, points=nodes.points[:, rest[order]])
-        height = nodes.local.log_likelihood - conditional
+        # What Laplace's approximation leaves of the density at a node when the rest is integrated out, bounds aside.
+        height = nodes.local.log_likelihood - _log_normal(nodes.points[:, rest[order]] - mean[:, order], factor)
         height = np.maximum(height - np.max(height), -1.5 * REACH)
         packed = factor / diagonal[:, :, None]
         np.einsum("nii->ni", packed)[...] = np.log(diagonal)
@@ -116,15 +116,29 @@ class NestedLaplace:
         over = surface_through(shares, height, 1e-4)
         n_cells = _N_CELLS[len(wide) - 1]
         centres = np.stack(np.meshgrid(*[(np.arange(n_cells) + 0.5) / n_cells] * len(wide), indexing="ij"), axis=-1)
-        log_mass = over(centres.reshape(-1, len(wide)))
-        mass = np.exp(log_mass - logsumexp(log_mass))
-        mass = (1.0 - _DEFENSIVE) * mass + _DEFENSIVE / mass.size
-        return cls(
+        unbounded = cls(
             box=nodes.box,
             order=rest[order],
-            mass=mass.reshape([n_cells] * len(wide)),
+            mass=np.empty([n_cells] * len(wide)),
             surface=surface_through(shares[kept], columns[kept], 1e-6),
         )
+        centres = centres.reshape(-1, len(wide))
+        log_mass = over(centres)
+        log_mass += unbounded.log_inside(centres, log_mass > np.max(log_mass) - REACH)
+        mass = np.exp(log_mass - logsumexp(log_mass))
+        mass = (1.0 - _DEFENSIVE) * mass + _DEFENSIVE / mass.size
+        return replace(unbounded, mass=mass.reshape(unbounded.mass.shape))
+
+    def log_inside(self, shares: Floats, asked: Booleans) -> Floats:
+        """Log probability ``(n,)`` that the rest lies within its bounds, to first order; zero where it is not asked.
+
+        It falls off a cliff where the surface leaves the cube, which no spline between nodes can follow.
+        """
+        mean, factor = self._conditional(shares[asked])
+        points, log_density = walk(mean, factor, np.inf, uniforms=np.full(mean.shape, 0.5))
+        found = np.zeros(len(shares))
+        found[asked] = _log_normal(points - mean, factor) - log_density
+        return found
 
     def bent(self, posterior: Posterior, nodes: Nodes) -> Self:
         """With the curvature within the rest, read off at the best node.
@@ -280,6 +294,13 @@ class Sheet:
         starts = np.concatenate([_heavy(draws, self._rng), typical])
         self._nodes = nodes.joined(*refitted(self._posterior, starts, nodes.box.wide, 10))
         self.nested = NestedLaplace.laid(self._posterior, self._nodes)
+
+
+def _log_normal(deviations: Floats, factor: Floats) -> Floats:
+    """Log density ``(n,)`` of normals at deviations ``(n, d)`` from their means; ``factor (n, d, d)`` is Cholesky's."""
+    standard = np.linalg.solve(factor, deviations[:, :, None])[:, :, 0]
+    log_det = np.sum(np.log(np.einsum("nii->ni", factor)), axis=1)
+    return np.asarray(-0.5 * np.sum(np.square(standard), axis=1) - log_det - 0.5 * deviations.shape[1] * _LOG_TWO_PI)
 
 
 def _heavy(pilot: WeightedDraws, rng: np.random.Generator) -> Floats:

@@ -125,6 +125,8 @@ class _Slopes:
             Response, and its derivative in that direction.
         """
         residual, own = ((one / self.noise).ravel() for one in (self.measured - values, slope))
+        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(own))):  # it cannot be solved there
+            return 0.0, 0.0
         weights = cho_solve((self.factor, True), self.base.T @ own)
         whole = float(own @ own)
         left = float(whole - weights @ (self.base.T @ own))

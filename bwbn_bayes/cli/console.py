@@ -37,8 +37,8 @@ def progress(console: Console, particles: int) -> Iterator[Listener]:
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, transient=True) as progress:
-        yield _Bar(progress=progress, task=progress.add_task("starting", total=1.0), particles=particles)
+    with Progress(*columns, console=console, transient=True) as shown:
+        yield _Bar(progress=shown, task=shown.add_task("starting", total=1.0), particles=particles)
 
 
 @contextmanager

@@ -87,7 +87,7 @@ def write_csv(lines: Sequence[Line], path: Path) -> None:
         writer.writeheader()
         for line in lines:
             plain = asdict(line)
-            writer.writerow({k: "" if v is None or v != v else v for k, v in plain.items()})
+            writer.writerow({k: "" if isinstance(v, float) and np.isnan(v) else v for k, v in plain.items()})
 
 
 def _line(table: int, case: Case, quantity: str, paper: str, outcomes: Sequence[Outcome]) -> Line:

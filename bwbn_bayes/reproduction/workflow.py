@@ -107,12 +107,8 @@ def _seeds(case: Case, options: Options) -> range:
 
 def fingerprint(options: Options, method: MethodName) -> str:
     """A short name for what a method was run under; more seeds or other methods' settings keep what is finished."""
-    others = {name for name, owner in _SETTINGS_OF.items() if owner != method}
-    plain = {
-        key: value
-        for key, value in asdict(options).items()
-        if key not in ("seed", "seeds", "quick") and key not in others
-    }
+    aside = {"seed", "seeds", "quick", *(name for name, owner in _SETTINGS_OF.items() if owner != method)}
+    plain = {name: value for name, value in asdict(options).items() if name not in aside}
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:12]
 
 

@@ -20,8 +20,8 @@ from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
 
 _LEADING = 6
 """Forms of effects, each at its best place, that are looked at again."""
-_BEYOND = 1e-4
-"""Prior probability of sizes so far out that the prior, not the record, may hold them there."""
+_BEYOND = 1e-2
+"""Prior probability beyond a size so far out that the prior, not the record, may hold it there."""
 _WIDER, _MOST_TIMES = 4.0, 3
 """Factor by which such a prior is widened, and how often at most."""
 _N_SCANNED = 32
@@ -78,11 +78,12 @@ def _again(fits: Sequence[Fit], look: Callable[[Fit], Fit]) -> tuple[Fit, ...]:
 
 
 def leading(fits: Sequence[Fit]) -> tuple[Fit, ...]:
-    """The best fit of each of the leading forms."""
-    forms: dict[tuple[str, ...], Fit] = {}
+    """The best fit of each of the leading forms, and every fit of the first of them: a place is told from another too."""
+    forms: dict[tuple[str, ...], list[Fit]] = {}
     for fit in fits:
-        forms.setdefault(fit.hypothesis.symbols, fit)
-    return tuple(forms.values())[:_LEADING]
+        forms.setdefault(fit.hypothesis.symbols, []).append(fit)
+    first, *others = list(forms.values())[:_LEADING]
+    return (*first, *(other[0] for other in others))
 
 
 def _beyond(fit: Fit) -> tuple[str, ...]:

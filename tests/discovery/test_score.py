@@ -1,6 +1,7 @@
 """Projected scores against least squares on finite differences of the reference engine, and what they promise."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -8,15 +9,17 @@ import pytest
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
 from bwbn_bayes.discovery.score import Score, scores
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorGain
+from bwbn_bayes.elements.effects import CubicStiffness, GapImpact, QuadraticDamping, SensorGain
+from bwbn_bayes.engines.base import Response
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.modes import polish
-from bwbn_bayes.parameters import Floats, Uniform
+from bwbn_bayes.parameters import Booleans, Floats, Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
 
 MODEL = ShearBuilding(
     masses=[2.0],
@@ -173,3 +176,51 @@ def test_the_order_and_the_number_of_workers_do_not_matter(clean: Posterior, eve
     posterior, listed = replace(clean, record=record), list(every.values())
     one = scores(posterior, listed, TRUTH, n_workers=1)
     assert scores(posterior, listed[::-1], TRUTH, n_workers=2) == one[::-1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failing(Lanes):
+    """Cannot solve those draws whose gap is at least the given one; their response is NaN, as of a failed solve."""
+
+    gap: float
+
+    def sensitivities(
+        self,
+        model: Structure,
+        draws: Floats,
+        record: Record,
+        channels: Sequence[str] | None = None,
+        *,
+        free: Booleans | None = None,
+    ) -> tuple[Response, Floats]:
+        response, slopes = super().sensitivities(model, draws, record, channels, free=free)
+        if "g" not in model.space.names:
+            return response, slopes
+        failed = draws[:, model.space.names.index("g")] >= self.gap
+        values = np.where(failed[:, None, None], np.nan, response.values)
+        return replace(response, values=values), np.where(failed[:, None, None, None], np.nan, slopes)
+
+
+def test_a_grid_point_that_cannot_be_solved_scores_nothing(clean: Posterior) -> None:
+    """The best of the grid falls away point by point; where none is left, the record cannot show the effect."""
+    every = hypotheses(MODEL, scales_of(clean, TRUTH), measured=(CHANNEL,), effects=(GapImpact,))
+    (two_sided,) = [h for h in every if h.effect.form == "two-sided"]
+    noise = SD * np.random.default_rng(6).standard_normal(GROUND.n_times)
+    record = clean.record.with_channels({CHANNEL: clean.record.channels[CHANNEL] + noise})
+    gaps = sorted(
+        two_sided.model.space.from_unit(two_sided.neutral_points(TRUTH, two_sided.amplitudes[0], 1e-3))[
+            :, two_sided.model.space.names.index("g")
+        ]
+    )
+    found = []
+    for gap in (*gaps, np.inf):
+        posterior = replace(clean, record=record, engine=Failing(gap=gap, substeps=2, n_threads=1))
+        found += scores(posterior, [two_sided], TRUTH, n_workers=1)
+    (own,) = scores(replace(clean, record=record), [two_sided], TRUTH, n_workers=1)
+    assert found[0].nats == 0.0
+    assert np.isinf(found[0].smallest)
+    assert found[-1] == own
+    assert own.nats > 0.0
+    assert np.all(np.isfinite([score.smallest for score in found[1:]]))
+    assert np.all(np.diff([score.nats for score in found]) >= 0.0)
+    assert np.all(np.diff([score.smallest for score in found[1:]]) <= 0.0)

@@ -1,5 +1,7 @@
 """A size that its prior holds back, and a fit to which no start led: both are found on the second look."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -80,9 +82,9 @@ def size_of(fit: Fit) -> tuple[float, float]:
 
 
 def test_a_prior_that_holds_a_size_back_is_widened(present: Posterior, base_points: Floats, clean: Floats) -> None:
-    """A prior of sd 2 ends at 2 x 4.75 in the unit cube; the truth is 20."""
-    stuck = narrow(present, base_points, 2.0)
-    assert size_of(stuck)[0] < 2.0 * stats.norm.ppf(1.0 - 1e-6) + 0.1
+    """A prior of sd 4 ends at 4 x 4.75 in the unit cube; the truth is 20."""
+    stuck = narrow(present, base_points, 4.0)
+    assert size_of(stuck)[0] < 4.0 * stats.norm.ppf(1.0 - 1e-6) + 0.1
     (free,) = widened([stuck], n_threads=1)
     size, sd = size_of(free)
     assert abs(size - SIZE) < 4.0 * sd
@@ -90,7 +92,7 @@ def test_a_prior_that_holds_a_size_back_is_widened(present: Posterior, base_poin
     assert abs(free.log_likelihood - log_likelihood_of_truth(present, clean)) < 0.5 * (5.0 + 4.0 * np.sqrt(10.0))
     effect = free.hypothesis.effect
     assert isinstance(effect, StoreyParameter)
-    assert effect.offset == Normal(0.0, 8.0)
+    assert effect.offset == Normal(0.0, 16.0)
     assert free.hypothesis.symbols == stuck.hypothesis.symbols
     assert free.posterior.model is free.hypothesis.model
 
@@ -118,11 +120,33 @@ def test_a_fit_to_which_no_start_led_is_found(present: Posterior, base_points: F
 
 
 def test_the_leading_fits_are_the_best_of_each_form(present: Posterior, base_points: Floats) -> None:
+    """Of the first form at every place."""
     priors = (StoreyParameter(parameter="gamma", offset=Normal(0.0, 10.0)), CubicStiffness(k3=Normal(0.0, 1000.0)))
-    every = [hypothesis(present, base_points, effect) for effect in (*priors, priors[0])]
+    every = [hypothesis(present, base_points, effect) for effect in priors]
+    every += [replace(every[0], storeys=(1,)), replace(every[1], storeys=(1,))]
     fits = race(present, every, base_points, n_workers=1)
-    assert [fit.hypothesis.symbols for fit in leading(fits)] == list(dict.fromkeys(f.hypothesis.symbols for f in fits))
-    assert leading(fits)[0] is fits[0]
+    gamma, spring = (effect.name for effect in priors)
+    assert fits[0].hypothesis.name == gamma
+    found = leading(fits)
+    assert found[0] is fits[0]
+    assert [fit.hypothesis.name for fit in found] == [gamma, gamma, spring]
+    assert {fit.hypothesis.storeys for fit in found[:2]} == {(1,), (2,)}
+    assert found[2] is next(fit for fit in fits if fit.hypothesis.name == spring)
+
+
+def test_a_place_held_back_by_its_prior_is_looked_at_though_another_leads(
+    present: Posterior, base_points: Floats
+) -> None:
+    """At the wrong storey a wide prior lets the fit go where the right one, held back, cannot follow."""
+    stuck = narrow(present, base_points, 0.5)
+    wide = StoreyParameter(parameter="gamma", offset=Normal(0.0, 10.0))
+    elsewhere = replace(hypothesis(present, base_points, wide), storeys=(1,))
+    (wrong,) = race(present, [elsewhere], base_points, n_workers=1)
+    assert wrong.log_likelihood > stuck.log_likelihood
+    first, second = widened([wrong, stuck], n_threads=1)
+    assert first.hypothesis.storeys == (2,)
+    assert abs(size_of(first)[0] - SIZE) < 4.0 * size_of(first)[1]
+    assert second is wrong
 
 
 def test_a_time_between_two_starts_is_found(base_points: Floats) -> None:

@@ -57,16 +57,7 @@ def test_every_catalogued_effect_is_on_trial_once() -> None:
     assert len(set(INDEX.values())) == len(INDEX) == 21
 
 
-def trials() -> list[object]:
-    """Every effect; the one whose place depends on the processor's rounding may miss it, and says so in the summary."""
-    reason = (
-        "on some processors the fits at the right storey stop in a local optimum, 180 nats short, and another is named"
-    )
-    miss = pytest.mark.xfail(reason=reason, raises=AssertionError, strict=False)
-    return [pytest.param(name, marks=miss) if name == "storey_parameter" else name for name in EFFECTS]
-
-
-@pytest.mark.parametrize("name", trials())
+@pytest.mark.parametrize("name", EFFECTS)
 def test_the_hidden_effect_is_named_at_its_place(name: str) -> None:
     case = case_of(name)
     assert not case.record.truth

@@ -19,7 +19,7 @@ from bwbn_bayes.inference.modes import climb, find_modes, polish
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
 
 _LEADING = 6
-"""Forms of effects, each at its best place, that are looked at again."""
+"""Forms of effects that are looked at again, each at its best place, the first at every place."""
 _BEYOND = 1e-2
 """Prior probability beyond a size so far out that the prior, not the record, may hold it there."""
 _WIDER, _MOST_TIMES = 4.0, 3
@@ -78,11 +78,11 @@ def _again(fits: Sequence[Fit], look: Callable[[Fit], Fit]) -> tuple[Fit, ...]:
 
 
 def leading(fits: Sequence[Fit]) -> tuple[Fit, ...]:
-    """The best fit of each of the leading forms, and every fit of the first of them: a place is told from another too."""
+    """The best fit of each of the leading forms, and of the first of them the fits at every place."""
     forms: dict[tuple[str, ...], list[Fit]] = {}
     for fit in fits:
         forms.setdefault(fit.hypothesis.symbols, []).append(fit)
-    first, *others = list(forms.values())[:_LEADING]
+    first, *others = list(forms.values())[:_LEADING] or [[]]
     return (*first, *(other[0] for other in others))
 
 

@@ -15,6 +15,7 @@ from sympy.core.function import AppliedUndef
 from sympy.printing.pretty.pretty_symbology import greek_unicode
 
 from bwbn_bayes.elements.law import (
+    TIME,
     Definition,
     SensorLaw,
     Slots,
@@ -294,8 +295,7 @@ def _change(
 
 
 def _unit_steps(moments: Mapping[sp.Symbol, sp.Symbol]) -> dict[sp.Symbol, sp.Expr]:
-    t = sp.Symbol("t")
-    return {indicator: sp.Heaviside(t - moment) for indicator, moment in moments.items()}
+    return {indicator: sp.Heaviside(TIME - moment) for indicator, moment in moments.items()}
 
 
 def _written(

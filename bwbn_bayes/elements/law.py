@@ -30,6 +30,8 @@ DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, ENERGY = sp.symbols("u v z epsilon",
 
 FLOOR_VELOCITY, FLOOR_ACCELERATION = sp.symbols("w_i a_i", real=True)
 """Of the floor above the storey: velocity relative to the ground [m/s], total acceleration [m/s^2]."""
+TIME = sp.Symbol("t")
+"""Since the record's start. [s]"""
 MASS = sp.Symbol("m_i", positive=True)
 """Mass of the floor, its error included. [kg]"""
 FORCE_BELOW, FORCE_ABOVE, FIRST_FORCE = sp.symbols("F_i F_above F_1", real=True)
@@ -243,7 +245,7 @@ class SensorLaw:
     @property
     def definitions(self) -> tuple[Definition, ...]:
         """The reading of the accelerometer, for printing; nothing where it shows the acceleration itself."""
-        late = sp.Function(FLOOR_ACCELERATION.name)(sp.Symbol("t") - self.lag)
+        late = sp.Function(FLOOR_ACCELERATION.name)(TIME - self.lag)
         reading = self.gain * (late if self.lag != 0 else FLOOR_ACCELERATION) + self.bias
         if reading == FLOOR_ACCELERATION:
             return ()
@@ -295,6 +297,20 @@ class StoreyLaw:
     def event_parameters(self) -> tuple[int, ...]:
         """For each event, the position of its time among the parameters."""
         return tuple(self.symbols.index(event.time) for event in self.events)
+
+    @cached_property
+    def changes(self) -> Mapping[str, sp.Expr]:
+        """For each parameter that changes or differs, by how much, in parameters and :data:`TIME`.
+
+        A change that depends on the motion is left out: it has no expression in time.
+        """
+        known = {*self.symbols, *(event.indicator for event in self.events)}
+        elapsed = {event.indicator: sp.Max(TIME - event.time, 0) for event in self.events}
+        happened = {event.indicator: sp.Heaviside(TIME - event.time, 1) for event in self.events}
+        own = list(zip(self.states, self.rates, strict=True))[: self.n_storey_states]
+        grown = {state: rate.xreplace(elapsed) for state, rate in own if rate.free_symbols <= known}
+        written = {base.name: one.xreplace(grown).xreplace(happened) for base, one in self.increments}
+        return {name: one for name, one in written.items() if one.free_symbols <= {TIME, *self.symbols}}
 
 
 def combine(

@@ -258,7 +258,7 @@ def _tree(
         "parameters_by_storey": by_storey,
     }
     if isinstance(model, ShearBuilding):
-        groups["quantities"] = engineering_quantities(response, by_storey, masses(model))
+        groups["quantities"] = engineering_quantities(response, by_storey, masses(model), model.law)
     if truth is not None:
         groups["true_response"] = response_dataset(truth, times, storeys).isel(draw=0)
     return xr.DataTree.from_dict(groups)

@@ -1,7 +1,7 @@
 """What an engineer asks next: peaks, losses, energies and periods from response histories, draw by draw.
 
 Every function is pure and works on any leading dimensions; draws stay separate, so that bands come from percentiles.
-Parameters that a model does not have (no ``delta_eta``, no jump) count as zero: nothing is lost.
+Parameters that a model does not have (no ``delta_eta``) count as zero: nothing is lost.
 """
 
 from __future__ import annotations
@@ -9,8 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import sympy as sp
 import xarray as xr
 from numpy.typing import NDArray
+
+from bwbn_bayes.elements.law import TIME, StoreyLaw
 
 Floats = NDArray[np.float64]
 
@@ -20,27 +23,31 @@ N_TIME_POINTS = 48
 """Number of times at which the period is reported."""
 
 
-def at_time(parameters: xr.Dataset, symbol: str, time: xr.DataArray | float) -> xr.DataArray:
-    """A storey parameter at a time: its value, plus its jump from the time of the jump on.
+def parameters_at(law: StoreyLaw, parameters: xr.Dataset, time: xr.DataArray | float) -> xr.Dataset:
+    """Storey parameters at a time: each as given, and what effects have made of it by then.
 
     Parameters
     ----------
+    law : StoreyLaw
+        Whose parameters they are; it says which of them change in time or differ at a storey.
     parameters : Dataset (draw, storey)
-        Storey parameters by symbol; ``symbol``, ``symbol_jump``, ``symbol_time`` are read where present.
-    symbol : str
-        The literature's symbol, e.g. ``delta_eta``.
+        Storey parameters by symbol.
     time : float or DataArray
         Time. [s]
 
     Returns
     -------
-    DataArray
-        (draw, storey), with the dimensions of ``time`` added where the parameter jumps; zero where it is absent.
+    Dataset
+        The same variables, those that change with the dimensions of ``time`` added.
     """
-    value = parameters[symbol] if symbol in parameters else xr.zeros_like(parameters["k"])
-    if f"{symbol}_jump" not in parameters:
-        return value
-    return value + parameters[f"{symbol}_jump"] * (time >= parameters[f"{symbol}_time"])
+    names = [parameter.symbol for parameter in law.parameters]
+    now = xr.DataArray(time)
+    changed = {}
+    for name, change in law.changes.items():
+        evaluate = sp.lambdify((TIME, *law.symbols), change, "numpy", dummify=True)
+        at = xr.broadcast(now, *(parameters[one] for one in names))
+        changed[name] = at[1 + names.index(name)] + evaluate(*(array.values for array in at))
+    return parameters.assign({name: values.drop_vars("time", errors="ignore") for name, values in changed.items()})
 
 
 def ultimate_hysteretic_displacement(parameters: xr.Dataset) -> xr.DataArray:
@@ -78,46 +85,24 @@ def yield_drift(parameters: xr.Dataset) -> xr.DataArray:
     return ultimate_hysteretic_displacement(parameters) / _initial_rate(parameters)
 
 
-def stiffness_degradation_factor(parameters: xr.Dataset, energy: xr.DataArray, time: xr.DataArray) -> xr.DataArray:
-    """``eta = 1 + delta_eta(t) epsilon(t)``; a jump of ``delta_eta`` acts on the past work too.
-
-    Parameters
-    ----------
-    parameters : Dataset (draw, storey)
-        ``delta_eta`` [1/J] and its jump, where present.
-    energy : DataArray (draw, storey, ...)
-        Work on the hysteretic spring. [J]
-    time : DataArray
-        The times of ``energy``. [s]
-
-    Returns
-    -------
-    DataArray (draw, storey, ...)
-    """
-    return 1.0 + at_time(parameters, "delta_eta", time) * energy
-
-
-def tangent_stiffness(parameters: xr.Dataset, energy: xr.DataArray, time: xr.DataArray) -> xr.DataArray:
+def tangent_stiffness(parameters: xr.Dataset, energy: xr.DataArray) -> xr.DataArray:
     """Initial tangent ``alpha k + (1 - alpha) k A / eta`` of each storey, degraded as it is at a time, in N/m.
 
     It is the slope at z = 0 without slip or pinching: what a small vibration around rest sees.
 
     Parameters
     ----------
-    parameters : Dataset (draw, storey)
-        ``k`` [N/m], ``alpha``, and ``A``, ``delta_eta``, jumps where present.
+    parameters : Dataset (draw, storey, ...)
+        ``k`` [N/m], ``alpha``, and ``A``, ``delta_eta`` where present, at the times of ``energy``.
     energy : DataArray (draw, storey, ...)
         Work on the hysteretic spring. [J]
-    time : DataArray
-        The times of ``energy``. [s]
 
     Returns
     -------
     DataArray (draw, storey, ...)
     """
-    k, alpha = at_time(parameters, "k", time), at_time(parameters, "alpha", time)
-    eta = stiffness_degradation_factor(parameters, energy, time)
-    return alpha * k + (1.0 - alpha) * k * _initial_rate(parameters) / eta
+    k, alpha = parameters["k"], parameters["alpha"]
+    return alpha * k + (1.0 - alpha) * k * _initial_rate(parameters) / _stiffness_degradation_factor(parameters, energy)
 
 
 def storey_matrix(coefficients: Floats) -> Floats:
@@ -170,7 +155,7 @@ def modes(stiffness: Floats, damping: Floats, masses: Floats) -> tuple[Floats, F
 
 
 def engineering_quantities(
-    response: xr.Dataset, storey_parameters: xr.Dataset, masses: Sequence[float] | Floats
+    response: xr.Dataset, storey_parameters: xr.Dataset, masses: Sequence[float] | Floats, law: StoreyLaw
 ) -> xr.Dataset:
     """What an engineer asks next, for every draw.
 
@@ -184,12 +169,14 @@ def engineering_quantities(
     masses : (n_storeys,) array
         Floor masses. [kg] An identified error of a mass, and damping in proportion to the masses, are taken from
         ``storey_parameters``; periods are those on a rigid base and without appendages.
+    law : StoreyLaw
+        Whose parameters they are.
 
     Returns
     -------
     Dataset
         ``peak_drift``, ``residual_drift`` (signed mean of the last 5 % of the record) [m], ``ductility`` (peak over
-        :func:`yield_drift`), ``stiffness_lost`` (``1 - 1/eta`` at the end), ``strength_lost``
+        :func:`yield_drift` at the start), ``stiffness_lost`` (``1 - 1/eta`` at the end), ``strength_lost``
         (``1 - z_u(nu)/z_u(1) = 1 - nu^(-1/n)`` at the end), ``dissipated_energy`` [J], each (draw, storey);
         ``modal_period`` [s] and ``modal_damping_ratio`` at the start, each (draw, mode);
         ``period`` [s], the first period against time, (draw, time_point) with the coordinate ``time``.
@@ -197,23 +184,23 @@ def engineering_quantities(
     order = ("draw", "storey", "time")
     drift, energy = response["drift"].transpose(*order), response["hysteretic_energy"].transpose(*order)
     peak = abs(drift).max("time")
-    end = response["time"][-1]
     energy_at_end = energy.isel(time=-1, drop=True)
     n_tail = max(1, round(RESIDUAL_SHARE * drift.sizes["time"]))
-    eta = stiffness_degradation_factor(storey_parameters, energy_at_end, end)
-    nu = 1.0 + at_time(storey_parameters, "delta_nu", end) * energy_at_end
+    at_start = parameters_at(law, storey_parameters, 0.0)
+    at_end = parameters_at(law, storey_parameters, float(response["time"][-1]))
+    nu = 1.0 + _or_zero(at_end, "delta_nu") * energy_at_end
     storey_quantities = {
         "peak_drift": peak,
         "residual_drift": drift.isel(time=slice(-n_tail, None)).mean("time"),
-        "ductility": peak / yield_drift(storey_parameters),
-        "stiffness_lost": 1.0 - 1.0 / eta,
-        "strength_lost": 1.0 - nu ** (-1.0 / storey_parameters["n"]),
-        "dissipated_energy": dissipated_energy(response.isel(time=-1), storey_parameters),
+        "ductility": peak / yield_drift(at_start),
+        "stiffness_lost": 1.0 - 1.0 / _stiffness_degradation_factor(at_end, energy_at_end),
+        "strength_lost": 1.0 - nu ** (-1.0 / at_end["n"]),
+        "dissipated_energy": dissipated_energy(response.isel(time=-1), at_end),
     }
     dataset = xr.Dataset(
         {name: values.drop_vars("time", errors="ignore") for name, values in storey_quantities.items()}
     )
-    return dataset.merge(_modal_quantities(energy, storey_parameters, np.asarray(masses, dtype=np.float64)))
+    return dataset.merge(_modal_quantities(energy, storey_parameters, np.asarray(masses, dtype=np.float64), law))
 
 
 def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset) -> xr.DataArray:
@@ -225,36 +212,45 @@ def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset) -> xr.DataArra
     Parameters
     ----------
     at_end : Dataset (draw, storey)
-        ``hysteretic_energy`` [J], ``hysteretic_displacement`` [m] and the scalar coordinate ``time`` [s].
+        ``hysteretic_energy`` [J] and ``hysteretic_displacement`` [m].
     parameters : Dataset (draw, storey)
-        Storey parameters by symbol.
+        Storey parameters by symbol, at that instant.
 
     Returns
     -------
     DataArray (draw, storey)
     """
-    energy, z, time = at_end["hysteretic_energy"], at_end["hysteretic_displacement"], at_end["time"]
-    k, alpha = at_time(parameters, "k", time), at_time(parameters, "alpha", time)
-    eta = stiffness_degradation_factor(parameters, energy, time)
-    return energy - (1.0 - alpha) * k * eta * z**2 / (2.0 * _initial_rate(parameters))
+    energy, z, alpha = at_end["hysteretic_energy"], at_end["hysteretic_displacement"], parameters["alpha"]
+    eta = _stiffness_degradation_factor(parameters, energy)
+    return energy - (1.0 - alpha) * parameters["k"] * eta * z**2 / (2.0 * _initial_rate(parameters))
+
+
+def _stiffness_degradation_factor(parameters: xr.Dataset, energy: xr.DataArray) -> xr.DataArray:
+    """``eta = 1 + delta_eta epsilon``; a jump of ``delta_eta`` acts on the past work too."""
+    return 1.0 + _or_zero(parameters, "delta_eta") * energy
+
+
+def _or_zero(parameters: xr.Dataset, symbol: str) -> xr.DataArray:
+    return parameters[symbol] if symbol in parameters else xr.zeros_like(parameters["k"])
 
 
 def _initial_rate(parameters: xr.Dataset) -> xr.DataArray:
     return parameters["A"] if "A" in parameters else xr.ones_like(parameters["k"])
 
 
-def _modal_quantities(energy: xr.DataArray, parameters: xr.Dataset, masses: Floats) -> xr.Dataset:
+def _modal_quantities(energy: xr.DataArray, given: xr.Dataset, masses: Floats, law: StoreyLaw) -> xr.Dataset:
     n_times = energy.sizes["time"]
     chosen = np.unique(np.linspace(0, n_times - 1, min(N_TIME_POINTS, n_times)).round().astype(int))
     sampled = energy.isel(time=chosen).rename(time="time_point")
     time = sampled["time_point"]
-    stiffness = tangent_stiffness(parameters, sampled, time).transpose("draw", "time_point", "storey")
+    stiffness = tangent_stiffness(parameters_at(law, given, time), sampled).transpose("draw", "time_point", "storey")
+    parameters = parameters_at(law, given, float(time[0]))
     if "e_m" in parameters:
         masses = masses * (1.0 + parameters["e_m"].transpose("draw", "storey").values)
     else:
         masses = np.broadcast_to(masses, stiffness.values[:, 0].shape)
     periods, _ = modes(stiffness.values, np.zeros_like(stiffness.values), masses[:, None])
-    damping = at_time(parameters, "c", float(time[0])).transpose("draw", "storey").values
+    damping = parameters["c"].transpose("draw", "storey").values
     modal_period, damping_ratio = modes(stiffness.values[:, 0], damping, masses)
     if "c_m" in parameters:
         # Of c_m M each mode gains c_m / (2 omega): the same in every storey's row.

@@ -45,7 +45,7 @@ N_TRUTHS = 20
 N_REPLICATES = {"sdof": 200, "three storeys, A free": 100}
 N_PLAIN = 20
 """Replicates on which the published TMCMC is shown beside the default."""
-N_EFFECTIVE = 2000
+N_EFFECTIVE = 1000
 N_RANKED = 100
 N_PARTICLES = 5000
 FINE = Lanes(substeps=8, resolution=0.03)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.parameters import Uniform
 from bwbn_bayes.results import (
     Check,
@@ -16,7 +17,10 @@ from bwbn_bayes.results import (
     StageFacts,
 )
 from bwbn_bayes.structures.quantities import engineering_quantities
+from bwbn_bayes.structures.shear_building import ShearBuilding
 
+PLAIN = ShearBuilding(masses=[1.0], storey=BoucWen(k=1.0, c=0.0, alpha=0.1, beta=1.0, gamma=1.0, n=1.0))
+"""Its law changes no parameter in time."""
 SUBSTEPS = 4
 SIGMA = 0.03
 UNITS = {"k": "N/m", "c": "N s/m", "alpha": "", "beta": "1/m^n", "gamma": "1/m^n", "n": "",
@@ -195,7 +199,7 @@ def build_result(
     if truth:
         groups["true_response"] = response_dataset(true_values, time, ())
     if quantities:
-        groups["quantities"] = engineering_quantities(response, storeys, masses)
+        groups["quantities"] = engineering_quantities(response, storeys, masses, PLAIN.law)
     residual = np.sqrt(np.mean((measured - response_values["acceleration"].mean(0)) ** 2, axis=1))
     nrmse = {name: float(residual[i] / np.sqrt(np.mean(measured[i] ** 2))) for i, name in enumerate(channels)}
     noise = {name: float(noise_sd[i]) for i, name in enumerate(channels)}

@@ -5,20 +5,35 @@ import pytest
 import xarray as xr
 from scipy import linalg
 
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.effects import StiffnessDegradation, StoreyParameter, SuddenDamage
+from bwbn_bayes.elements.law import Slots, StoreyLaw
 from bwbn_bayes.structures.quantities import (
-    at_time,
     dissipated_energy,
     engineering_quantities,
     modes,
+    parameters_at,
     storey_matrix,
     tangent_stiffness,
     ultimate_hysteretic_displacement,
     yield_drift,
 )
+from bwbn_bayes.structures.shear_building import ShearBuilding
+
+VALUES = {"k": 10.0, "c": 0.05, "alpha": 0.1, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 2.0}
+PLAIN = ShearBuilding(masses=[1.0, 1.0], storey=BoucWen(**VALUES))
+
+
+def law_with(*effects) -> StoreyLaw:
+    model = PLAIN
+    for effect in effects:
+        model = model.with_effect(effect)
+    return model.law
 
 
 def parameters(n_storeys=2, n_draws=3, **changes):
-    values = {"k": 10.0, "c": 0.05, "alpha": 0.1, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 2.0} | changes
+    values = VALUES | changes
     shape = (n_draws, n_storeys)
     return xr.Dataset(
         {name: (("draw", "storey"), np.broadcast_to(value, shape).copy()) for name, value in values.items()},
@@ -84,15 +99,52 @@ def test_yield_drift_does_not_change_with_the_redundant_scale_of_z():
 
 
 def test_a_jump_acts_from_its_time_on():
-    jumping = parameters(delta_eta=1.0, delta_eta_jump=2.0, delta_eta_time=5.0)
+    law = law_with(StiffnessDegradation(delta_eta=1.0), SuddenDamage(parameter="delta_eta", jump=2.0, time=5.0))
     times = xr.DataArray([4.9, 5.0], dims="time_point")
-    np.testing.assert_allclose(at_time(jumping, "delta_eta", times).isel(draw=0, storey=0), [1.0, 3.0])
-    only_jump = parameters(delta_nu_jump=2.0, delta_nu_time=5.0)
-    assert float(at_time(only_jump, "delta_nu", 6.0)[0, 0]) == 2.0
+    jumping = parameters(delta_eta=1.0, delta_eta_jump=2.0, delta_eta_time=5.0)
+    found = parameters_at(law, jumping, times)
+    np.testing.assert_allclose(found["delta_eta"].isel(draw=0, storey=0), [1.0, 3.0])
+    assert found["k"].dims == ("draw", "storey")
+
+
+def test_a_ramp_and_an_offset_are_seen_everywhere():
+    """A stiffness that falls from 40 to 20 N/m within 2 s from 3 s on; a storey with another beta."""
+    law = law_with(
+        SuddenDamage(parameter="k", jump=0.0, time=3.0, duration=2.0), StoreyParameter(parameter="beta", offset=100.0)
+    )
+    given = parameters(k=40.0, k_ramp=-20.0, k_ramp_time=3.0, k_ramp_duration=2.0, beta_offset=[0.0, 100.0])
+    times = xr.DataArray([0.0, 3.0, 4.0, 5.0, 9.0], dims="time_point")
+    at = parameters_at(law, given, times)
+    np.testing.assert_allclose(at["k"].isel(draw=0, storey=0), [40.0, 40.0, 30.0, 20.0, 20.0])
+    found = engineering_quantities(ramp_response(end_energy=0.0), given, [1.0, 1.0], law)
+    for column, k in ((0, 40.0), (-1, 20.0)):
+        periods, _ = modes(np.array([k, k]), np.zeros(2), np.ones(2))
+        np.testing.assert_allclose(found["period"].isel(time_point=column), periods[0])
+    yields = np.array([0.5, (2.0 + 100.0 + 2.0) ** -0.5])
+    np.testing.assert_allclose(found["ductility"], np.broadcast_to(found["peak_drift"] / yields, (3, 2)))
+
+
+def changing():
+    """Every form of every catalogued effect that changes a parameter."""
+    forms = [form for effect in registered() for form in effect.neutral_forms()]
+    return [form for form in forms if form.fill(Slots()).increments]
+
+
+@pytest.mark.parametrize("effect", changing(), ids=lambda effect: " ".join(effect.values))
+def test_every_change_has_an_expression_in_time(effect):
+    filled = effect.fill(Slots())
+    assert {base.name for base in filled.increments} == set(law_with(*carriers(effect), effect).changes)
+
+
+def carriers(effect):
+    """The effects that bring what this one changes."""
+    (changed,) = effect.fill(Slots()).increments
+    bringing = {p.symbol: other for other in registered() for p in other.neutral_forms()[0].parameters}
+    return () if changed.name in VALUES else (bringing[changed.name].neutral_forms()[0],)
 
 
 def test_losses_drifts_and_ductility_from_known_histories():
-    found = engineering_quantities(ramp_response(), parameters(delta_nu=1.5, delta_eta=0.5), [1.0, 1.0])
+    found = engineering_quantities(ramp_response(), parameters(delta_nu=1.5, delta_eta=0.5), [1.0, 1.0], PLAIN.law)
     dims = ("draw", "storey")
     for name in ("peak_drift", "residual_drift", "ductility", "stiffness_lost", "strength_lost", "dissipated_energy"):
         assert found[name].dims == dims, name
@@ -105,7 +157,7 @@ def test_losses_drifts_and_ductility_from_known_histories():
 
 
 def test_absent_effects_lose_nothing_and_keep_the_period():
-    found = engineering_quantities(ramp_response(), parameters(), [1.0, 1.0])
+    found = engineering_quantities(ramp_response(), parameters(), [1.0, 1.0], PLAIN.law)
     np.testing.assert_array_equal(found["stiffness_lost"], 0.0)
     np.testing.assert_array_equal(found["strength_lost"], 0.0)
     np.testing.assert_allclose(found["period"], found["period"][0, 0], rtol=1e-13)
@@ -115,7 +167,7 @@ def test_absent_effects_lose_nothing_and_keep_the_period():
 def test_period_of_one_storey_follows_the_degraded_tangent():
     mass, k, alpha, delta_eta = 2.0, 10.0, 0.1, 0.5
     found = engineering_quantities(
-        ramp_response(n_storeys=1), parameters(n_storeys=1, delta_eta=delta_eta), np.array([mass])
+        ramp_response(n_storeys=1), parameters(n_storeys=1, delta_eta=delta_eta), np.array([mass]), PLAIN.law
     )
     eta = 1.0 + delta_eta * 2.0 * found["time"].values / 10.0
     expected = 2 * np.pi * np.sqrt(mass / (alpha * k + (1 - alpha) * k / eta))
@@ -127,9 +179,9 @@ def test_period_of_one_storey_follows_the_degraded_tangent():
 
 def test_a_jump_of_stiffness_shows_in_the_tangent():
     times = xr.DataArray([1.0, 9.0], dims="time_point")
-    energy = xr.zeros_like(times)
-    jumping = parameters(k_jump=-4.0, k_time=5.0)
-    tangent = tangent_stiffness(jumping, energy, times).isel(draw=0, storey=0)
+    law = law_with(SuddenDamage(parameter="k", jump=-4.0, time=5.0))
+    jumping = parameters_at(law, parameters(k_jump=-4.0, k_time=5.0), times)
+    tangent = tangent_stiffness(jumping, xr.zeros_like(times)).isel(draw=0, storey=0)
     np.testing.assert_allclose(tangent, [10.0, 6.0])
 
 

@@ -46,11 +46,11 @@ def conclude(
         The model's name in reports.
     run : Run
     """
-    share = unexplained_share(given, present)
     verdict = _verdict(given, present, added)
     if verdict == "unexplained":
-        run.withdraw(share)
+        run.withdraw(what_stayed(unexplained_share(given, present)))
         added, present = (), given
+    share = unexplained_share(given, present)
     before, after = given.disagreement, present.disagreement
     rest = None
     if verdict in ("unexplained", "partly_explained"):
@@ -117,6 +117,11 @@ def unexplained_share(given: Present, present: Present) -> float:
         float(np.sum(np.maximum(np.square(one.disagreement.residual_to_noise) - 1.0, 0.0))) for one in (given, present)
     ]
     return min(excess[1] / excess[0], 1.0) if excess[0] > 0.0 else 0.0
+
+
+def what_stayed(share: float) -> str:
+    """Why an effect is withdrawn that leaves so much."""
+    return f"{100 * share:.0f} % of the disagreement stayed"
 
 
 def is_explained(given: Present, present: Present, added: tuple[Added, ...]) -> bool:

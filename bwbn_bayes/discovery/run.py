@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.name import Decision
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.discovery.score import Score, scores
@@ -111,21 +112,12 @@ class Run:
         self.notes.append(text)
         self.say(text)
 
-    def withdraw(self, share: float) -> None:
-        """Say of the steps that added an effect that it did not stay."""
-        for number in range(len(self.steps)):
-            self._withdraw(number, share)
-
-    def withdraw_last(self, share: float) -> None:
-        """The same of the last step."""
-        self._withdraw(len(self.steps) - 1, share)
-        self.say(self.steps[-1].sentence)
-
-    def _withdraw(self, number: int, share: float) -> None:
-        step = self.steps[number]
-        if step.decision is not None and step.decision.passes and not step.withdrawn:
-            left = f"It is withdrawn: {100 * share:.0f} % of the disagreement stayed."
-            self.steps[number] = replace(step, sentence=f"{step.sentence} {left}", withdrawn=True)
+    def withdraw(self, why: str, decision: Decision | None = None) -> None:
+        """Say of the step with a decision, or of all, that the effect it named did not stay, and why."""
+        for number, step in enumerate(self.steps):
+            own = step.decision
+            if own is not None and own.passes and not step.withdrawn and (decision is None or decision is own):
+                self.steps[number] = replace(step, sentence=f"{step.sentence} It is withdrawn: {why}.", withdrawn=True)
 
     @property
     def elapsed(self) -> float:

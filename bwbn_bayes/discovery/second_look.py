@@ -36,7 +36,7 @@ def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
     Parameters
     ----------
     fits : sequence of Fit
-        Best first.
+        Best first, at least one.
     n_threads : int
         Threads for the solves.
     """
@@ -82,7 +82,7 @@ def leading(fits: Sequence[Fit]) -> tuple[Fit, ...]:
     forms: dict[tuple[str, ...], list[Fit]] = {}
     for fit in fits:
         forms.setdefault(fit.hypothesis.symbols, []).append(fit)
-    first, *others = list(forms.values())[:_LEADING] or [[]]
+    first, *others = list(forms.values())[:_LEADING]
     return (*first, *(other[0] for other in others))
 
 

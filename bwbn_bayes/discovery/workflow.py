@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
-from bwbn_bayes.discovery.conclusion import conclude, is_explained, unexplained_share
+from bwbn_bayes.discovery.conclusion import conclude, is_explained, unexplained_share, what_stayed
 from bwbn_bayes.discovery.evidence import bridged_evidence, laplace_evidence, present_evidence, sampled_evidence
 from bwbn_bayes.discovery.held_out import set_apart
 from bwbn_bayes.discovery.name import THRESHOLD, Decision, decide, worth_fitting
@@ -164,7 +164,8 @@ def _grow(present: Present, run: Run, fits: tuple[Fit, ...] | None = None) -> tu
         improved = Present(posterior=posterior, modes=modes, starts=np.array([mode.point for mode in modes[:3]]))
         left = unexplained_share(present, improved)
         if left > MOST_LEFT and not improved.is_noise:
-            run.withdraw_last(left)
+            run.withdraw(what_stayed(left), decision)
+            run.say(run.steps[-1].sentence)
             break
         added.append(
             Added(candidate=chosen, decision=decision, moments={}, separation=_separation(fit, fits, decision))
@@ -209,8 +210,8 @@ def _fit_hypotheses(present: Present, run: Run) -> tuple[Fit, ...]:
         run.say(f"scoring {len(every)} hypotheses")
         run.scored = (posterior.model, score_all(present, every, run))
         every = worth_fitting(run.scored[1], quiet=present.is_quiet)[: len(every) if first else MOST_LATER]
-        if not every:
-            return ()
+    if not every:
+        return ()
     if not first and len(every) > FEW:
         every = _under_smaller_laws(present, every)
     run.say(f"fitting {len(every)} hypotheses")
@@ -285,6 +286,7 @@ def _prune(present: Present, added: tuple[Added, ...], run: Run) -> tuple[Presen
         modes = distinct(points, local)
         without = present_evidence(posterior, modes, run.rng, 1000)
         if own.total - without.total < THRESHOLD:
+            run.withdraw("a later effect makes it superfluous", superfluous.decision)
             run.say(f"{superfluous.candidate.hypothesis.label} is no longer needed")
             smaller = Present(posterior=posterior, modes=modes, starts=points[:3])
             return _prune(smaller, kept, run)

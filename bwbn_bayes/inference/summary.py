@@ -172,8 +172,11 @@ def predicted_channels(model: Structure, record: Record, rows: Mapping[str, Floa
 
 
 def true_histories(model: Structure, record: Record) -> dict[str, Floats] | None:
-    """The noise-free response at the true parameters, solved by the reference engine, where they are all known."""
-    if not all(name in record.truth for name in model.space.names):
+    """The noise-free response at the true parameters, solved by the reference engine.
+
+    None where the record states no truth, or that of another model: with fewer parameters, or with an effect more.
+    """
+    if not record.truth or set(record.truth) != set(model.space.names):
         return None
     from bwbn_bayes.engines.reference import Reference
 

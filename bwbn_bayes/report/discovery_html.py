@@ -78,7 +78,7 @@ def _leads(content: DiscoveryContent) -> tuple[str, ...]:
     if not content.withdrawn:
         return (lead,)
     names = ", ".join(content.withdrawn)
-    return (lead, f"What steps below named was withdrawn ({names}), because most of the disagreement stayed with it.")
+    return (lead, f"Named by a step below and withdrawn again, for the reason given there: {names}.")
 
 
 def _written(equations: tuple[Equation, ...]) -> list[tuple[str, str]]:

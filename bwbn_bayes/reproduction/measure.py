@@ -201,6 +201,10 @@ def _parameters(
     }
 
 
+_UNSEEN = 1e-10
+"""Share of the information in a direction, and of a parameter's in such a direction, that rounding may leave."""
+
+
 def cramer_rao_sd(
     model: ShearBuilding, truth: Mapping[str, float], record: Record, noise_sd: tuple[float, ...]
 ) -> Floats:
@@ -219,16 +223,18 @@ def cramer_rao_sd(
     Returns
     -------
     array
-        Infinite along directions that the record cannot see; bounds of the priors are not taken into account.
+        Infinite where a parameter takes part in a direction that the record cannot see; bounds of the priors are not
+        taken into account.
     """
     draws = model.draws({name: truth[name] for name in model.space.names})
     information = _FINE.normal_equations(model, draws, record).information[0]
     total = np.einsum("c,cpq->pq", 1.0 / np.square(noise_sd), information)
     scale = np.sqrt(np.diag(total))
     values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
-    with np.errstate(divide="ignore"):
-        variance = np.square(vectors) @ np.where(values > 1e-12, 1.0 / values, np.inf)
-    return np.asarray(np.sqrt(variance) / scale)
+    seen = values > _UNSEEN
+    variance = np.square(vectors[:, seen]) @ (1.0 / values[seen])
+    hidden = np.sum(np.square(vectors[:, ~seen]), axis=1) > _UNSEEN
+    return np.asarray(np.where(hidden, np.inf, np.sqrt(variance) / scale))
 
 
 def _group(result: Result, name: str) -> xr.Dataset:

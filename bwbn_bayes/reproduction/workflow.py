@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -77,21 +78,19 @@ def reproduce(
     outcomes: list[Outcome] = []
     n_run = 0
     for i, case in enumerate(wanted):
-        for seed in _seeds(case, options):
-            path = _path(directory, case, options, seed)
+        for job in _jobs(case, options):
+            path = job.path(directory)
             if not path.exists():
                 path.parent.mkdir(parents=True, exist_ok=True)
                 if say is not None:
-                    say(f"case {i + 1} of {len(wanted)}: {case.key}, seed {seed}")
-                first = seed == options.seed
-                sized = options if first else replace(options, particles=options.further_particles)
-                _finish(path, *run_case(case, sized, seed, predicts=case.group == 1 and first))
+                    say(f"case {i + 1} of {len(wanted)}: {case.key}, seed {job.seed}")
+                _finish(path, *run_case(case, job.options, job.seed, predicts=job.predicts))
                 n_run += 1
             outcomes.append(_read(path))
     rows = comparison(tables, outcomes)
     csv_path = directory / "reproduction.csv"
     write_csv(rows, csv_path)
-    drawings = draw_all(rows, _histories(directory, options, outcomes))
+    drawings = draw_all(rows, _histories(directory, options, wanted))
     paths = tuple(directory / f"{name}.png" for name, _ in drawings)
     for path, (_, png) in zip(paths, drawings, strict=True):
         path.write_bytes(png)
@@ -100,20 +99,38 @@ def reproduce(
     return Files(html=html, csv=csv_path, figures=paths, n_run=n_run, n_kept=len(outcomes) - n_run)
 
 
-def _seeds(case: Case, options: Options) -> range:
+@dataclass(frozen=True, kw_only=True)
+class _Job:
+    """A case as it is run: under its own size, with or without a prediction."""
+
+    case: Case
+    options: Options
+    seed: int
+    predicts: bool
+
+    def path(self, directory: Path) -> Path:
+        """Where it is kept."""
+        name = fingerprint(self.options, self.case.method, predicts=self.predicts)
+        return directory / _CACHE / name / f"{self.case.key}_seed{self.seed}.json"
+
+
+def _jobs(case: Case, options: Options) -> tuple[_Job, ...]:
+    """The options' own seed in full; further ones with fewer particles and without a prediction."""
     many = case.method == "TMCMC" and case.group == 1 and case.snr != "inf"
-    return range(options.seed, options.seed + (options.seeds if many else 1))
+    smaller = replace(options, particles=options.further_particles)
+    further = range(options.seed + 1, options.seed + options.seeds) if many else ()
+    return (
+        _Job(case=case, options=options, seed=options.seed, predicts=case.group == 1),
+        *(_Job(case=case, options=smaller, seed=seed, predicts=False) for seed in further),
+    )
 
 
-def fingerprint(options: Options, method: MethodName) -> str:
+def fingerprint(options: Options, method: MethodName, *, predicts: bool) -> str:
     """A short name for what a method was run under; more seeds or other methods' settings keep what is finished."""
     aside = {"seed", "seeds", "quick", *(name for name, owner in _SETTINGS_OF.items() if owner != method)}
-    plain = {name: value for name, value in asdict(options).items() if name not in aside}
+    plain: dict[str, object] = {name: value for name, value in asdict(options).items() if name not in aside}
+    plain |= {"predicts": predicts, "version": version("bwbn-bayes")}
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:12]
-
-
-def _path(directory: Path, case: Case, options: Options, seed: int) -> Path:
-    return directory / _CACHE / fingerprint(options, case.method) / f"{case.key}_seed{seed}.json"
 
 
 def _finish(path: Path, outcome: Outcome, histories: Histories) -> None:
@@ -137,11 +154,11 @@ def _with_nan(mapping: dict[str, object]) -> dict[str, object]:
     return {key: float("nan") if value is None else value for key, value in mapping.items()}
 
 
-def _histories(directory: Path, options: Options, outcomes: Sequence[Outcome]) -> dict[Case, Histories]:
+def _histories(directory: Path, options: Options, cases: Sequence[Case]) -> dict[Case, Histories]:
     found = {}
-    for outcome in outcomes:
-        path = _path(directory, outcome.case, options, outcome.seed).with_suffix(".npz")
-        if outcome.case.group == 1 and outcome.case.snr == "inf" and path.exists():
+    for case in cases:
+        path = _jobs(case, options)[0].path(directory).with_suffix(".npz")
+        if case.group == 1 and case.snr == "inf" and path.exists():
             with np.load(path) as arrays:
-                found[outcome.case] = Histories(**{name: arrays[name] for name in arrays.files})
+                found[case] = Histories(**{name: arrays[name] for name in arrays.files})
     return found

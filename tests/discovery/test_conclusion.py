@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from bwbn_bayes.discovery.conclusion import _verdict, is_explained, unexplained_share
+from bwbn_bayes.discovery.conclusion import _verdict, is_explained, unexplained_share, what_stayed
 from bwbn_bayes.discovery.outcome import Added, Step
 from bwbn_bayes.discovery.run import DiscoverySettings, Present, Run
 
@@ -66,19 +66,19 @@ def step(number: int, *, passes: bool) -> Step:
 
 
 def test_what_did_not_stay_is_said_to_be_withdrawn_once() -> None:
-    """The last step at once, the others with the verdict; a step that named nothing has nothing to withdraw."""
+    """One step by its decision, the others with the verdict; a step that named nothing has nothing to withdraw."""
     told: list[str] = []
     run = Run(settings=DiscoverySettings(), rng=np.random.default_rng(1), listener=told.append)
     run.steps += [step(1, passes=True), step(2, passes=False), step(3, passes=True)]
-    run.withdraw_last(0.91)
-    run.withdraw(0.4)
+    run.withdraw("a later effect makes it superfluous", run.steps[2].decision)
+    run.withdraw(what_stayed(0.4))
     sentences = [one.sentence for one in run.steps]
     assert sentences == [
         "Step 1. It is withdrawn: 40 % of the disagreement stayed.",
         "Step 2.",
-        "Step 3. It is withdrawn: 91 % of the disagreement stayed.",
+        "Step 3. It is withdrawn: a later effect makes it superfluous.",
     ]
     assert [one.withdrawn for one in run.steps] == [True, False, True]
-    assert told == sentences[2:]
+    assert told == []
     run.note("It rained.")
     assert (run.notes, told[-1]) == (["It rained."], "It rained.")

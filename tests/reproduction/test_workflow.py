@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bwbn_bayes import UserError
+from bwbn_bayes import BoucWen, ShearBuilding, Uniform, UserError, el_centro, simulate
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.reproduction.cases import Case, MethodName, Options, building, truth_of
 from bwbn_bayes.reproduction.comparison import comparison
 from bwbn_bayes.reproduction.measure import Outcome, clean_record, cramer_rao_sd
 from bwbn_bayes.reproduction.page import costs, errors, findings
 from bwbn_bayes.reproduction.printed import printed
-from bwbn_bayes.reproduction.workflow import Files, fingerprint, reproduce
+from bwbn_bayes.reproduction.workflow import Files, _jobs, fingerprint, reproduce
 
 OPTIONS = Options(quick=True, generations=2, sine_duration=20.0, el_centro_version="chopra")
 """The short version of El Centro: a test, not a reproduction."""
@@ -119,17 +119,34 @@ def test_finished_cases_are_kept_and_an_interrupted_one_is_run_again(directory: 
 
 def test_other_assumptions_do_not_share_a_cache() -> None:
     """More seeds do: they only add cases. So do the settings of a method that the case does not use."""
-    assert fingerprint(OPTIONS, "TMCMC") == fingerprint(replace(OPTIONS, seeds=10, quick=False), "TMCMC")
+
+    def mark(options: Options, method: MethodName, *, predicts: bool = True) -> str:
+        return fingerprint(options, method, predicts=predicts)
+
+    assert mark(OPTIONS, "TMCMC") == mark(replace(OPTIONS, seeds=10, quick=False), "TMCMC")
     own: dict[MethodName, dict[str, object]] = {
         "IPV": {"damage_order": "321", "error_floor": 2e-3, "free_a": True},
         "GA": {"damage_order": "321", "generations": 7, "growing": False},
         "TMCMC": {"damage_order": "321", "error_floor": 2e-3, "free_a": True, "particles": 600},
     }
     for method, changes in own.items():
-        others = {fingerprint(replace(OPTIONS, **{name: value}), method) for name, value in changes.items()}  # type: ignore[arg-type]
-        assert len(others | {fingerprint(OPTIONS, method)}) == 1 + len(changes)
-    assert fingerprint(OPTIONS, "TMCMC") == fingerprint(replace(OPTIONS, generations=7), "TMCMC")
-    assert fingerprint(OPTIONS, "GA") == fingerprint(replace(OPTIONS, particles=600), "GA")
+        others = {mark(replace(OPTIONS, **{name: value}), method) for name, value in changes.items()}  # type: ignore[arg-type]
+        assert len(others | {mark(OPTIONS, method)}) == 1 + len(changes)
+    assert mark(OPTIONS, "TMCMC") == mark(replace(OPTIONS, generations=7), "TMCMC")
+    assert mark(OPTIONS, "GA") == mark(replace(OPTIONS, particles=600), "GA")
+    assert mark(OPTIONS, "IPV") != mark(OPTIONS, "IPV", predicts=False)
+
+
+@pytest.mark.parametrize("particles", [100, 600])
+def test_a_further_seed_does_not_stand_in_for_a_first_one(particles: int) -> None:
+    """It has fewer particles and no prediction, also where its number is asked for alone."""
+    case, options = Case(method="TMCMC", group=1, snr="30", excitation="Sin"), replace(OPTIONS, particles=particles)
+    first, second = _jobs(case, replace(options, seeds=2))
+    (own,) = _jobs(case, replace(options, seed=2))
+    assert (first.predicts, second.predicts, own.predicts) == (True, False, True)
+    assert (first.options.particles, second.options.particles) == (particles, options.further_particles)
+    assert second.seed == own.seed == 2
+    assert len({job.path(Path()) for job in (first, second, own)}) == 3
 
 
 def test_a_broken_cache_is_one_sentence(directory: Path) -> None:
@@ -218,6 +235,23 @@ def test_cramer_rao_is_the_inverse_information_of_finite_differences() -> None:
     found = cramer_rao_sd(model, truth, record, (0.02,))
     inside = [i for i, name in enumerate(model.space.names) if name not in ("delta_nu", "delta_eta")]
     assert found[inside] == pytest.approx(expected[inside], rel=0.05)
+
+
+def test_a_redundant_direction_takes_no_bound_from_what_lies_outside_it() -> None:
+    """With A free one scale cannot be seen: its parameters are without bound, c and n have the bound that A = 1 gives."""
+    truth = {"k": 20.0, "c": 0.1, "alpha": 0.05, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 1.5}
+    priors = {name: Uniform(0.5 * value, 1.5 * value) for name, value in truth.items() if name != "n"}
+    priors["n"] = Uniform(1, 4)
+    free = ShearBuilding(masses=[1.0], storey=BoucWen(**priors))
+    known = ShearBuilding(masses=[1.0], storey=BoucWen(**(priors | {"A": 1.0})))
+    given = ShearBuilding(masses=[1.0], storey=BoucWen(**truth))
+    record = simulate(given, el_centro("chopra", duration=12.0), {}, channels=["acceleration_1"])
+    with_a = dict(zip(free.space.names, cramer_rao_sd(free, truth, record, (0.02,)), strict=True))
+    without = dict(zip(known.space.names, cramer_rao_sd(known, truth, record, (0.02,)), strict=True))
+    assert {name for name, sd in with_a.items() if np.isinf(sd)} == {"k", "alpha", "A", "beta", "gamma"}
+    assert np.all(np.isfinite(list(without.values())))
+    for name in ("c", "n"):
+        assert with_a[name] == pytest.approx(without[name], rel=1e-6)
 
 
 @pytest.mark.slow

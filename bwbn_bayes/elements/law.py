@@ -331,7 +331,7 @@ def combine(
         In the order in which they were added.
     """
     # Discovery builds hundreds of models with few laws.
-    key = parameters, constraints, tuple((type(effect), effect.parameters) for effect in effects)
+    key = parameters, constraints, tuple(map(kind_of, effects))
     if key not in _COMBINED:
         slots = Slots()
         for effect in effects:
@@ -339,6 +339,17 @@ def combine(
         own = tuple(parameter for effect in effects for parameter in effect.parameters)
         _COMBINED[key] = _law_of(parameters + own, constraints, slots)
     return _COMBINED[key]
+
+
+def kind_of(effect: Effect) -> tuple[object, ...]:
+    """What effects have in common that share their expressions: class, parameters, and fields that are no parameters.
+
+    An effect whose fields are not its symbols has its options in the symbols.
+    """
+    own = set(getattr(effect, "__dataclass_fields__", ()))
+    symbols = {parameter.symbol for parameter in effect.parameters}
+    options = sorted(own - symbols) if symbols <= own else []
+    return type(effect), effect.parameters, tuple((name, repr(getattr(effect, name))) for name in options)
 
 
 _COMBINED: dict[tuple[object, ...], StoreyLaw] = {}

@@ -25,6 +25,7 @@ from bwbn_bayes.elements.law import (
     StoreyLaw,
     combine,
     combine_sensors,
+    kind_of,
     symbol,
 )
 from bwbn_bayes.errors import UserError
@@ -134,7 +135,12 @@ class Structure:
                     "use a ShearBuilding or leave it out"
                 )
             if (effect.level == "observation") == of_sensors:
-                kinds.setdefault(tuple(p.symbol for p in effect.parameters), effect)
+                symbols = tuple(p.symbol for p in effect.parameters)
+                if kind_of(kinds.setdefault(symbols, effect)) != kind_of(effect):
+                    raise UserError(
+                        f"two effects bring {', '.join(symbols)} and are not of one kind: name the parameters of one "
+                        "otherwise"
+                    )
         return tuple(kinds[key] for key in sorted(kinds))
 
     @property
@@ -196,15 +202,14 @@ class Structure:
     def warnings(self) -> tuple[str, ...]:
         """What is allowed but worth knowing, in sentences."""
         symbols = [p.symbol for p in self.law.parameters]
-        sources = [(symbols.index("beta"), min), (symbols.index("gamma"), max)]
-        ends = []
-        for column, pick in sources:
-            values = [
-                self.space.parameters[i].prior.support[0 if pick is min else 1] if i >= 0 else fixed
+        beta, gamma = (
+            [
+                self.space.parameters[i].prior.support[end] if i >= 0 else fixed
                 for i, fixed in zip(self.table.index[:, column], self.table.fixed[:, column], strict=True)
             ]
-            ends.append(pick(values))
-        if ends[1] > ends[0]:
+            for column, end in ((symbols.index("beta"), 0), (symbols.index("gamma"), 1))
+        )
+        if any(largest > smallest for smallest, largest in zip(beta, gamma, strict=True)):
             return (
                 (
                     "The prior admits |gamma| > beta, where a loop can give back more energy than it took in "

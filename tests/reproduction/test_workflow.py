@@ -238,7 +238,7 @@ def test_cramer_rao_is_the_inverse_information_of_finite_differences() -> None:
 
 
 def test_a_redundant_direction_takes_no_bound_from_what_lies_outside_it() -> None:
-    """With A free one scale cannot be seen: its parameters are without bound, c and n have the bound that A = 1 gives."""
+    """With A free one scale cannot be seen: what shares it has no bound, c and n have the bound that A = 1 gives."""
     truth = {"k": 20.0, "c": 0.1, "alpha": 0.05, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 1.5}
     priors = {name: Uniform(0.5 * value, 1.5 * value) for name, value in truth.items() if name != "n"}
     priors["n"] = Uniform(1, 4)

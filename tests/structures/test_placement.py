@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
+import sympy as sp
 from laboratory import NO_DRAW, storey
 
 from bwbn_bayes.elements.effects import (
@@ -19,9 +21,9 @@ from bwbn_bayes.elements.effects import (
     StrengthDegradation,
     SuddenDamage,
 )
-from bwbn_bayes.elements.law import FLOOR_ACCELERATION, Slots
+from bwbn_bayes.elements.law import DRIFT, FLOOR_ACCELERATION, Effect, Slots, symbol
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import HalfNormal, Normal, PerStorey, Uniform
+from bwbn_bayes.parameters import HalfNormal, Normal, Parameter, PerStorey, Uniform, Value
 from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
@@ -54,6 +56,30 @@ class Wrong(StrengthDegradation):
         return replace(slots, nu=slots.nu + FLOOR_ACCELERATION)
 
 
+@dataclass(frozen=True, kw_only=True)
+class PowerSpring(Effect):
+    """A user's effect with an option that its symbols do not show."""
+
+    k_p: Value
+    power: int = 3
+
+    name: ClassVar[str] = "power_spring"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(symbol="k_p", unit="N/m^p", neutral=0.0, description="stiffness", source="here"),
+    )
+
+    def fill(self, slots: Slots) -> Slots:
+        return replace(slots, added_force=slots.added_force + symbol("k_p") * DRIFT**self.power)
+
+
+def test_an_option_makes_another_law():
+    cubic, fifth = (three().with_effect(PowerSpring(k_p=2.0, power=power)).law.force for power in (3, 5))
+    assert sp.simplify(fifth - cubic - symbol("k_p") * (DRIFT**5 - DRIFT**3)) == 0
+    both = three().with_effect(PowerSpring(k_p=2.0, power=3), storeys=[1])
+    same = both.with_effect(PowerSpring(k_p=3.0, power=3), storeys=[2])
+    assert same.law.force == both.law.force
+
+
 @pytest.mark.parametrize(
     ("build", "sentence"),
     [
@@ -66,6 +92,10 @@ class Wrong(StrengthDegradation):
         (lambda: Specimen(storey=storey()).with_effect(MassError(e_m=0.1)), "mass_error acts on floors"),
         (lambda: Specimen(storey=storey()).with_effect(SensorGain(gain=0.9)), "sensor_gain acts on floors"),
         (lambda: Specimen(storey=storey()).with_effect(InputScale(s_g=0.9)), "input_scale acts on floors"),
+        (
+            lambda: three().with_effect(PowerSpring(k_p=1.0), [1]).with_effect(PowerSpring(k_p=1.0, power=5), [2]).law,
+            "two effects bring k_p and are not of one kind: name the parameters of one otherwise",
+        ),
         (lambda: three().with_effect(Wrong(delta_nu=0.1)), "refers to a_i, which nothing in the model brings"),
     ],
 )

@@ -133,6 +133,8 @@ def test_a_jump_acts_at_its_storey_only():
 
 def test_a_warning_where_a_loop_can_give_energy_back():
     assert three(beta=1.0, gamma=0.5).warnings == ()
+    assert three(beta=PerStorey([10.0, 3.0, 3.0]), gamma=PerStorey([5.0, 2.0, 2.0])).warnings == ()
+    assert three(beta=PerStorey([10.0, 3.0, 3.0]), gamma=PerStorey([5.0, 3.5, 2.0])).warnings != ()
     assert "more energy than it took" in three(beta=Uniform(0.1, 8), gamma=Uniform(-4, 8)).warnings[0]
 
 

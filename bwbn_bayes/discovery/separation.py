@@ -26,7 +26,7 @@ def separating_experiment(first: Fit, second: Fit, period: float) -> str:
     first, second : Fit
         Hypotheses that explain the record about equally well.
     period : float
-        First period of the structure. [s]
+        First period of a building. [s]
     """
     record = first.posterior.record
     noise = np.array([noise_floor(signal) for signal in record.channels.values()])[:, None]
@@ -43,13 +43,17 @@ def separating_experiment(first: Fit, second: Fit, period: float) -> str:
 
 
 def _experiments(record: Record, period: float) -> Mapping[str, Record]:
-    """The same ground motion weaker and stronger, and a sine at the first period that grows to its peak."""
+    """The same motion weaker and stronger; for a building a sine at the first period that grows to its peak too."""
+    of_building = record.excitation_kind == "ground_acceleration"
+    motion = "The same ground motion" if of_building else "The same displacement history"
     scaled = {
-        f"The same ground motion at {strength:g} times its strength": replace(
+        f"{motion} at {strength:g} times its {'strength' if of_building else 'size'}": replace(
             record, excitation=strength * record.excitation
         )
         for strength in STRENGTHS
     }
+    if not of_building:
+        return scaled
     time = record.times
     growth = np.minimum(time / (N_CYCLES * period), 1.0)
     peak = 0.5 * float(np.max(np.abs(record.excitation)))

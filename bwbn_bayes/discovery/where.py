@@ -191,10 +191,18 @@ def _spots(
     by_condition: Mapping[str, Floats],
     n_samples: int,
 ) -> tuple[Spot, ...]:
-    """Runs of windows above the noise: of storey forces where they are measured, of channels elsewhere."""
-    forces = [(f"acceleration_{i + 1}", f"storey {i + 1}", i, row) for i, row in enumerate(by_storey)]
-    rows = [entry for entry in forces if np.all(np.isfinite(entry[3]))]
-    rows = rows or [(name, _place(name), 0, row) for name, row in zip(channels, by_window, strict=True)]
+    """Runs of windows above the noise: of storey forces where they are measured, of the channels that these leave out.
+
+    A storey's force goes by the channel of the floor above it, a specimen's by its own.
+    """
+    rows: list[tuple[str, str, int | None, Floats]] = []
+    told = set()
+    for i, row in enumerate(by_storey):
+        if np.all(np.isfinite(row)):
+            own = next(name for name in (f"acceleration_{i + 1}", "force") if name in channels)
+            rows.append((own, "the specimen" if own == "force" else f"storey {i + 1}", i, row))
+            told.add(own)
+    rows += [(name, _place(name), None, row) for name, row in zip(channels, by_window, strict=True) if name not in told]
     largest = max(float(np.max(ratios)) for *_, ratios in rows)
     chance = float(np.sqrt(chi2.isf(_CHANCE / (len(rows) * N_WINDOWS), n_samples) / n_samples))
     spots = []
@@ -202,7 +210,7 @@ def _spots(
         for first, last in _runs(ratios > max(NOTEWORTHY, chance, 0.4 * largest)):
             ratio = float(np.sqrt(np.mean(np.square(ratios[first:last]))))
             start, end = float(edges[first]), float(edges[last])
-            words = _words(by_condition, storey)
+            words = _words(by_condition, storey) if storey is not None else ""
             sentence = f"{place}, {start:.0f} to {end:.0f} s{words}: residual {ratio:.1f} times the noise"
             spots.append(Spot(channel=channel, start_s=start, end_s=end, residual_to_noise=ratio, sentence=sentence))
     return tuple(sorted(spots, key=lambda spot: -spot.residual_to_noise))

@@ -18,6 +18,8 @@ from bwbn_bayes.parameters import Floats, Normal, PerStorey, Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
+from bwbn_bayes.structures.structure import Structure
 
 GROUND = el_centro("chopra", duration=12.0)
 CHANNELS = ("acceleration_1", "acceleration_2")
@@ -45,7 +47,7 @@ def measured(model: ShearBuilding) -> Record:
     return GROUND.with_channels(dict(zip(CHANNELS, clean + noise, strict=True)))
 
 
-def fit(model: ShearBuilding, record: Record, effect: Effect, floor: int, value: float) -> Fit:
+def fit(model: Structure, record: Record, effect: Effect, floor: int, value: float) -> Fit:
     """A hypothesis that ended at a first stiffness of 150 N/m and a value of its own."""
     hypothesis = Hypothesis(base=model, effect=effect, storeys=(floor,), scales=SCALES)
     engine = Lanes(substeps=2, n_threads=1)
@@ -116,3 +118,16 @@ def test_equal_predictions_cannot_be_told_apart() -> None:
     record = measured(model)
     pair = [fit(model, record, SensorGain(gain=GAIN), 1, 1.1) for _ in range(2)]
     assert separating_experiment(*pair, PERIOD) == "No experiment tried would tell sensor_gain from sensor_gain."
+
+
+def test_a_specimen_is_pushed_further_and_not_shaken() -> None:
+    """A cubic spring that the record hardly reached: twice the size tells most."""
+    linear = BoucWen(k=Uniform(100, 200), c=0.0, alpha=1.0, beta=1.0, gamma=0.0, n=1.0)
+    model = Specimen(storey=linear)
+    time = np.arange(400) * 0.02
+    pushed = Record(name="", time_step=0.02, excitation=0.1 * np.sin(2 * np.pi * time), excitation_kind="displacement")
+    noise = 0.2 * np.random.default_rng(4).standard_normal(400)
+    record = pushed.with_channels({"force": 150.0 * pushed.excitation + noise})
+    pair = [fit(model, record, CubicStiffness(k3=Normal(0.0, 1000.0)), 1, value) for value in (0.0, 500.0)]
+    sentence = separating_experiment(*pair, PERIOD)
+    assert sentence.startswith("The same displacement history at 2 times its size would tell")

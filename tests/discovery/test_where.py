@@ -11,7 +11,9 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.parameters import Floats, Uniform
 from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
 
 MASSES = (2.0, 1.0)
 MODEL = ShearBuilding(masses=MASSES, storey=BoucWen(k=Uniform(20, 100), c=0.3, alpha=0.1, beta=8.0, gamma=2.0, n=1.3))
@@ -136,3 +138,34 @@ def test_the_largest_comes_first(histories: dict[str, Floats]) -> None:
     found = seen(histories, NOISE * sine * (5.0 * window(2.0, 3.0) + 10.0 * window(8.0, 9.0)))
     assert [(spot.start_s, spot.end_s) for spot in found.spots] == [(8.0, 9.0), (2.0, 3.0)]
     assert found.spots[0].residual_to_noise > 1.5 * found.spots[1].residual_to_noise
+
+
+def test_a_channel_that_no_storey_force_takes_in_is_told_too(histories: dict[str, Floats]) -> None:
+    """A drift sensor that goes wrong from 4 to 6 s beside accelerometers that do not."""
+    rng = np.random.default_rng(2)
+    channels = {f"acceleration_{f}": histories[f"acceleration_{f}"] + NOISE * rng.standard_normal(GROUND.n_times)
+                for f in (1, 2)}  # fmt: skip
+    level = 0.01 * np.max(np.abs(histories["drift_1"]))
+    wrong = 5.0 * level * np.sin(2.0 * np.pi * 8.0 * TIMES) * window(4.0, 6.0)
+    channels["drift_1"] = histories["drift_1"] + level * rng.standard_normal(GROUND.n_times) + wrong
+    record = GROUND.with_channels(channels)
+    found = disagreement(Posterior(model=MODEL, record=record, engine=ENGINE, noise=default_noise(record)), POINT)
+    assert {spot.channel for spot in found.spots} == {"drift_1"}
+    assert found.spots[0].start_s >= 4.0 - GROUND.duration / N_WINDOWS
+    assert found.spots[0].sentence.startswith("storey 1, ")
+
+
+def test_a_specimen_is_told_by_its_own_force() -> None:
+    specimen = Specimen(storey=BoucWen(k=Uniform(20, 100), c=0.3, alpha=0.1, beta=8.0, gamma=2.0, n=1.3))
+    pushed = Record(
+        name="cyclic",
+        time_step=0.02,
+        excitation=0.3 * np.sin(2.0 * np.pi * 0.5 * TIMES),
+        excitation_kind="displacement",
+    )
+    force = ENGINE.simulate(specimen, specimen.space.from_unit(POINT[None]), pushed, ("force",)).values[0, 0]
+    noise = 0.01 * np.max(np.abs(force)) * np.random.default_rng(3).standard_normal(len(force))
+    record = pushed.with_channels({"force": force + noise + 0.1 * np.max(np.abs(force)) * window(4.0, 6.0)})
+    found = disagreement(Posterior(model=specimen, record=record, engine=ENGINE, noise=default_noise(record)), POINT)
+    assert {spot.channel for spot in found.spots} == {"force"}
+    assert found.spots[0].sentence.startswith("the specimen, 4 to 6 s")

@@ -33,6 +33,7 @@ from bwbn_bayes.reproduction.cases import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
 from bwbn_bayes.reproduction.workflow import reproduce as reproduce_tables
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
+from bwbn_bayes.structures.structure import Structure
 
 app = typer.Typer(
     help="Identify hysteretic structures from measured records, and say what the model is missing.",
@@ -84,8 +85,7 @@ def identify(
         )
         listener("writing the report", None)
         write_result(result, directory)
-    for warning in file.model.warnings:
-        notes.print(warning, markup=False, highlight=False, soft_wrap=True)
+    _warn(file.model, notes)
     summarise(result, directory)
 
 
@@ -123,10 +123,12 @@ def discover(
             held_out=apart,
             settings=DiscoverySettings(seed=seed, particles=particles),
             name=file.name,
+            assumptions=file.assumptions,
             listener=tell,
         )
         tell("writing the report")
         write_discovery_files(discovery, directory, model)
+    _warn(file.model, notes)
     console = results_console()
     for line in discovery_in_words(discovery):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -260,6 +262,11 @@ def _refuse(sentence: str) -> None:
     message = Text.assemble(("error: ", "bold red"), " ".join(sentence.split()))
     Console(stderr=True).print(message, soft_wrap=True)
     sys.exit(2)
+
+
+def _warn(model: Structure, notes: Console) -> None:
+    for warning in model.warnings:
+        notes.print(warning, markup=False, highlight=False, soft_wrap=True)
 
 
 def _record(file: ModelFile, path: Path | None, seed: int, listener: Listener) -> Record:

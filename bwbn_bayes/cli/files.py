@@ -67,5 +67,6 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
             name=discovery.name,
             origin=model.resolve(),
             record_file="record.csv",
+            assumptions=discovery.assumptions,
         )
         (partial / "improved_model.py").write_text(source, encoding="utf-8")

@@ -257,7 +257,11 @@ def _present(base: Structure, effect: Effect, storeys: tuple[int, ...]) -> bool:
         if symbols & {p.symbol for p in placed.effect.parameters} and shared:
             return True
     own = getattr(effect, "parameter", None) if effect.name == "storey_parameter" else None
-    return own is not None and (len(storeys) > 1 or isinstance(base.storey.values[own], PerStorey))
+    if own is None:
+        return False
+    value = base.storey.values[own]
+    free_here = isinstance(value, PerStorey) or (base.n_storeys == 1 and isinstance(value, Prior))
+    return len(storeys) > 1 or free_here
 
 
 def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:

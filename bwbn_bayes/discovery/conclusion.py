@@ -31,6 +31,7 @@ def conclude(
     added: tuple[Added, ...],
     held_out: HeldOut | None,
     name: str,
+    assumptions: Sequence[str],
     run: Run,
 ) -> Discovery:
     """Turn a finished search into what it found.
@@ -44,6 +45,8 @@ def conclude(
         Predicted here, once.
     name : str
         The model's name in reports.
+    assumptions : sequence of str
+        What the model as given takes for granted.
     run : Run
     """
     verdict = _verdict(given, present, added)
@@ -69,6 +72,7 @@ def conclude(
         np.array([mode.point for mode in present.modes[:8]]),
         settings=Settings(seed=run.settings.seed, particles=run.settings.particles, fallback=False),
         name=name,
+        assumptions=assumptions,
         listener=lambda text, _: run.say(text),
     )
     moments = {p.name: (p.mean, p.sd) for p in result.facts.parameters}
@@ -93,6 +97,7 @@ def conclude(
         held_out=held_out,
         result=result,
         name=name,
+        assumptions=tuple(assumptions),
         seed=run.settings.seed,
         elapsed_s=elapsed,
     )

@@ -28,6 +28,7 @@ def improved_model_source(
     name: str = "model",
     origin: Path | None = None,
     record_file: str | None = None,
+    assumptions: Sequence[str] = (),
 ) -> str:
     """Write a model as a model file.
 
@@ -43,6 +44,8 @@ def improved_model_source(
         The given model's file, from which effects and priors of the user's own are taken.
     record_file : str, optional
         Name of the record's file beside the model file; without it ``bwbn identify`` asks for ``--record``.
+    assumptions : sequence of str
+        What the given model takes for granted.
 
     Returns
     -------
@@ -58,6 +61,8 @@ def improved_model_source(
     blocks = [writer.structure(model), *(writer.placed(one) for one in model.effects)]
     if record_file is not None:
         blocks.append(f'\nrecord = {writer.function("read_record")}(Path(__file__).with_name("{record_file}"))')
+    if assumptions:
+        blocks.append("\n".join(["", "assumptions = [", *(f"    {_text(one)}," for one in assumptions), "]"]))
     return "\n".join([_docstring(name, added), "", *writer.header(origin), "", *blocks, ""])
 
 

@@ -120,15 +120,25 @@ class Decision:
     @property
     def passes(self) -> bool:
         """Whether the leader is to be added: against the present model, beyond error, under every width of prior."""
+        return self.leader is not None and not self.objection
+
+    @cached_property
+    def objection(self) -> str:
+        """Why the leader is not to be added, in words; empty where it is."""
         if self.leader is None:
-            return False
-        limit = THRESHOLD + self._error(self.leader)
-        members = {self.leader.hypothesis.name, *self.equivalent}
-        for odds in (self.by_name, *self.under_other_priors.values()):
-            ahead = max(odds, key=lambda name: odds[name])
-            if ahead not in members or odds[self.leader.hypothesis.name] < limit:
-                return False
-        return True
+            return "no catalogued effect can be added to this model"
+        name, error = self.leader.hypothesis.name, self._error(self.leader)
+        members = {name, *self.equivalent}
+        for label, odds in {"": self.by_name, **self.under_other_priors}.items():
+            under = f" under priors {label}" if label else ""
+            ahead = max(odds, key=lambda one: odds[one])
+            if odds[name] < THRESHOLD + error:
+                return (
+                    f"log odds of {odds[name]:.1f}{under} do not exceed {THRESHOLD:.0f} by their error of {error:.1f}"
+                )
+            if ahead not in members:
+                return f"{ahead} is ahead{under}"
+        return ""
 
     @property
     def doubtful(self) -> tuple[Candidate, ...]:
@@ -148,7 +158,7 @@ class Decision:
             return "No catalogued effect can be added to this model."
         name, odds = self.leader.hypothesis.label, self.leader.log_odds
         if not self.passes:
-            return f"Nothing is named: the best, {name}, has log odds {odds:.1f}; {THRESHOLD:.0f} are asked."
+            return f"Nothing is named: the best is {name}, but {self.objection}."
         if self.equivalent:
             return f"{name} leads by log odds {odds:.1f}; the record cannot tell it from {', '.join(self.equivalent)}."
         return f"{name} is named: log odds {odds:.1f} against the present model."

@@ -123,6 +123,8 @@ class Discovery:
     result : Result
         The posterior of the improved model.
     name : str
+    assumptions : tuple of str
+        What the given model takes for granted.
     seed : int
     elapsed_s : float
         Without the final posterior.
@@ -145,6 +147,7 @@ class Discovery:
     held_out: HeldOut | None
     result: Result
     name: str
+    assumptions: tuple[str, ...]
     seed: int
     elapsed_s: float
 

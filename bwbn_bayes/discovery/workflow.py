@@ -59,6 +59,7 @@ def discover(
     held_out: Record | Literal["end"] | None = None,
     settings: DiscoverySettings | None = None,
     name: str = "model",
+    assumptions: Sequence[str] = (),
     listener: Listener | None = None,
 ) -> Discovery:
     """Find what a model lacks to explain a record.
@@ -76,6 +77,8 @@ def discover(
     settings : DiscoverySettings, optional
     name : str
         The model's name in reports.
+    assumptions : sequence of str
+        What the model takes for granted, for reports and the improved model.
     listener : callable, optional
         Told what is being done and what was found.
 
@@ -107,7 +110,7 @@ def discover(
     _compile_ahead(given, run)
     present, added = _prune(*_grow(given, run), run)
     present, added, run = _look_again(given, present, added, run)
-    return conclude(given, present, added, apart, name, run)
+    return conclude(given, present, added, apart, name, assumptions, run)
 
 
 def _fit_given(model: Structure, record: Record, run: Run) -> Present:

@@ -50,7 +50,7 @@ class Discretisation:
     log_likelihood_shift : float
         Change of the refitted log likelihood.
     nrmse : float
-        Error of the response over the rms of the record.
+        Error of the response over the rms of the record, the root mean square over its channels.
     """
 
     scheme: str
@@ -107,19 +107,19 @@ class Judge:
         information = self.jacobian @ self.jacobian.T
         shift = np.linalg.solve(information + 12.0 * np.eye(len(information)), self.jacobian @ whitened)
         left = whitened - shift @ self.jacobian
-        scale = np.mean(np.square(_measured(record)))
+        size = np.mean(np.square(_measured(record)), axis=1)
         return Discretisation(
             scheme=engine.scheme,
             joint_shift_sd=float(np.sqrt(shift @ information @ shift)),
             log_likelihood_shift=float(-residual @ left - 0.5 * left @ left),
-            nrmse=float(np.sqrt(np.mean(np.square(self.exact - response)) / scale)),
+            nrmse=float(np.sqrt(np.mean(np.mean(np.square(self.exact - response), axis=1) / size))),
         )
 
 
 def choose_scheme(posterior: Posterior, point: Floats, engine: Lanes) -> tuple[Lanes, Discretisation]:
     """The cheapest scheme of the ladder that is fine enough at a point ``(n_dim,)`` of the unit cube.
 
-    The finest scheme is returned, with its figures, where none is.
+    Where none is, the finest is returned with the figures of the next coarser one, which bound its own.
     """
     *ladder, finest = (replace(rung, n_threads=engine.n_threads) for rung in LADDER)
     judge = Judge.at(posterior, point, finest)
@@ -127,7 +127,7 @@ def choose_scheme(posterior: Posterior, point: Floats, engine: Lanes) -> tuple[L
         facts = judge(scheme)
         if facts.acceptable:
             return scheme, facts
-    return finest, replace(facts, scheme=finest.scheme)
+    return finest, replace(facts, scheme=f"{finest.scheme}; the figures are those of the next coarser one")
 
 
 def _measured(record: Record) -> Floats:

@@ -68,6 +68,7 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
         steps=content.steps,
         limits=tables.limits_table(content.limits, discovery.model.n_storeys),
         never=f"A dash ({NOTHING}) stands",
+        assumptions=discovery.result.facts.assumptions,
         provenance=tables.discovery_provenance(discovery),
         held_out=held_out is not None,
     )

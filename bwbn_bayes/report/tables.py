@@ -33,7 +33,7 @@ _DISCRETISATION = {
     "scheme": "scheme",
     "joint_shift_sd": "joint shift of the posterior by the time step [posterior sd]",
     "log_likelihood_shift": "shift of the log likelihood by the time step [nat]",
-    "nrmse": "relative error of the response (step halving)",
+    "nrmse": "relative error of the response (against the finest scheme)",
 }
 
 

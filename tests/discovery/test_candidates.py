@@ -100,6 +100,10 @@ def test_a_storey_with_a_parameter_of_its_own_needs_no_offset() -> None:
     assert {h.effect.form for h in every} == {"beta", "gamma"}
     every = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS, effects=[StoreyParameter])
     assert {h.effect.form for h in every} == {"alpha", "beta", "gamma", "n"}
+    single = ShearBuilding(masses=[1.0], storey=replace(STOREY, alpha=Uniform(0.01, 0.5), n=1.5))
+    every = hypotheses(single, [SCALES], measured=CHANNELS[:1], effects=[StoreyParameter])
+    assert "alpha" not in {h.effect.form for h in every}
+    assert "n" in {h.effect.form for h in every}
 
 
 @pytest.mark.parametrize("hypothesis", [h for h in EVERY if h.storeys != (1,)], ids=lambda h: h.label)

@@ -175,7 +175,8 @@ def test_a_name_must_survive_other_priors(width: str) -> None:
     fragile = decision((hypothesis(CUBIC), evidence(12.0, shifts={width: -4.1})))
     assert not fragile.passes
     assert fragile.under_other_priors[width]["cubic_stiffness"] == pytest.approx(7.9)
-    assert "Nothing is named" in fragile.sentence
+    assert fragile.objection.startswith(f"log odds of 7.9 under priors {width} do not exceed 8 by their error of ")
+    assert fragile.sentence.endswith(f", but {fragile.objection}.")
 
 
 @pytest.mark.parametrize("width", [WIDER, NARROWER])

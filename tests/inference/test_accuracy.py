@@ -84,4 +84,4 @@ def test_the_finest_scheme_is_returned_where_none_will_do(pinching: Posterior, f
     chosen, facts = choose_scheme(replace(pinching, noise=noise), fitted.point, FINEST)
     assert chosen == LADDER[-1]
     assert not facts.acceptable
-    assert facts.scheme == chosen.scheme
+    assert facts.scheme == f"{chosen.scheme}; the figures are those of the next coarser one"

@@ -1,0 +1,42 @@
+"""The loop where there is nothing to weigh: a disagreement and no hypothesis about it."""
+
+import numpy as np
+import pytest
+
+from bwbn_bayes.discovery.run import DiscoverySettings
+from bwbn_bayes.discovery.workflow import discover
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.effects import CubicStiffness, SensorLag
+from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.engines.reference import Reference
+from bwbn_bayes.parameters import Uniform
+from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.shear_building import ShearBuilding
+
+GROUND = el_centro("chopra", duration=8.0)
+MODEL = ShearBuilding(
+    masses=[1.0], storey=BoucWen(k=Uniform(20, 120), c=Uniform(0.01, 2), alpha=0.2, beta=12.0, gamma=2.0, n=1.3)
+)
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    """A drift under a strong cubic spring that the model lacks."""
+    hidden = MODEL.with_effect(CubicStiffness(k3=4e4))
+    drift = Reference().simulate(hidden, hidden.draws({"k": 60.0, "c": 0.4}), GROUND, ("drift_1",)).values[0, 0]
+    noise = 0.01 * np.std(drift) * np.random.default_rng(1).standard_normal(len(drift))
+    return GROUND.with_channels({"drift_1": drift + noise})
+
+
+@pytest.mark.parametrize("effects", [(), (SensorLag,)], ids=["none", "of a sensor that does not exist"])
+def test_without_hypotheses_a_disagreement_stays_unexplained(record: Record, effects: tuple[type[Effect], ...]) -> None:
+    found = discover(
+        MODEL, record, settings=DiscoverySettings(particles=100, effects=effects), assumptions=["The base is rigid."]
+    )
+    assert found.verdict == "unexplained"
+    assert found.added == ()
+    assert found.unexplained_share == 1.0
+    assert found.improved is found.model
+    assert [step.decision for step in found.steps] == [None]
+    assert found.result.facts.assumptions[0] == found.assumptions[0] == "The base is rigid."

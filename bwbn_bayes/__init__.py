@@ -39,7 +39,7 @@ from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, Sampled
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, PerStorey, Uniform
 from bwbn_bayes.records.excitation import el_centro, filtered_noise, sine
 from bwbn_bayes.records.noise import add_noise
-from bwbn_bayes.records.readers import read_record
+from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.results import Result
@@ -100,6 +100,7 @@ __all__ = [
     "sine",
     "to_pymc",
     "write_discovery",
+    "write_record",
     "write_report",
 ]
 

@@ -5,18 +5,24 @@ from __future__ import annotations
 import io
 import json
 import math
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
+from PIL import Image
 from rich.console import Console
 
 from bwbn_bayes import Record, Result, read_record, sine
 from bwbn_bayes.cli import main
 from bwbn_bayes.cli.console import line_of, parameter_table
+from bwbn_bayes.cli.files import write_result
 from bwbn_bayes.elements.catalogue import catalogue
 from bwbn_bayes.engines.available import NAMES
 from bwbn_bayes.records.readers import write_record
@@ -165,7 +171,7 @@ BAD_MODELS = [
     ("import sys\nsys.exit(3)\n", "line 2: SystemExit: 3"),
     ("import no_such_module\n", "line 1: ModuleNotFoundError"),
     ("from bwbn_bayes import Uniform\n\nUniform(2, 1)\n", "line 3: Uniform(2, 1)"),
-    (SDOF.read_text(encoding="utf-8") + "truth = {'k': 1.0}\n", "`truth`: values for the identified parameters"),
+    (SDOF.read_text(encoding="utf-8") + "truth = {'k': 1.0}\n", "`truth`: values of parameters: "),
     (SDOF.read_text(encoding="utf-8") + "truth = [1.0]\n", "`truth` must give a number"),
     (SDOF.read_text(encoding="utf-8") + "excitation = [1.0]\n", "`excitation` must be a Record"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = '30 dB'\n", "`snr_db` is '30 dB'"),
@@ -235,6 +241,48 @@ def test_a_record_without_channels_is_one_sentence(run: Run, tmp_path: Path) -> 
     path = tmp_path / "motion.csv"
     write_record(sine(amplitude=1.0, frequency_hz=1.0, duration=5.0, time_step=0.02), path)
     _is_one_sentence(run("identify", SDOF, "--record", path, "--out", tmp_path / "out"), "measures nothing")
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda r: r.with_channels({"acceleration_1": np.full(r.n_times, 3.0)}), "acceleration_1 never changes"),
+        (lambda r: replace(r, excitation=np.zeros(r.n_times)), "ground_acceleration never changes"),
+        (lambda r: Record(name=r.name, time_step=r.time_step, excitation=r.excitation[:8],
+                          channels={"acceleration_1": r.channels["acceleration_1"][:8]}), "8 samples: at least 32"),
+        (lambda r: r.with_channels({"acceleration_2": r.channels["acceleration_1"]}), "acceleration_2"),
+    ],
+    ids=["stuck sensor", "no ground motion", "too short", "a floor too many"],
+)  # fmt: skip
+@pytest.mark.parametrize("method", ["importance", "ga"])
+def test_a_record_that_tells_nothing_is_refused_before_the_search(
+    run: Run, simulated: Path, tmp_path: Path, change: Callable[[Record], Record], sentence: str, method: str
+) -> None:
+    path = tmp_path / "record.csv"
+    write_record(change(read_record(simulated)), path)
+    outcome = run("identify", SDOF, "--record", path, "--method", method, "--out", tmp_path / "new" / "out")
+    _is_one_sentence(outcome, sentence)
+    assert "fit" not in outcome.err
+    assert not (tmp_path / "new").exists()
+
+
+def test_figures_of_an_earlier_report_do_not_stay(identified: tuple[Path, str, str], tmp_path: Path) -> None:
+    """Another method has other figures; what others put beside them stays."""
+    place = tmp_path / "report"
+    shutil.copytree(identified[0], place)
+    Image.new("RGB", (4, 4)).save(place / "photo.png")
+    (place / "broken.png").write_bytes(b"no picture")
+    result = Result.load(identified[0] / "result.nc")
+    point = Result(tree=result.tree, facts=replace(result.facts, stages=()))
+    write_result(point, place)
+    kept = {path.name for path in place.glob("*.png")}
+    assert {"photo.png", "broken.png", "acceleration.png"} <= kept
+    assert "stages.png" in {path.name for path in identified[0].glob("*.png")}
+    assert "stages.png" not in kept
+
+
+def test_the_version_is_that_of_the_package(run: Run) -> None:
+    assert run("--version").out == f"bwbn_bayes {version('bwbn-bayes')}\n"
 
 
 def test_an_out_that_cannot_be_written_is_found_before_the_run(

@@ -11,7 +11,7 @@ from bwbn_bayes.baselines.genetic import Generation, GeneticSettings, search
 from bwbn_bayes.baselines.ipv import Variant, fit_forces
 from bwbn_bayes.baselines.outcome import forces_result, genetic_result
 from bwbn_bayes.engines.available import engine as engine_by_name
-from bwbn_bayes.engines.base import masses, require_channels, require_parameters
+from bwbn_bayes.engines.base import masses, require_parameters, require_usable
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, on_rung
 from bwbn_bayes.inference.identify import Listener, Settings
@@ -92,7 +92,7 @@ def _by_search(
     listener: Listener | None,
 ) -> Result:
     require_parameters(model, name)
-    require_channels(record)
+    require_usable(model, record)
     began = time.perf_counter()
     stages: list[StageFacts] = []
 

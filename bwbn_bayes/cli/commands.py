@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -48,6 +49,15 @@ SeedOption = Annotated[int, typer.Option("--seed", min=0, help="The run is a fun
 EngineOption = Annotated[EngineName, typer.Option("--engine", help="What solves the model; see `bwbn engines`.")]
 
 
+@app.callback(invoke_without_command=True)
+def about(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    """Print the version, or go on to the command."""
+    if version:
+        print(f"bwbn_bayes {metadata.version('bwbn-bayes')}")
+
+
 @app.command()
 def identify(
     model: ModelArgument,
@@ -60,7 +70,10 @@ def identify(
     ] = None,
     seed: SeedOption = 1,
     engine: EngineOption = "lanes",
-    particles: Annotated[int, typer.Option("--particles", min=100, help="Posterior draws wanted.")] = 5000,
+    particles: Annotated[
+        int,
+        typer.Option("--particles", min=100, help="Posterior draws wanted; importance weighs 2000 at least."),
+    ] = 5000,
     variant: Annotated[
         Literal["default", "plain"],
         typer.Option("--variant", help="TMCMC as calibrated or published (plain); SMC batched or PyMC's own (plain)."),
@@ -69,6 +82,7 @@ def identify(
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
     file = load_model_file(model)
+    engine_by_name(engine)
     directory = writable(out or Path("reports") / f"{file.name}_{method}")
     notes = Console(stderr=True)
     with progress(notes, particles) as listener:

@@ -112,11 +112,13 @@ def summarise(result: Result, directory: Path) -> None:
     if facts.parameters:
         console.print(parameter_table(facts.parameters))
         console.print()
-    failed = [check.sentence for check in facts.checks if not check.passed]
+    told = " ".join(facts.verdict)
+    failed = [check.sentence for check in facts.checks if not check.passed and check.sentence not in told]
     for sentence in (*facts.verdict, *failed, *facts.identifiability):
         console.print(sentence, highlight=False, markup=False)
     for road, (value, error) in facts.evidences.items():
-        console.print(f"log evidence, {road}: {value:.2f} +- {error:.2f}", highlight=False, markup=False)
+        spread = f" +- {error:.2f}" if math.isfinite(error) else ""
+        console.print(f"log evidence, {road}: {value:.2f}{spread}", highlight=False, markup=False)
     console.print(f"{facts.n_solves} solves, {facts.elapsed_s:.1f} s, engine {facts.engine}", highlight=False)
     console.print(Text(f"report: {directory / 'report.html'}"), soft_wrap=True)
 

@@ -13,26 +13,39 @@ from bwbn_bayes.discovery.outcome import Discovery
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.readers import write_record
 from bwbn_bayes.report import write_discovery, write_report
+from bwbn_bayes.report.canvas import is_ours
 from bwbn_bayes.results import Result
 
 
 def writable(directory: Path) -> Path:
-    """The directory, made and tried before a long run, not after it."""
+    """The directory, tried before a long run, not after it; one that was not there is left for the results to make."""
+    missing = [one for one in (directory, *directory.parents) if not one.exists()]
     with replacing(directory):
-        return directory
+        pass
+    for made in missing:
+        made.rmdir()
+    return directory
 
 
 @contextmanager
-def replacing(directory: Path) -> Iterator[Path]:
-    """A place for new files beside the old ones; they take their names only when all of them are whole."""
+def replacing(directory: Path, *, report: bool = False) -> Iterator[Path]:
+    """A place for new files beside the old ones; they take their names only when all of them are whole.
+
+    Of an earlier report in the same directory, figures that the new one does not have are removed.
+    """
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=directory, prefix=".partial-") as name:
             yield Path(name)
+            made = []
             for path in sorted(found for found in Path(name).rglob("*") if found.is_file()):
-                place = directory / path.relative_to(name)
-                place.parent.mkdir(exist_ok=True)
-                path.replace(place)
+                made.append(directory / path.relative_to(name))
+                made[-1].parent.mkdir(exist_ok=True)
+                path.replace(made[-1])
+            for place in {path.parent for path in made} if report else ():
+                for old in set(place.glob("*.png")) - set(made):
+                    if is_ours(old):
+                        old.unlink()
     except OSError as error:
         raise UserError(
             f"--out {directory} cannot be written to ({error.strerror or error}): choose another directory"
@@ -41,7 +54,7 @@ def replacing(directory: Path) -> Iterator[Path]:
 
 def write_result(result: Result, directory: Path) -> None:
     """Page, figures, ``result.json`` and ``result.nc``."""
-    with replacing(directory) as partial:
+    with replacing(directory, report=True) as partial:
         save_result(result, partial)
         write_report(result, partial)
 
@@ -55,7 +68,7 @@ def save_result(result: Result, directory: Path) -> None:
 
 def write_discovery_files(discovery: Discovery, directory: Path, model: Path) -> None:
     """Page, numbers, record and improved model; ``identify/`` holds what ``bwbn identify`` writes of the latter."""
-    with replacing(directory) as partial:
+    with replacing(directory, report=True) as partial:
         write_discovery(discovery, partial)
         save_result(discovery.result, partial / "identify")
         text = json.dumps(discovery.as_json(), indent=1, allow_nan=False)

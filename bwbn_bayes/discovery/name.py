@@ -132,10 +132,9 @@ class Decision:
         for label, odds in {"": self.by_name, **self.under_other_priors}.items():
             under = f" under priors {label}" if label else ""
             ahead = max(odds, key=lambda one: odds[one])
-            if odds[name] < THRESHOLD + error:
-                return (
-                    f"log odds of {odds[name]:.1f}{under} do not exceed {THRESHOLD:.0f} by their error of {error:.1f}"
-                )
+            own = odds[name]
+            if own < THRESHOLD + error:
+                return f"log odds of {own:.1f}{under} do not exceed {THRESHOLD:.0f} by their error of {error:.1f}"
             if ahead not in members:
                 return f"{ahead} is ahead{under}"
         return ""

@@ -1,1 +1,35 @@
-"""Storey laws: the Bouc-Wen element, the effects that extend it, and how they combine."""
+"""Storey laws: the Bouc-Wen element, the effects that extend it, and how they combine.
+
+What the author of an effect needs stands here: a class of :class:`Effect` fills :class:`Slots` with expressions of
+:data:`DRIFT`, :data:`DRIFT_RATE`, :data:`HYSTERETIC_DISPLACEMENT`, :data:`ENERGY` and its parameters' symbols.
+"""
+
+from bwbn_bayes.elements.catalogue import register
+from bwbn_bayes.elements.law import (
+    DRIFT,
+    DRIFT_RATE,
+    ENERGY,
+    HYSTERETIC_DISPLACEMENT,
+    AddedState,
+    Effect,
+    Event,
+    Slots,
+    symbol,
+)
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.parameters import Parameter
+
+__all__ = [
+    "DRIFT",
+    "DRIFT_RATE",
+    "ENERGY",
+    "HYSTERETIC_DISPLACEMENT",
+    "AddedState",
+    "Effect",
+    "Event",
+    "Parameter",
+    "Scales",
+    "Slots",
+    "register",
+    "symbol",
+]

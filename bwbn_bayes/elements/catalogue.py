@@ -2,7 +2,7 @@
 
 A user's own effect joins it the same way::
 
-    from bwbn_bayes.elements.catalogue import register
+    from bwbn_bayes.elements import Effect, register
 
     @register
     @dataclass(frozen=True, kw_only=True)

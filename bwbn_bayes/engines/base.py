@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.records.noise import MIN_SAMPLES
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
@@ -226,7 +227,7 @@ def check_record(model: Structure, record: Record) -> None:
     """Raise :class:`UserError` unless the record excites the model in the model's own way."""
     if record.excitation_kind != model.excitation_kind:
         raise UserError(
-            f"the record is driven by {record.excitation_kind}, the model by {model.excitation_kind}: "
+            f"record {record.name!r} is driven by {record.excitation_kind}, the model by {model.excitation_kind}: "
             "use a ShearBuilding for ground motion and a Specimen for a displacement-driven test"
         )
 
@@ -239,12 +240,24 @@ def require_parameters(model: Structure, name: str) -> None:
         )
 
 
-def require_channels(record: Record) -> None:
-    """Raise :class:`UserError` unless a record measures something."""
+def require_usable(model: Structure, record: Record) -> None:
+    """Raise :class:`UserError` unless a model can be identified from a record.
+
+    It must be of the model's kind of test, excite it, and measure something of it that changes, for long enough that
+    its noise can be told.
+    """
+    where = f"record {record.name!r}"
+    check_record(model, record)
     if not record.channels:
-        raise UserError(
-            f"record {record.name!r} measures nothing: it needs at least one channel such as acceleration_1"
-        )
+        raise UserError(f"{where} measures nothing: it needs at least one channel such as acceleration_1")
+    channel_map(model, tuple(record.channels))
+    if record.n_times < MIN_SAMPLES:
+        raise UserError(f"{where} has {record.n_times} samples: at least {MIN_SAMPLES} are needed to tell its noise")
+    if np.ptp(record.excitation) == 0.0:
+        raise UserError(f"{where} has no excitation: its {record.excitation_kind} never changes")
+    still = [channel for channel, signal in record.channels.items() if np.ptp(signal) == 0.0]
+    if still:
+        raise UserError(f"{where}: {', '.join(still)} never changes: leave it out")
 
 
 def measured_matrix(record: Record, names: Sequence[str]) -> Floats:

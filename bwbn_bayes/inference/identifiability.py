@@ -66,12 +66,13 @@ def describe(information: Floats, names: Sequence[str]) -> tuple[str, ...]:
         if len(involved) == 1:
             sentences.append(f"The record says little about {involved[0]}: its posterior is close to its prior.")
         else:
+            involved = sorted(involved, key=list(names).index)
             together = f"{', '.join(involved[:-1])} and {involved[-1]}"
             sentences.append(
                 f"The record cannot tell {together} apart along one combination: they can change together and leave "
                 "the response the same, so read their posteriors jointly, or fix one of them."
             )
-    return tuple(sentences) or ("The record sees every identified parameter.",)
+    return tuple(dict.fromkeys(sentences)) or ("The record sees every identified parameter.",)
 
 
 def flag(points: Floats) -> str:

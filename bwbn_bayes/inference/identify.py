@@ -10,13 +10,15 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, NamedTuple
+from numbers import Integral
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from bwbn_bayes.engines.available import engine as engine_by_name
-from bwbn_bayes.engines.base import require_channels, require_parameters
+from bwbn_bayes.engines.base import require_parameters, require_usable
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
 from bwbn_bayes.inference.bridge import bridge
 from bwbn_bayes.inference.importance import (
@@ -53,24 +55,29 @@ _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it runs with this fraction of the draws asked for: each costs it some hundred solves."""
 
 
+_CHOICES = {"method": get_args(Method), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
+_LEAST = {"seed": 0, "particles": 1}
+
+
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """Options of one run.
 
     Parameters
     ----------
-    method : {"importance", "tmcmc", "smc", "nuts"}
-        The road to the posterior; the last two are PyMC's.
+    method : {"importance", "tmcmc", "smc", "nuts", "ga", "ipv"}
+        The road to the posterior, of which smc and nuts are PyMC's; the last two are baselines without a posterior.
     engine : str
         Name of the engine.
     seed : int
         The run is a function of it.
     particles : int
-        Effective draws wanted (importance) or particles (TMCMC).
+        Effective draws wanted (importance, which weighs at least 2,000) or particles (TMCMC).
     variant : {"default", "plain"}
         TMCMC as calibrated, or as published; SMC with the batched kernel, or with PyMC's own.
     fallback : bool
-        Whether TMCMC takes over where importance sampling fails its check; if not, its draws stand, the check failed.
+        Whether TMCMC takes over where importance sampling fails its check; if not, its draws stand with the check
+        failed, unless their weights have no tail to judge by.
     sampler : {"pymc", "nutpie"}
         Whose NUTS.
     """
@@ -82,6 +89,16 @@ class Settings:
     variant: Literal["default", "plain"] = "default"
     fallback: bool = True
     sampler: Literal["pymc", "nutpie"] = "pymc"
+
+    def __post_init__(self) -> None:
+        for name, choices in _CHOICES.items():
+            given = getattr(self, name)
+            if given not in choices:
+                raise UserError(f"Settings: {name} {given!r} is not known: choose one of {', '.join(choices)}")
+        for name, least in _LEAST.items():
+            given = getattr(self, name)
+            if not isinstance(given, Integral) or given < least:
+                raise UserError(f"Settings: {name} is {given!r}, it must be a whole number from {least} on")
 
 
 @dataclass
@@ -145,7 +162,7 @@ def identify(
     if settings.method not in METHODS:
         raise ValueError(f"method {settings.method!r} gives no posterior: call bwbn_bayes.identify")
     require_parameters(model, name)
-    require_channels(record)
+    require_usable(model, record)
     began = time.perf_counter()
     history = _History(listener, began, [])
     posterior = Posterior(

@@ -351,6 +351,8 @@ def _verdict(
     model_fits = all(check.passed for check in checks if check.name.startswith("residual"))
     scope = f"{len(record.channels)} channel{'s' if len(record.channels) != 1 else ''} of {record.name}"
     first = f"{len(seen)} of {len(parameters)} parameters are identified from {scope}"
+    bound = sum(p.flag == "prior-bound" for p in seen)
+    first += f" ({bound} of them cut by a bound of the prior)" if bound else ""
     first += (
         ", and the model explains the record down to its noise."
         if model_fits

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 WIDTH_IN = 5.0
 """Width of every figure: at this size 9.5 pt text stays readable on a screen 400 px wide."""
@@ -73,8 +75,22 @@ def finished(figure: Figure, name: str, caption: str, alt: str) -> Drawing:
     figure.savefig(raw, format="png", facecolor="white")
     image = Image.open(raw).convert("RGB").quantize(N_COLOURS, dither=Image.Dither.NONE)
     buffer = BytesIO()
-    image.save(buffer, format="PNG", optimize=True)
+    mark = PngInfo()
+    mark.add_text(*_MARK)
+    image.save(buffer, format="PNG", optimize=True, pnginfo=mark)
     return Drawing(name=name, png=buffer.getvalue(), caption=caption, alt=alt, width=image.width, height=image.height)
+
+
+_MARK = ("Software", "bwbn_bayes")
+
+
+def is_ours(path: Path) -> bool:
+    """Whether a PNG file is a figure of a report."""
+    try:
+        with Image.open(path) as image:
+            return image.info.get(_MARK[0]) == _MARK[1]
+    except OSError:
+        return False
 
 
 def legend(figure: Figure, labelled: Axes, empty: Axes | None = None) -> None:

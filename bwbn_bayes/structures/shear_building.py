@@ -38,9 +38,12 @@ class ShearBuilding(Structure):
     excitation_kind: ClassVar[str] = "ground_acceleration"
 
     def __post_init__(self) -> None:
-        masses = tuple(float(mass) for mass in self.masses)
+        try:
+            masses = tuple(float(mass) for mass in self.masses)
+        except (TypeError, ValueError):
+            masses = ()
         if not masses or not all(np.isfinite(m) and m > 0.0 for m in masses):
-            raise UserError(f"masses = {list(masses)}: give one positive mass for each storey")
+            raise UserError(f"masses = {self.masses!r}: give a list with one positive number of kg for each storey")
         object.__setattr__(self, "masses", masses)
         super().__post_init__()
 

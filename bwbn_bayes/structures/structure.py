@@ -105,6 +105,10 @@ class Structure:
             If a storey does not exist or has the effect already, if storeys are given for an effect of the whole
             building, or if the structure has nothing for the effect to act on.
         """
+        if isinstance(effect, type) or not hasattr(effect, "fill"):
+            raise UserError(
+                f"with_effect takes an effect and its values, such as StrengthDegradation(delta_nu=0.1), not {effect!r}"
+            )
         symbols = {p.symbol for p in effect.parameters}
         others = [other for other in self.effects if symbols & {p.symbol for p in other.effect.parameters}]
         if effect.level in WHOLE_BUILDING:
@@ -113,6 +117,8 @@ class Structure:
             if others:
                 raise UserError(f"{effect.name} already acts on the building: place it once")
             return replace(self, effects=(*self.effects, PlacedEffect(effect=effect, storeys=())))
+        if isinstance(storeys, int):
+            raise UserError(f"{effect.name}: storeys is {storeys}, it must be a list such as [{storeys}]")
         placed = tuple(storeys) if storeys is not None else tuple(range(1, self.n_storeys + 1))
         wrong = [s for s in placed if not 1 <= s <= self.n_storeys]
         if wrong or not placed or any(b <= a for a, b in pairwise(placed)):
@@ -192,11 +198,12 @@ class Structure:
         missing = [name for name in self.space.names if name not in values]
         unknown = [name for name in values if name not in self.space.names]
         if missing or unknown:
-            raise UserError(
-                f"values for the identified parameters: missing {missing}, unknown {unknown}; "
-                f"the model identifies {list(self.space.names)}"
-            )
-        return np.array([[float(values[name]) for name in self.space.names]])
+            wrong = [f"{', '.join(missing)} missing"] if missing else []
+            wrong += [f"{', '.join(unknown)} not identified (fixed in the model, or unknown)"] if unknown else []
+            identified = ", ".join(self.space.names) or "nothing"
+            raise UserError(f"values of parameters: {'; '.join(wrong)}; the model identifies {identified}")
+        known = {parameter.symbol: parameter for parameter in self.parameters}
+        return np.array([[_checked(known[one.symbol], one.name, values[one.name]) for one in self.space.parameters]])
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -291,6 +298,8 @@ def _spread(
 
 
 def _checked(parameter: Parameter, name: str, value: float) -> float:
+    if not isinstance(value, (int, float, np.number)):
+        raise UserError(f"{name} is {value!r}: give a number")
     if not (np.isfinite(value) and parameter.lower <= value <= parameter.upper):
         raise UserError(
             f"{name} = {value:g} lies outside its admissible range [{parameter.lower:g}, {parameter.upper:g}]"

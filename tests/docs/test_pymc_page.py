@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
 import xarray as xr
-
-PAGE = Path(__file__).parents[2] / "docs" / "pymc.md"
+from pages import run_page
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # arviz on the few draws of a page that runs in seconds
 def test_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
-    for block in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
-        exec(compile(block, PAGE.name, "exec"), names)
+    names = run_page("pymc.md")
     truth = names["truth"]
     assert isinstance(truth, dict)
     for tree in (names["tree"], names["heavy"], names["run"].tree):  # type: ignore[attr-defined]

@@ -74,5 +74,5 @@ def test_a_specimen_has_one_storey_and_no_masses():
 
 
 def test_a_ground_motion_does_not_drive_a_specimen():
-    with pytest.raises(UserError, match="the record is driven by ground_acceleration, the model by displacement"):
+    with pytest.raises(UserError, match="is driven by ground_acceleration, the model by displacement"):
         solve(Specimen(storey=BoucWen(k=1.0, beta=1.0, gamma=1.0)), shaking(), ["force"], 1)

@@ -30,7 +30,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -201,10 +201,6 @@ class Result:
             }
         )
         return cls(tree=tree, facts=facts)
-
-    def with_facts(self, facts: Facts) -> Result:
-        """The same arrays with other facts."""
-        return replace(self, facts=facts)
 
 
 def finite(value: Any) -> Any:

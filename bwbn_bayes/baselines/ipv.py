@@ -25,7 +25,6 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 
 Variant = Literal["printed", "drift"]
-VARIANTS: tuple[Variant, ...] = ("printed", "drift")
 
 HIGH_PASS_HZ = 0.05
 """Where drifts are not measured they are integrated from accelerations, without what is slower than this."""

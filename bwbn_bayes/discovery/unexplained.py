@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.baselines.network import NetworkSettings, train
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate
+from bwbn_bayes.discovery.where import missing_forces
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import noise_floor, residual_of, whiteness_probability
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Booleans, Floats
-from bwbn_bayes.structures.shear_building import ShearBuilding
 
 N_MAP = 24
 """Bins of drift and of drift rate."""
@@ -142,27 +142,10 @@ def unexplained(
     rows = {k: h[0] for k, h in observe(posterior.engine, posterior.model, values, posterior.record).items()}
     forces = tuple(
         _learned(storey, np.stack([rows[kind][storey - 1] for kind in _INPUTS], axis=1), force, sd, rng)
-        for storey, force, sd in _missing_forces(posterior, residual, noise)
+        for storey, force, sd in missing_forces(posterior, residual, noise)
     )
     nearest = tuple(_near(posterior, residual, noise, candidate) for candidate in _distinct(candidates)[:N_NEAREST])
     return Unexplained(forces=forces, nearest=nearest)
-
-
-def _missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> list[tuple[int, Floats, float]]:
-    """Storey, measured minus modelled force [N] and its noise level, where the floors above have sensors."""
-    model, channels = posterior.model, list(posterior.record.channels)
-    if not isinstance(model, ShearBuilding):
-        return [(1, residual[i], float(noise[i])) for i, name in enumerate(channels) if name == "force"]
-    found: list[tuple[int, Floats, float]] = []
-    force, variance = np.zeros(posterior.record.n_times), 0.0
-    for floor in range(model.n_storeys, 0, -1):
-        name = f"acceleration_{floor}"
-        if name not in channels:
-            break
-        row, mass = channels.index(name), model.masses[floor - 1]
-        force, variance = force - mass * residual[row], variance + (mass * float(noise[row])) ** 2
-        found.insert(0, (floor, force, float(np.sqrt(variance))))
-    return found
 
 
 def _learned(storey: int, inputs: Floats, force: Floats, sd: float, rng: np.random.Generator) -> MissingForce:

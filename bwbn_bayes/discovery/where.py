@@ -98,7 +98,9 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
     by_window = _windowed(residual / noise[:, None])
     values, _ = posterior.split(point[None])
     rows = {k: h[0] for k, h in observe(posterior.engine, posterior.model, values, record).items()}
-    force = _residual_force(posterior, dict(zip(channels, residual / noise[:, None], strict=True)), noise)
+    force = np.full((posterior.model.n_storeys, record.n_times), np.nan)
+    for storey, missing, sd in missing_forces(posterior, residual, noise):
+        force[storey - 1] = missing / sd
     by_storey = _windowed(force)
     conditions = _conditions(rows, record.time_step)
     by_condition = {name: _concentration(force, mask) for name, mask in conditions.items()}
@@ -114,21 +116,30 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
     )
 
 
-def _residual_force(posterior: Posterior, scaled: Mapping[str, Floats], noise: Floats) -> Floats:
-    """Residual storey force over its noise level ``(n_storeys, n_times)``; NaN where a sensor above is missing."""
-    model, record = posterior.model, posterior.record
-    n = model.n_storeys
-    level = dict(zip(record.channels, noise, strict=True))
+def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> list[tuple[int, Floats, float]]:
+    """Storey, measured minus modelled force [N] and its noise level, where the floors above have sensors.
+
+    Parameters
+    ----------
+    posterior : Posterior
+    residual : (n_channels, n_times) array
+        Of its record's channels.
+    noise : (n_channels,) array
+        Noise level of each.
+    """
+    model, channels = posterior.model, list(posterior.record.channels)
     if not isinstance(model, ShearBuilding):
-        return np.asarray(scaled.get("force", np.full(record.n_times, np.nan)))[None]
-    force, variance = np.zeros((n, record.n_times)), np.zeros(n)
-    for storey in range(n):
-        for floor in range(storey, n):
-            name = f"acceleration_{floor + 1}"
-            mass = model.masses[floor]
-            force[storey] -= mass * scaled[name] * level[name] if name in scaled else np.nan
-            variance[storey] += (mass * level.get(name, np.nan)) ** 2
-    return np.asarray(force / np.sqrt(variance)[:, None])
+        return [(1, residual[i], float(noise[i])) for i, name in enumerate(channels) if name == "force"]
+    found: list[tuple[int, Floats, float]] = []
+    force, variance = np.zeros(posterior.record.n_times), 0.0
+    for floor in range(model.n_storeys, 0, -1):
+        name = f"acceleration_{floor}"
+        if name not in channels:
+            break
+        row, mass = channels.index(name), model.masses[floor - 1]
+        force, variance = force - mass * residual[row], variance + (mass * float(noise[row])) ** 2
+        found.insert(0, (floor, force, float(np.sqrt(variance))))
+    return found
 
 
 def _conditions(rows: Mapping[str, Floats], time_step: float) -> dict[str, Booleans]:

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.tmcmc.resampling import systematic
 from bwbn_bayes.inference.tmcmc.target import Target
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Floats
@@ -88,9 +89,7 @@ class WeightedDraws:
 
     def resampled(self, rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
         """Equally weighted points and their log likelihoods by systematic resampling."""
-        positions = (np.arange(n) + rng.random()) / n
-        index = np.minimum(np.searchsorted(np.cumsum(np.exp(self.log_weights)), positions), len(self.points) - 1)
-        index = rng.permutation(index)
+        index = rng.permutation(systematic(np.exp(self.log_weights), n, rng))
         return self.points[index], self.log_likelihood[index]
 
 

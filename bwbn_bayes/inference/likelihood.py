@@ -6,7 +6,6 @@ is known, sampled (a further coordinate), or integrated out under a proper inver
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
@@ -150,14 +149,6 @@ def default_noise(record: Record) -> IntegratedNoise:
             raise UserError(f"channel {name} of record {record.name!r} is zero throughout: drop it or mend the record")
         scales.append(0.03**2 * mean_square)
     return IntegratedNoise(shape=1.0, scale=tuple(scales))
-
-
-def known_noise(record: Record, sd: Mapping[str, float]) -> KnownNoise:
-    """Known noise for every channel of a record; :class:`UserError` where one is missing."""
-    missing = [name for name in record.channels if name not in sd]
-    if missing:
-        raise UserError(f"no noise standard deviation given for {', '.join(missing)}")
-    return KnownNoise(sd=tuple(float(sd[name]) for name in record.channels))
 
 
 @dataclass

@@ -9,7 +9,7 @@ from scipy import integrate, stats
 
 from bwbn_bayes import BoucWen, HalfNormal, IntegratedNoise, KnownNoise, LogNormal, Record, SampledNoise, UserError
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise, known_noise
+from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
 from bwbn_bayes.parameters import Floats, Uniform
 
 N_TIMES = 60
@@ -92,12 +92,6 @@ def test_default_noise_scale_is_three_percent_of_the_rms(record: Record) -> None
 def test_a_dead_channel_is_refused(record: Record) -> None:
     with pytest.raises(UserError, match=r"channel acceleration_1 of record .* is zero throughout"):
         default_noise(record.with_channels({"acceleration_1": np.zeros(record.n_times)}))
-
-
-def test_known_noise_needs_every_channel(record: Record) -> None:
-    assert known_noise(record, {"acceleration_1": 0.1}).sd == (0.1,)
-    with pytest.raises(UserError, match="acceleration_1"):
-        known_noise(record, {"acceleration_2": 0.1})
 
 
 def test_log_likelihood_is_that_of_the_residuals(posterior: Posterior) -> None:

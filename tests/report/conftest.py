@@ -227,4 +227,4 @@ def bare_result(make_result):
         bare.facts, verdict=(), identifiability=(), checks=(), equations=(), assumptions=(), discretisation={},
         evidences={}, provenance={},
     )  # fmt: skip
-    return bare.with_facts(facts)
+    return replace(bare, facts=facts)

@@ -161,7 +161,7 @@ def test_window_labels_replace_a_tempering_history_that_is_not_there(make_result
         replace(stage, label=f"{5 * stage.stage} s window", tempering_parameter=float("nan"), acceptance=float("nan"))
         for stage in result.facts.stages
     )
-    files = write_report(result.with_facts(replace(result.facts, method="importance", stages=stages)), tmp_path)
+    files = write_report(replace(result, facts=replace(result.facts, method="importance", stages=stages)), tmp_path)
     text = "".join(parsed(files.html.read_text(encoding="utf-8")).text)
     assert "15 s window" in text
     assert "tempering parameter" not in text

@@ -35,7 +35,6 @@ from bwbn_bayes.inference.sheet_nodes import (
     Nodes,
     first_nodes,
     refitted,
-    surface_through,
     to_the_faces,
 )
 from bwbn_bayes.inference.tmcmc.target import Integers
@@ -111,16 +110,24 @@ class NestedLaplace:
         height = np.maximum(height - np.max(height), -1.5 * REACH)
         packed = factor / diagonal[:, :, None]
         np.einsum("nii->ni", packed)[...] = np.log(diagonal)
-        shares, kept = nodes.box.shares(nodes.points), nodes.alive
-        columns = np.hstack([mean[:, order], packed[:, *np.tril_indices(len(rest))]])
-        over = surface_through(shares, height, 1e-4)
+        drawn = rest[order]
+        stretched = nodes.stretch.forward(mean[:, order], drawn)
+        columns = np.hstack([stretched, packed[:, *np.tril_indices(len(rest))]])
+        spline = nodes.interpolated(columns, nodes.alive, 1e-6)
+        over = nodes.interpolated(height, np.full(len(height), True), 1e-4)
+
+        def surface(shares: Floats) -> Floats:
+            found = spline(shares)
+            found[:, : len(drawn)] = nodes.stretch.back(found[:, : len(drawn)], drawn)
+            return found
+
         n_cells = _N_CELLS[len(wide) - 1]
         centres = np.stack(np.meshgrid(*[(np.arange(n_cells) + 0.5) / n_cells] * len(wide), indexing="ij"), axis=-1)
         unbounded = cls(
             box=nodes.box,
-            order=rest[order],
+            order=drawn,
             mass=np.empty([n_cells] * len(wide)),
-            surface=surface_through(shares[kept], columns[kept], 1e-6),
+            surface=surface,
         )
         centres = centres.reshape(-1, len(wide))
         log_mass = over(centres)

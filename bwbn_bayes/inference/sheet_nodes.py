@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from scipy.interpolate import RBFInterpolator
@@ -13,7 +14,7 @@ from bwbn_bayes.inference.identifiability import covariance_of
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, polish
 from bwbn_bayes.inference.tmcmc.target import Integers
-from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.parameters import Booleans, Floats, Uniform
 
 MOST_WIDE = 4
 EDGE = 1e-6
@@ -60,6 +61,43 @@ class Box:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """Coordinates in which a sheet is interpolated: logarithms of what is uniform over positive values.
+
+    Parameters that share one scale follow powers of each other, which are planes there.
+
+    Attributes
+    ----------
+    ratio : (n_dim,) array
+        Upper over lower bound of each prior, less one; zero where a coordinate of the unit cube stays as it is.
+    """
+
+    ratio: Floats
+
+    @classmethod
+    def of(cls, posterior: Posterior) -> Self:
+        """By the priors of a posterior."""
+        space = posterior.space
+        uniform = [isinstance(p.prior, Uniform) and p.prior.lower > 0.0 for p in space.parameters]
+        ends = np.array([p.prior.support for p in space.parameters])
+        ratio = np.zeros(posterior.n_dim)
+        ratio[: len(ends)][uniform] = ends[uniform, 1] / ends[uniform, 0] - 1.0
+        return cls(ratio=ratio)
+
+    def forward(self, points: Floats, columns: Integers) -> Floats:
+        """Of coordinates ``(n, m)`` of the unit cube, or beyond it; straight on below its lower face."""
+        ratio = self.ratio[columns]
+        logarithm = np.log1p(ratio * np.maximum(points, 0.0)) + ratio * np.minimum(points, 0.0)
+        return np.asarray(np.where(ratio > 0.0, logarithm, points))
+
+    def back(self, stretched: Floats, columns: Integers) -> Floats:
+        """The inverse."""
+        ratio = np.where(self.ratio[columns] > 0.0, self.ratio[columns], 1.0)
+        value = (np.expm1(np.maximum(stretched, 0.0)) + np.minimum(stretched, 0.0)) / ratio
+        return np.asarray(np.where(self.ratio[columns] > 0.0, value, stretched))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Nodes:
     """Points whose rest is at its conditional optimum, and the expansion there.
 
@@ -71,11 +109,26 @@ class Nodes:
         There, in the directions of the rest.
     box : Box
         Over the coordinates that were held.
+    stretch : Stretch
+        In which they are interpolated.
     """
 
     points: Floats
     local: Linearisation
     box: Box
+    stretch: Stretch
+
+    def interpolated(self, columns: Floats, chosen: Booleans, smoothing: float) -> Callable[[Floats], Floats]:
+        """Splines through columns ``(n, m)`` at the chosen nodes, as functions of shares of the box ``(n, n_wide)``."""
+        spline = surface_through(self._places(self.points[chosen][:, self.box.wide]), columns[chosen], smoothing)
+        return lambda shares: np.asarray(spline(self._places(self.box.values(shares))))
+
+    def _places(self, values: Floats) -> Floats:
+        """Where in the box the wide coordinates ``(n, n_wide)`` lie once stretched."""
+        low, high, own = (
+            self.stretch.forward(one, self.box.wide) for one in (self.box.low[None], self.box.high[None], values)
+        )
+        return np.asarray((own - low) / (high - low))
 
     def joined(self, points: Floats, local: Linearisation) -> Nodes:
         """With further ones."""
@@ -123,7 +176,7 @@ def first_nodes(posterior: Posterior, modes: Sequence[Mode]) -> Nodes:
     held = np.clip(box.values(to_the_faces(shares)), EDGE, 1.0 - EDGE)
     starts = _continued(posterior, modes, wide, held)
     points, local = refitted(posterior, np.concatenate([[mode.point for mode in modes], starts]), wide, 15)
-    nodes = Nodes(points=points, local=local, box=box)
+    nodes = Nodes(points=points, local=local, box=box, stretch=Stretch.of(posterior))
     for _ in range(3):
         before, nodes = nodes, _from_neighbours(posterior, nodes)
         if nodes is before:
@@ -161,9 +214,9 @@ def to_the_faces(shares: Floats) -> Floats:
 
 def _from_neighbours(posterior: Posterior, nodes: Nodes) -> Nodes:
     """Climb again from the surface through the nodes alive, where that is better at once."""
-    alive, wide = nodes.alive, nodes.box.wide
-    surface = surface_through(nodes.points[alive][:, wide], nodes.points[alive], 1e-6)
-    starts = np.clip(surface(nodes.points[:, wide]), EDGE, 1.0 - EDGE)
+    wide, every = nodes.box.wide, np.arange(nodes.points.shape[1])
+    surface = nodes.interpolated(nodes.stretch.forward(nodes.points, every), nodes.alive, 1e-6)
+    starts = np.clip(nodes.stretch.back(surface(nodes.box.shares(nodes.points)), every), EDGE, 1.0 - EDGE)
     starts[:, wide] = nodes.points[:, wide]
     better = posterior.log_likelihood(starts) > nodes.local.log_likelihood + 0.1
     if not np.any(better):

@@ -23,8 +23,8 @@ from bwbn_bayes.inference.importance import PARETO_LIMIT, WeightedDraws, laplace
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, polish
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
-from bwbn_bayes.inference.sheet_nodes import Box, Nodes, first_nodes, wide_coordinates
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.inference.sheet_nodes import Box, Nodes, Stretch, first_nodes, wide_coordinates
+from bwbn_bayes.parameters import Floats, Uniform
 
 MOVED = ("k", "alpha", "beta", "gamma")
 
@@ -172,7 +172,7 @@ def banana_nodes(n: int = 64) -> Nodes:
     information[:, 2, 2] = 1.0 / WIDTH**2 - 12.0
     local = Linearisation(log_likelihood=np.zeros(n), gradient=np.zeros((n, 3)), information=information)
     box = Box(wide=np.array([0, 1]), low=np.zeros(2), high=np.ones(2))
-    return Nodes(points=points, local=local, box=box)
+    return Nodes(points=points, local=local, box=box, stretch=Stretch(ratio=np.zeros(3)))
 
 
 def surface(points: Floats) -> Floats:
@@ -193,6 +193,35 @@ def test_a_bent_sheet_is_found_exactly() -> None:
     per_column = integrate.simpson(density, across, axis=2)
     # The mass is uniform but for rounding of the interpolated heights.
     assert np.mean(per_column) == pytest.approx(1.0, abs=0.02)
+
+
+def test_powers_of_each_other_lie_on_a_plane() -> None:
+    """k between 15 and 25, A = 25 / k between 0.5 and 2: from three nodes A is exact at every other k."""
+    k, a = Uniform(15, 25), Uniform(0.5, 2)
+
+    def nodes(at: Floats, stretch: Stretch) -> Nodes:
+        points = np.column_stack([k.probability(at), a.probability(25.0 / at)])
+        information = np.tile(np.diag([0.0, 1.0 / WIDTH**2]), (len(at), 1, 1))
+        local = Linearisation(
+            log_likelihood=np.zeros(len(at)), gradient=np.zeros((len(at), 2)), information=information
+        )
+        box = Box(wide=np.array([0]), low=np.zeros(1), high=np.ones(1))
+        return Nodes(points=points, local=local, box=box, stretch=stretch)
+
+    given, everywhere = np.array([15.0, 18.0, 24.0]), np.linspace(15.5, 25.0, 20)
+    logarithmic, plain = Stretch(ratio=np.array([25 / 15 - 1, 2 / 0.5 - 1])), Stretch(ratio=np.zeros(2))
+    elsewhere = nodes(everywhere, plain).points
+    far = [NestedLaplace.through(nodes(given, one)).distance(elsewhere) for one in (logarithmic, plain)]
+    assert np.max(far[0]) < 1e-3
+    assert np.max(far[1]) > 1.0
+
+
+def test_a_stretch_is_undone_within_the_cube_and_beyond() -> None:
+    stretch = Stretch(ratio=np.array([0.0, 0.67, 99.0]))
+    points = np.random.default_rng(8).uniform(-0.3, 1.3, (200, 3))
+    columns = np.array([2, 0, 1])
+    np.testing.assert_allclose(stretch.back(stretch.forward(points, columns), columns), points, atol=1e-12)
+    np.testing.assert_allclose(stretch.forward(np.eye(3), np.arange(3)), np.diag([1.0, np.log(1.67), np.log(100.0)]))
 
 
 def test_nodes_on_one_face_of_the_box_still_make_a_sheet() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
@@ -177,12 +178,10 @@ def three_storey_setting() -> Setting:
     )
 
 
-def replicate(setting: Setting, seed: int, *, plain: bool) -> Replicate:
-    """Draw truth, noise scale and data; identify; rank the truth among the draws."""
-    rng = np.random.default_rng([2026, seed])
+def drawn(setting: Setting, rng: np.random.Generator) -> Record:
+    """A record with its truth, all drawn from the joint prior."""
     space = setting.model.space
-    point = space.sample_unit(rng, 1)
-    values = space.from_unit(point)[0]
+    values = space.from_unit(space.sample_unit(rng, 1))[0]
     truth = dict(zip(space.names, values.tolist(), strict=True))
     clean = simulate(setting.model, setting.excitation, truth)
     noise_sd = np.sqrt(setting.noise.scale / rng.gamma(setting.noise.shape, size=len(setting.noise.scale)))
@@ -190,7 +189,16 @@ def replicate(setting: Setting, seed: int, *, plain: bool) -> Replicate:
         name: signal + sd * rng.standard_normal(len(signal))
         for (name, signal), sd in zip(clean.channels.items(), noise_sd, strict=True)
     }
-    record = clean.with_channels(noisy)
+    return clean.with_channels(noisy)
+
+
+def replicate(setting: Setting, seed: int, *, plain: bool) -> Replicate:
+    """Draw truth, noise scale and data; identify; rank the truth among the draws."""
+    rng = np.random.default_rng([2026, seed])
+    record, space = drawn(setting, rng), setting.model.space
+    truth = record.truth
+    values = np.array([truth[name] for name in space.names])
+    point = space.to_unit(values[None])
     settings = Settings(seed=seed, particles=N_EFFECTIVE)
     result = identify(setting.model, record, settings=settings, noise=setting.noise)
     posterior = Posterior(model=setting.model, record=record, engine=FINE, noise=setting.noise)
@@ -246,6 +254,90 @@ def test_one_storey_is_calibrated() -> None:
 
 def test_three_storeys_with_a_free_are_calibrated() -> None:
     require_calibration(three_storey_setting(), "three storeys, A free")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Orbits:
+    """The posterior with A free, exactly, from one with A = 1: along a scale of z the likelihood does not change.
+
+    ``k' = k (alpha + (1 - alpha) A)``, ``(1 - alpha') / alpha' = A (1 - alpha) / alpha``, ``beta' = beta A^(n - 1)``
+    and gamma' alike have A = 1 and the same response. A draw of those under uniform priors weighs the integral, over A, of
+    the prior with A free along its orbit and the Jacobian of the map.
+
+    Attributes
+    ----------
+    values : mapping of str to (n, n_a) array
+        ``k[1]``, ``alpha``, ``A``, ``beta``, ``gamma`` and ``n`` along each draw's orbit.
+    weights : (n, n_a) array
+        Posterior probability of each point.
+    log_evidence : float
+    """
+
+    values: Mapping[str, Floats]
+    weights: Floats
+    log_evidence: float
+
+    @classmethod
+    def of(cls, setting: Setting, record: Record, seed: int) -> Orbits:
+        """By importance sampling of the eight parameters that the record sees."""
+        wide = {"k": (5.0, 60.0), "alpha": (1e-4, 0.3), "beta": (0.005, 40.0), "gamma": (0.005, 40.0)}
+        priors = {name: Uniform(*ends) for name, ends in wide.items()}
+        storey = BoucWen(**(priors | {"k": PerStorey(priors["k"])}), c=0.05, A=1.0, n=Uniform(1, 2))
+        model = ShearBuilding(masses=[1.0, 1.0, 1.0], storey=storey).with_effect(
+            StiffnessDegradation(delta_eta=Uniform(0, 0.1))
+        )
+        result = identify(model, record, settings=Settings(seed=seed, fallback=False), noise=setting.noise)
+        own = {
+            name: column[:, None] for name, column in zip(model.space.names, drawn_values(result, model).T, strict=True)
+        }
+        a = np.linspace(0.5, 2.0, 601)[None]
+        ratio = (1.0 - own["alpha"]) / own["alpha"]
+        alpha, power = a / (a + ratio), a ** (1.0 - own["n"])
+        values = {f"k[{i}]": own[f"k[{i}]"] * own["alpha"] / alpha for i in (1, 2, 3)}
+        values |= {"alpha": alpha, "A": a + 0.0 * alpha, "beta": own["beta"] * power, "gamma": own["gamma"] * power}
+        values["n"] = own["n"] + 0.0 * alpha
+        supports = {p.name: p.prior.support for p in setting.model.space.parameters}
+        inside = np.all([(supports[n][0] < v) & (v < supports[n][1]) for n, v in values.items()], axis=0)
+        jacobian = (own["alpha"] / alpha) ** 3 * a / ((a + ratio) * own["alpha"]) ** 2 * power**2
+        density = np.where(inside, jacobian, 0.0)
+        volumes = [
+            np.prod([np.ptp(p.prior.support) for p in space.parameters]) for space in (model.space, setting.model.space)
+        ]
+        mean = np.mean(np.sum(density, axis=1)) * (a[0, 1] - a[0, 0])
+        return cls(
+            values=values,
+            weights=density / np.sum(density),
+            log_evidence=result.facts.log_evidence + float(np.log(mean * volumes[0] / volumes[1])),
+        )
+
+    def quantile(self, name: str, probability: float) -> float:
+        """Of one parameter."""
+        order = np.argsort(self.values[name], axis=None)
+        reached = np.cumsum(self.weights.ravel()[order])
+        return float(self.values[name].ravel()[order][np.searchsorted(reached, probability)])
+
+
+@pytest.mark.parametrize("seed", [10, 33, 48])
+def test_a_posterior_with_a_free_is_that_of_its_orbits(seed: int) -> None:
+    """An exact answer that shares no sheet with what it checks; the sheet may miss a little of the tails.
+
+    Seen: log evidence .00 to .06 short, the mass below the exact 5 % quantile of k[1] .038 to .049.
+    """
+    setting = three_storey_setting()
+    record = drawn(setting, np.random.default_rng([2026, seed]))
+    exact = Orbits.of(setting, record, seed)
+    result = identify(
+        setting.model, record, settings=Settings(seed=seed, particles=2000, fallback=False), noise=setting.noise
+    )
+    draws = dict(zip(setting.model.space.names, drawn_values(result, setting.model).T, strict=True))
+    found = {
+        name: [float(np.mean(draws[name] < exact.quantile(name, p))) for p in (0.05, 0.5, 0.95)]
+        for name in exact.values
+    }
+    print(seed, result.facts.log_evidence - exact.log_evidence, found)
+    assert abs(result.facts.log_evidence - exact.log_evidence) < 0.15
+    for name, shares in found.items():
+        assert np.max(np.abs(np.array(shares) - asked)) < 0.05, name
 
 
 def by_tmcmc(snr_db: float, seed: int) -> Result:

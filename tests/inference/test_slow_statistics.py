@@ -261,8 +261,8 @@ class Orbits:
     """The posterior with A free, exactly, from one with A = 1: along a scale of z the likelihood does not change.
 
     ``k' = k (alpha + (1 - alpha) A)``, ``(1 - alpha') / alpha' = A (1 - alpha) / alpha``, ``beta' = beta A^(n - 1)``
-    and gamma' alike have A = 1 and the same response. A draw of those under uniform priors weighs the integral, over A, of
-    the prior with A free along its orbit and the Jacobian of the map.
+    and gamma' alike have A = 1 and the same response. A draw of those under uniform priors weighs the integral, over A,
+    of the prior with A free along its orbit and the Jacobian of the map.
 
     Attributes
     ----------
@@ -330,10 +330,8 @@ def test_a_posterior_with_a_free_is_that_of_its_orbits(seed: int) -> None:
         setting.model, record, settings=Settings(seed=seed, particles=2000, fallback=False), noise=setting.noise
     )
     draws = dict(zip(setting.model.space.names, drawn_values(result, setting.model).T, strict=True))
-    found = {
-        name: [float(np.mean(draws[name] < exact.quantile(name, p))) for p in (0.05, 0.5, 0.95)]
-        for name in exact.values
-    }
+    asked = (0.05, 0.5, 0.95)
+    found = {name: [float(np.mean(draws[name] < exact.quantile(name, p))) for p in asked] for name in exact.values}
     print(seed, result.facts.log_evidence - exact.log_evidence, found)
     assert abs(result.facts.log_evidence - exact.log_evidence) < 0.15
     for name, shares in found.items():

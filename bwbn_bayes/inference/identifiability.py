@@ -62,11 +62,10 @@ def describe(information: Floats, names: Sequence[str]) -> tuple[str, ...]:
     covariance = covariance_of(information)
     for _, direction in unseen_directions(information):
         share = (direction @ covariance @ direction) * np.square(direction) / np.diag(covariance)
-        involved = [names[i] for i in np.argsort(-np.abs(direction)) if share[i] > TAKES_PART]
+        involved = [name for name, one in zip(names, share, strict=True) if one > TAKES_PART]
         if len(involved) == 1:
             sentences.append(f"The record says little about {involved[0]}: its posterior is close to its prior.")
         else:
-            involved = sorted(involved, key=list(names).index)
             together = f"{', '.join(involved[:-1])} and {involved[-1]}"
             sentences.append(
                 f"The record cannot tell {together} apart along one combination: they can change together and leave "

@@ -142,7 +142,8 @@ class Structure:
                 )
             if (effect.level == "observation") == of_sensors:
                 symbols = tuple(p.symbol for p in effect.parameters)
-                if kind_of(kinds.setdefault(symbols, effect)) != kind_of(effect):
+                first = kinds.setdefault(symbols, effect)
+                if first is not effect and kind_of(first) != kind_of(effect):
                     raise UserError(
                         f"two effects bring {', '.join(symbols)} and are not of one kind: name the parameters of one "
                         "otherwise"

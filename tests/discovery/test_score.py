@@ -1,7 +1,7 @@
 """Projected scores against least squares on finite differences of the reference engine, and what they promise."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.modes import polish
-from bwbn_bayes.parameters import Booleans, Floats, Uniform
+from bwbn_bayes.parameters import Floats, Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -184,16 +184,8 @@ class Failing(Lanes):
 
     gap: float
 
-    def sensitivities(
-        self,
-        model: Structure,
-        draws: Floats,
-        record: Record,
-        channels: Sequence[str] | None = None,
-        *,
-        free: Booleans | None = None,
-    ) -> tuple[Response, Floats]:
-        response, slopes = super().sensitivities(model, draws, record, channels, free=free)
+    def sensitivities(self, model: Structure, draws: Floats, *given: Any, **options: Any) -> tuple[Response, Floats]:
+        response, slopes = super().sensitivities(model, draws, *given, **options)
         if "g" not in model.space.names:
             return response, slopes
         failed = draws[:, model.space.names.index("g")] >= self.gap

@@ -30,6 +30,7 @@ from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode, WindowFacts, distinct, find_modes, polish
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
 from bwbn_bayes.inference.residuals import residual_checks
+from bwbn_bayes.inference.scale_of_z import section_of
 from bwbn_bayes.inference.summary import Draws, build_result
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.parameters import Floats
@@ -229,8 +230,15 @@ def _sampled(
     method: str = settings.method
     draws: Draws | None = None
     nested: NestedLaplace | None = None
+    target, at = posterior, modes
+    section = section_of(posterior) if method in ("importance", "tmcmc") else None
+    if section is not None:
+        history.say("A shares the scale of z with others: integrating along it")
+        points = section.to_section(np.array([mode.point for mode in modes]))
+        target, at = section, distinct(*polish(section, points, n_iterations=20))
+        assumptions = (*assumptions, section.sentence)
     if method == "importance":
-        weighted, nested = _importance(posterior, modes, rng, settings.particles, history)
+        weighted, nested = _importance(target, at, rng, settings.particles, history)
         roads["importance"] = (weighted.log_evidence, weighted.log_evidence_se)
         checks += (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
         if weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k)):
@@ -255,13 +263,15 @@ def _sampled(
         )
         checks += own_checks
     if draws is None:
-        cloud = _bridge(posterior, modes, nested, settings, history)
+        cloud = _bridge(target, at, nested, settings, history)
         roads["tmcmc (bridge)"] = (cloud.log_evidence, cloud.log_evidence_se)
         if settings.method == "tmcmc":
             road = _from_prior(posterior, settings, history)
             roads["tmcmc (prior)"] = (road.log_evidence, road.log_evidence_se)
             checks += (_roads_check(cloud, road),)
         draws = Draws.of_cloud(cloud)
+    if section is not None:
+        draws = draws.with_points(lambda points: section.spread(points, rng))
     return build_result(
         posterior,
         modes,

@@ -6,7 +6,7 @@ import importlib.metadata
 import math
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -91,6 +91,10 @@ class Draws:
             weights=np.full(n, 1.0 / n),
             effective_sample_size=min(cloud.stages[-1].effective_sample_size, float(n)),
         )
+
+    def with_points(self, moved: Callable[[Floats], Floats]) -> Self:
+        """The same draws at points of another cube."""
+        return replace(self, points=moved(self.points), weighted_points=moved(self.weighted_points))
 
 
 def build_result(

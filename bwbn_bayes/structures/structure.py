@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise, product
 from typing import ClassVar, Self
@@ -131,6 +131,37 @@ class Structure:
                 raise UserError(f"{effect.name} already acts on storey {shared}: place each effect once per storey")
         return replace(self, effects=(*self.effects, PlacedEffect(effect=effect, storeys=placed)))
 
+    def with_values(self, values: Mapping[str, float | Prior]) -> Self:
+        """A new structure with other numbers or priors behind labels of its parameters, e.g. ``{"A": 1.0}``.
+
+        Raises
+        ------
+        UserError
+            If the structure has no parameter of that name.
+        """
+        labels: set[str] = set()
+
+        def changed(parameter: Parameter, value: Value, storeys: tuple[int, ...]) -> Value:
+            pieces = _spread(parameter, value, storeys, self.n_storeys)
+            labels.update(name for name, _, _ in pieces)
+            own = [values.get(name, one) for name, one, _ in pieces]
+            return PerStorey(own) if isinstance(value, PerStorey) else own[0]
+
+        everywhere = tuple(range(1, self.n_storeys + 1))
+        own = {p.symbol: changed(p, self.storey.values[p.symbol], everywhere) for p in self.storey.parameters}
+        effects = []
+        for placed in self.effects:
+            effect = placed.effect
+            new = {
+                _field_of(effect, p.symbol): changed(p, effect.values[p.symbol], placed.storeys)
+                for p in effect.parameters
+            }
+            effects.append(replace(placed, effect=replace(effect, **new)))  # type: ignore[type-var]
+        unknown = sorted(set(values) - labels)
+        if unknown:
+            raise UserError(f"the model has no parameter {', '.join(unknown)}: it has {', '.join(sorted(labels))}")
+        return replace(self, storey=replace(self.storey, **own), effects=tuple(effects))
+
     def _kinds(self, effects: tuple[Effect, ...], *, of_sensors: bool) -> tuple[Effect, ...]:
         """One effect of each kind, in an order that does not depend on how they came."""
         kinds: dict[tuple[str, ...], Effect] = {}
@@ -256,6 +287,15 @@ def _check_symbols(law: StoreyLaw, sensors: SensorLaw) -> None:
                     f"an effect refers to {', '.join(sorted(missing))}, which nothing in the model brings: "
                     "add the effect that does first"
                 )
+
+
+def _field_of(effect: Effect, name: str) -> str:
+    """The field behind a parameter: of its name, or else the one that holds its value."""
+    own = [one.name for one in fields(effect)]  # type: ignore[arg-type]
+    held = [name] if name in own else [one for one in own if getattr(effect, one) is effect.values[name]]
+    if len(held) != 1:
+        raise UserError(f"{effect.name}: which field stands for {name} cannot be told; name a field {name}")
+    return held[0]
 
 
 def _assemble(structure: Structure) -> tuple[ParameterTable, tuple[FreeParameter, ...]]:

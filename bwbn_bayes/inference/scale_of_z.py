@@ -161,10 +161,10 @@ class Section(Posterior):
     def sentence(self) -> str:
         """What was done, for the report."""
         names = self.full.model.space.names
-        orbits = [f"{names[o.a]} together with {', '.join(names[f.column] for f in o.followers)}" for o in self.orbits]
+        together = "; ".join(", ".join([names[o.a], *(names[f.column] for f in o.followers)]) for o in self.orbits)
         return (
-            f"The response depends on the scale of z no more than on its unit: {'; '.join(orbits)} can change and leave "
-            "it exactly as it is. The posterior along that scale is the prior's and was integrated, not sampled."
+            f"z has a scale that nothing measured depends on: {together} can change together and leave the response "
+            "exactly as it is. Along that scale the posterior is the prior's; it was integrated, not sampled."
         )
 
     def to_section(self, points: Floats) -> Floats:
@@ -239,7 +239,7 @@ def _orbit(model: Structure, a: int) -> Orbit | None:
     if powers is None:
         return None
     symbols = [parameter.symbol for parameter in model.parameters]
-    rows = np.flatnonzero(model.table.index[:, symbols.index("A")] == a)
+    rows = np.flatnonzero(model.table.index[:, symbols.index("A")] == a).tolist()
 
     def entry(row: int, name: str) -> _Entry:
         column = symbols.index(name)

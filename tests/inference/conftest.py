@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from inference_cases import climbed, posterior_of, recorded, sdof_model, true_point, with_free_a, with_slip
+from inference_cases import (
+    A_RANGE,
+    climbed,
+    jacobian_determinant,
+    posterior_of,
+    recorded,
+    sdof_model,
+    true_point,
+    with_free_a,
+    with_slip,
+)
+from scipy import integrate
 
 from bwbn_bayes import Record
+from bwbn_bayes.inference.importance import WeightedDraws, laplace_mixture, sample_importance
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.parameters import Floats
 
 
 @pytest.fixture(scope="session")
@@ -45,3 +59,19 @@ def slip_record() -> Record:
 @pytest.fixture(scope="session")
 def slip_posterior(slip_record: Record) -> Posterior:
     return posterior_of(with_slip(sdof_model()), slip_record)
+
+
+@pytest.fixture(scope="session")
+def at_one(posterior: Posterior, mode: Mode) -> WeightedDraws:
+    """The posterior with A known."""
+    return sample_importance(posterior, laplace_mixture([mode]), np.random.default_rng(1), effective=2000)
+
+
+@pytest.fixture(scope="session")
+def marginal(posterior: Posterior, at_one: WeightedDraws) -> tuple[Floats, Floats]:
+    """Exact posterior density of A on a grid: the mean Jacobian, normalised on the prior's range."""
+    grid = np.linspace(*A_RANGE, 141)
+    values = posterior.space.from_unit(at_one.points)
+    weights = np.exp(at_one.log_weights)
+    density = np.array([weights @ jacobian_determinant(values, posterior.space.names, scale) for scale in grid])
+    return grid, density / integrate.simpson(density, grid)

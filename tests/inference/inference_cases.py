@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from scipy import integrate
 
 from bwbn_bayes import Record, ShearBuilding, SlipLock, Uniform, simulate
 from bwbn_bayes.engines.lanes import Lanes
@@ -79,3 +81,45 @@ def climbed(posterior: Posterior, start: Floats, n_steps: int = 12) -> Mode:
         gradient=local.gradient[0],
         information=local.information[0],
     )
+
+
+MOVED = ("k", "alpha", "beta", "gamma")
+
+
+def carried(values: Floats, names: tuple[str, ...], scale: float) -> Floats:
+    """Parameters ``(n, d)`` carried along the orbit by ``scale``; A, where it is identified, is multiplied by it."""
+    column = {name: i for i, name in enumerate(names)}
+    result = values.copy()
+    k, alpha, n = (values[:, column[name]] for name in ("k", "alpha", "n"))
+    result[:, column["k"]] = alpha * k + (1.0 - alpha) * k / scale
+    result[:, column["alpha"]] = alpha * k / result[:, column["k"]]
+    for name in ("beta", "gamma"):
+        result[:, column[name]] = scale ** (1.0 - n) * values[:, column[name]]
+    if "A" in column:
+        result[:, column["A"]] *= scale
+    return result
+
+
+def jacobian_determinant(values: Floats, names: tuple[str, ...], scale: float) -> Floats:
+    """Of the orbit map at A = 1 in the parameters that it moves, by central differences, ``(n,)``."""
+    moved = [names.index(name) for name in MOVED]
+    matrix = np.empty((len(values), len(moved), len(moved)))
+    for j, i in enumerate(moved):
+        step = np.zeros(values.shape[1])
+        step[i] = 1e-6 * np.mean(np.abs(values[:, i]))
+        ahead, behind = (carried(values + side * step, names, scale) for side in (1.0, -1.0))
+        matrix[:, :, j] = (ahead - behind)[:, moved] / (2.0 * step[i])
+    return np.abs(np.linalg.det(matrix))
+
+
+def require_posterior_of_a(a: Floats, weights: Floats, size: float, marginal: tuple[Floats, Floats]) -> None:
+    """Mean, sd and five cells of weighted draws worth ``size`` within 4 standard errors of an exact density."""
+    grid, density = marginal
+    mean = integrate.simpson(grid * density, grid)
+    sd = np.sqrt(integrate.simpson((grid - mean) ** 2 * density, grid))
+    assert abs(weights @ a - mean) < 4.0 * sd / np.sqrt(size)
+    cells = np.linspace(*A_RANGE, 6)
+    below = integrate.cumulative_simpson(density, x=grid, initial=0.0)
+    expected = np.diff(np.interp(cells, grid, below))
+    seen = np.array([weights @ ((a >= low) & (a < high)) for low, high in pairwise(cells)])
+    assert np.all(np.abs(seen - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / size))

@@ -11,11 +11,9 @@ determinant of the map at lambda = A. By hand it is ``k / (lambda k') lambda^(2 
 lambda^(-0.4) at n = 1.2. Three storeys have three k for one alpha, and slip has sigma: there it is about lambda^-2.
 """
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
-from inference_cases import A_RANGE, SDOF
+from inference_cases import A_RANGE, MOVED, SDOF, carried, jacobian_determinant, require_posterior_of_a
 from scipy import integrate, stats
 
 from bwbn_bayes.engines.reference import Reference
@@ -25,40 +23,6 @@ from bwbn_bayes.inference.modes import Mode, polish
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
 from bwbn_bayes.inference.sheet_nodes import Box, Nodes, Stretch, first_nodes, wide_coordinates
 from bwbn_bayes.parameters import Floats, Uniform
-
-MOVED = ("k", "alpha", "beta", "gamma")
-
-
-def carried(values: Floats, names: tuple[str, ...], scale: float) -> Floats:
-    """Parameters ``(n, d)`` carried along the orbit by ``scale``; A, where it is identified, is multiplied by it."""
-    column = {name: i for i, name in enumerate(names)}
-    result = values.copy()
-    k, alpha, n = (values[:, column[name]] for name in ("k", "alpha", "n"))
-    result[:, column["k"]] = alpha * k + (1.0 - alpha) * k / scale
-    result[:, column["alpha"]] = alpha * k / result[:, column["k"]]
-    for name in ("beta", "gamma"):
-        result[:, column[name]] = scale ** (1.0 - n) * values[:, column[name]]
-    if "A" in column:
-        result[:, column["A"]] *= scale
-    return result
-
-
-def jacobian_determinant(values: Floats, names: tuple[str, ...], scale: float) -> Floats:
-    """Of the orbit map at A = 1 in the parameters that it moves, by central differences, ``(n,)``."""
-    moved = [names.index(name) for name in MOVED]
-    matrix = np.empty((len(values), len(moved), len(moved)))
-    for j, i in enumerate(moved):
-        step = np.zeros(values.shape[1])
-        step[i] = 1e-6 * np.mean(np.abs(values[:, i]))
-        ahead, behind = (carried(values + side * step, names, scale) for side in (1.0, -1.0))
-        matrix[:, :, j] = (ahead - behind)[:, moved] / (2.0 * step[i])
-    return np.abs(np.linalg.det(matrix))
-
-
-@pytest.fixture(scope="module")
-def at_one(posterior: Posterior, mode: Mode) -> WeightedDraws:
-    """The posterior with A known."""
-    return sample_importance(posterior, laplace_mixture([mode]), np.random.default_rng(1), effective=2000)
 
 
 @pytest.fixture(scope="module")
@@ -77,16 +41,6 @@ def free_draws(free_posterior: Posterior, free_mode: Mode) -> WeightedDraws:
     sheet = Sheet(free_posterior, [free_mode], rng)
     sheet.lay()
     return sample_importance(free_posterior, sheet.proposal, rng, effective=3000)
-
-
-@pytest.fixture(scope="module")
-def marginal(posterior: Posterior, at_one: WeightedDraws) -> tuple[Floats, Floats]:
-    """Exact posterior density of A on a grid: the mean Jacobian, normalised on the prior's range."""
-    grid = np.linspace(*A_RANGE, 141)
-    values = posterior.space.from_unit(at_one.points)
-    weights = np.exp(at_one.log_weights)
-    density = np.array([weights @ jacobian_determinant(values, posterior.space.names, scale) for scale in grid])
-    return grid, density / integrate.simpson(density, grid)
 
 
 @pytest.mark.parametrize("scale", [0.75, 1.3])
@@ -283,19 +237,8 @@ def test_importance_over_the_sheet_is_efficient(free_draws: WeightedDraws) -> No
 def test_the_posterior_of_a_is_exact(
     free_posterior: Posterior, free_draws: WeightedDraws, along_a: int, marginal: tuple[Floats, Floats]
 ) -> None:
-    """Mean, sd and five cells of the weighted draws within 4 standard errors of the mean Jacobian."""
-    grid, density = marginal
     a = free_posterior.space.from_unit(free_draws.points)[:, along_a]
-    weights = np.exp(free_draws.log_weights)
-    size = free_draws.effective_sample_size
-    mean = integrate.simpson(grid * density, grid)
-    sd = np.sqrt(integrate.simpson((grid - mean) ** 2 * density, grid))
-    assert abs(weights @ a - mean) < 4.0 * sd / np.sqrt(size)
-    cells = np.linspace(*A_RANGE, 6)
-    below = integrate.cumulative_simpson(density, x=grid, initial=0.0)
-    expected = np.diff(np.interp(cells, grid, below))
-    seen = np.array([weights @ ((a >= low) & (a < high)) for low, high in pairwise(cells)])
-    assert np.all(np.abs(seen - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / size))
+    require_posterior_of_a(a, np.exp(free_draws.log_weights), free_draws.effective_sample_size, marginal)
 
 
 def test_the_evidences_differ_by_the_savage_dickey_ratio(

@@ -31,7 +31,7 @@ from bwbn_bayes.structures.specimen import Specimen
 BASE = BaseFlexibility(compliance=HalfNormal(0.1), m_b=1.0, c_b=0.1)
 
 
-def three(**element: float) -> ShearBuilding:
+def three(**element: Value) -> ShearBuilding:
     return ShearBuilding(masses=[1.0, 1.0, 1.0], storey=storey(**element))
 
 
@@ -141,3 +141,32 @@ def test_equations_say_what_floors_and_base_do():
     ):
         assert expected in texts
     assert model.table.local(NO_DRAW).shape[0] == 1
+
+
+def test_values_are_replaced_by_their_labels():
+    """In the element, per storey, and in effects whose fields are and are not called as their symbols."""
+    model = three(k=PerStorey([Uniform(5, 60), 20.0, Uniform(5, 60)]), A=Uniform(0.5, 2.0))
+    model = model.with_effect(SlipLock(delta_s=HalfNormal(0.1), sigma=0.05), storeys=[2])
+    model = model.with_effect(SuddenDamage(parameter="k", jump=Normal(0.0, 1.0), time=3.0), storeys=[1, 3])
+    changed = model.with_values(
+        {"A": 1.5, "k[2]": Uniform(1, 2), "k[3]": 7.0, "sigma[2]": HalfNormal(0.2), "k_jump[1,3]": -1.0}
+    )
+    assert changed.space.names == ("k[1]", "k[2]", "delta_s[2]", "sigma[2]")
+    assert changed.space.parameters[1].prior == Uniform(1, 2)
+    assert [placed.storeys for placed in changed.effects] == [(2,), (1, 3)]
+    columns = [p.symbol for p in changed.parameters]
+    assert changed.table.fixed[:, columns.index("A")].tolist() == [1.5] * 3
+    assert changed.table.fixed[:, columns.index("k_jump")].tolist() == [-1.0, 0.0, -1.0]
+    assert changed.table.fixed[2, columns.index("k")] == 7.0
+    assert model.space.names == ("k[1]", "k[3]", "A", "delta_s[2]", "k_jump[1,3]")
+    assert model.with_values({}) == model
+
+
+def test_a_label_that_the_model_lacks_is_refused():
+    with pytest.raises(UserError, match=r"the model has no parameter k\[4\], zeta: it has A, alpha, beta"):
+        three(k=PerStorey(Uniform(5, 60))).with_values({"zeta": 1.0, "k[4]": 2.0})
+
+
+def test_a_value_outside_its_range_is_refused_by_its_label():
+    with pytest.raises(UserError, match="alpha = 2 lies outside"):
+        three().with_values({"alpha": 2.0})

@@ -6,13 +6,13 @@ of a slip by s. The powers are found from the law itself, so that an effect need
 
 References
 ----------
-.. [1] F. Ma et al., "Parameter Analysis of the Differential Model of Hysteresis", J. Appl. Mech. 71(3), 2004,
-   doi:10.1115/1.1668082 (A is redundant).
+.. [1] F. Ma et al., "Parameter Analysis of the Differential Model of Hysteresis", J. Appl. Mech. 71(3), 2004
+   (A is redundant).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -64,6 +64,8 @@ def powers_of_scale(law: StoreyLaw) -> Mapping[str, Power] | None:
     known = probe.along_springs()
     known[1] -= outputs[1]
     matrix = np.stack([column.ravel() for column in columns], axis=1)
+    if not np.all(np.isfinite(matrix)):
+        return None
     size = np.sqrt(np.sum(np.square(matrix), axis=0))
     solution = np.linalg.lstsq(matrix / np.where(size > 0.0, size, 1.0), -known.ravel(), rcond=1e-9)[0]
     whole = np.rint(solution / np.where(size > 0.0, size, 1.0)).astype(np.int64)
@@ -81,6 +83,7 @@ class _Probe(NamedTuple):
     law: StoreyLaw
     names: tuple[str, ...]
     values: dict[str, Floats]
+    function: Callable[..., list[Floats]]
 
     @classmethod
     def of(cls, law: StoreyLaw) -> _Probe:
@@ -91,12 +94,14 @@ class _Probe(NamedTuple):
             values[parameter.symbol] = np.clip(moved, parameter.lower, parameter.upper)
         for state in (DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT):
             values[state.name] *= rng.choice([-1.0, 1.0], _N_POINTS)
-        return cls(law, tuple(parameter.symbol for parameter in law.parameters), values)
+        expressions = [law.force, *law.rates[: law.n_storey_states]]
+        function = sp.lambdify(_inputs(law), expressions, ["scipy", "numpy"], cse=True)
+        return cls(law, tuple(parameter.symbol for parameter in law.parameters), values, function)
 
     def outputs(self, values: Mapping[str, Floats] | None = None) -> Floats:
         """Force, then rates of the storey's states, ``(n_outputs, n_points)``."""
         values = self.values if values is None else values
-        results = _function_of(self.law)(*(values[s.name] for s in _inputs(self.law)))
+        results = self.function(*(values[s.name] for s in _inputs(self.law)))
         with np.errstate(all="ignore"):
             return np.stack([np.broadcast_to(np.asarray(one, dtype=np.float64), _N_POINTS) for one in results])
 
@@ -129,7 +134,7 @@ class _Probe(NamedTuple):
         for state, weight in zip(self.law.states[1 : self.law.n_storey_states], weights[1:], strict=True):
             values[state.name] = values[state.name] * _FACTOR**weight
         expected = self.outputs() * _FACTOR ** np.array([[0], *([w] for w in weights)], dtype=np.float64)
-        same = np.allclose(self.outputs(values), expected, rtol=_AGREE, atol=0.0, equal_nan=True)
+        same = np.allclose(self.outputs(values), expected, rtol=_AGREE, atol=0.0)
         conditions = sp.lambdify(self.law.symbols, list(self.law.constraints), ["scipy", "numpy"])
         before, after = (
             [np.broadcast_to(one, _N_POINTS) for one in conditions(*(v[s.name] for s in self.law.symbols))]
@@ -141,9 +146,3 @@ class _Probe(NamedTuple):
 def _inputs(law: StoreyLaw) -> tuple[sp.Symbol, ...]:
     indicators = tuple(event.indicator for event in law.events)
     return (DRIFT, DRIFT_RATE, *law.states[: law.n_storey_states], *law.symbols, *indicators)
-
-
-@lru_cache(maxsize=128)
-def _function_of(law: StoreyLaw):  # type: ignore[no-untyped-def]
-    expressions = [law.force, *law.rates[: law.n_storey_states]]
-    return sp.lambdify(_inputs(law), expressions, ["scipy", "numpy"], cse=True)

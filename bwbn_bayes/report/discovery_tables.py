@@ -22,7 +22,8 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
     figures = []
     for added in discovery.added[:2]:
         hypothesis, evidence = added.candidate.hypothesis, added.candidate.evidence
-        value, _ = with_uncertainty((added.candidate.log_bayes_factor, 0.0), max(evidence.log_evidence_se, 0.1))
+        factor = added.candidate.log_bayes_factor
+        value, _ = with_uncertainty((factor, 0.0), max(evidence.log_evidence_se, 0.04 * abs(factor)))
         figures.append(KeyFigure(value=f"{value} nat", label=f"log Bayes factor of {hypothesis.name}"))
     arrow = "\N{RIGHTWARDS ARROW}"
     fitted = _share(gap.before.nrmse)

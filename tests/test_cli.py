@@ -144,6 +144,19 @@ def test_effects_lists_the_catalogue(run: Run) -> None:
     assert all(facts.name in outcome.out and facts.equations[0].text in outcome.out for facts in catalogue())
 
 
+def test_one_effect_is_shown_by_its_name(run: Run) -> None:
+    outcome = run("effects", "slip_lock")
+    assert outcome.code == 0
+    assert outcome.out.startswith("slip_lock")
+    assert "gap_impact " not in outcome.out
+
+
+def test_an_unknown_effect_is_a_user_error(run: Run) -> None:
+    outcome = run("effects", "slip")
+    assert outcome.code == 2
+    assert "effect 'slip' is not in the catalogue: choose one of appendage, asymmetry" in outcome.err
+
+
 def test_engines_lists_every_engine(run: Run) -> None:
     outcome = run("engines")
     assert outcome.code == 0

@@ -232,10 +232,13 @@ def reproduce(
 
 
 @app.command()
-def effects() -> None:
+def effects(name: Annotated[str | None, typer.Argument(help="One effect; all of them by default.")] = None) -> None:
     """List the catalogue of physical effects with their equations."""
+    known = {facts.name: facts for facts in catalogue()}
+    if name is not None and name not in known:
+        raise UserError(f"effect {name!r} is not in the catalogue: choose one of {', '.join(known)}")
     console = results_console()
-    for facts in catalogue():
+    for facts in known.values() if name is None else [known[name]]:
         console.print(Text.assemble((facts.name, "bold"), f"  {facts.summary}  ", (f"({facts.source})", "dim")))
         for equation in facts.equations:
             console.print(f"    {equation.text}", highlight=False, markup=False)

@@ -201,23 +201,25 @@ def _free(held: Booleans | None, points: Floats) -> Booleans | None:
 def _steps(points: Floats, local: Linearisation, damping: Floats, allowed: Booleans | None) -> Floats:
     """One damped Gauss-Newton step of every candidate inside the cube, coordinates held at bounds they press on."""
     trials = points.copy()
-    for i, (point, gradient, information) in enumerate(zip(points, local.gradient, local.information, strict=True)):
-        free = ~_pressing(point, gradient) & (True if allowed is None else allowed[i])
-        for _ in range(3):
-            if not np.any(free):
-                break
-            step = np.zeros(len(point))
-            matrix = information[np.ix_(free, free)]
-            ridge = damping[i] * np.maximum(np.diag(matrix), 1.0) + 1e-9
-            step[free] = np.linalg.solve(matrix + np.diag(ridge), gradient[free])
-            trials[i] = np.clip(point + step, _EDGE, 1.0 - _EDGE)
-            blocked = free & (np.abs(trials[i] - point - step) > 0.0)
-            if not np.any(blocked) or np.all(blocked == free):
-                break
-            hit = blocked & ((point < 2.0 * _EDGE) | (point > 1.0 - 2.0 * _EDGE))
-            if not np.any(hit):
-                break
-            free = free & ~hit
+    free = ~_pressing(points, local.gradient) & (True if allowed is None else allowed)
+    diagonal = np.einsum("npp->np", local.information)
+    ridge = damping[:, None] * np.maximum(diagonal, 1.0) + 1e-9
+    waiting = np.flatnonzero(np.any(free, axis=1))
+    for _ in range(3):
+        if len(waiting) == 0:
+            break
+        own, point = free[waiting], points[waiting]
+        matrix = local.information[waiting] * (own[:, :, None] & own[:, None, :])
+        # A held coordinate has an equation of its own: no step.
+        np.einsum("npp->np", matrix)[:] += np.where(own, ridge[waiting], 1.0)
+        step = np.linalg.solve(matrix, np.where(own, local.gradient[waiting], 0.0)[:, :, None])[:, :, 0]
+        aim = point + step
+        trials[waiting] = np.clip(aim, _EDGE, 1.0 - _EDGE)
+        blocked = own & ((aim < _EDGE) | (aim > 1.0 - _EDGE))
+        hit = blocked & ((point < 2.0 * _EDGE) | (point > 1.0 - 2.0 * _EDGE))
+        again = np.any(hit, axis=1) & np.any(blocked != own, axis=1)
+        free[waiting] = own & ~hit
+        waiting = waiting[again & np.any(free[waiting], axis=1)]
     return trials
 
 

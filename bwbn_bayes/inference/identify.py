@@ -30,7 +30,7 @@ from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode, WindowFacts, distinct, find_modes, polish
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
 from bwbn_bayes.inference.residuals import residual_checks
-from bwbn_bayes.inference.scale_of_z import section_of
+from bwbn_bayes.inference.scale_of_z import Section, section_of
 from bwbn_bayes.inference.summary import Draws, build_result
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.parameters import Floats
@@ -234,8 +234,7 @@ def _sampled(
     section = section_of(posterior) if method in ("importance", "tmcmc") else None
     if section is not None:
         history.say("A shares the scale of z with others: integrating along it")
-        points = section.to_section(np.array([mode.point for mode in modes]))
-        target, at = section, distinct(*polish(section, points, n_iterations=20))
+        target, at = section, _modes_on(section, modes)
         assumptions = (*assumptions, section.sentence)
     if method == "importance":
         weighted, nested = _importance(target, at, rng, settings.particles, history)
@@ -321,6 +320,12 @@ def _finish(
     points, local = polish(view, points, n_iterations=20)
     modes = distinct(points, local)
     return view, modes, discretisation, residual_checks(view, modes[0].point)
+
+
+def _modes_on(section: Section, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
+    """The same optima among what the record can see; those on one orbit are one."""
+    points = section.to_section(np.array([mode.point for mode in modes]))
+    return distinct(*polish(section, points, n_iterations=20))
 
 
 def _tell_window(history: _History, posterior: Posterior, facts: WindowFacts) -> None:

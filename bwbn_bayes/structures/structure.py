@@ -370,7 +370,8 @@ def _constraints(
     law = structure.law
     result: dict[tuple[int, ...], Constraint] = {}
     for number, relation in enumerate(structure.conditions):
-        columns = [i for i, s in enumerate(law.symbols) if s in relation.free_symbols]
+        concerns = relation.free_symbols
+        columns = [i for i, s in enumerate(law.symbols) if s in concerns]
         function = _function_of(relation, tuple(law.symbols[i] for i in columns))
         for row, (fixed, index) in enumerate(zip(table.fixed[:, columns], table.index[:, columns], strict=True)):
             if np.all(index < 0):

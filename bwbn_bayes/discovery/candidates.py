@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 
+from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import Scales
@@ -65,9 +66,13 @@ class Hypothesis:
     def label(self) -> str:
         """Name, form and place, e.g. ``gap_impact (one-sided), storey 2``."""
         form = f" ({self.effect.form})" if self.effect.form else ""
-        if not self.storeys:
-            return f"{self.name}{form}"
-        return f"{self.name}{form}, {place_in_words(self.effect.level, self.storeys)}"
+        has_places = isinstance(self.base, ShearBuilding) and self.storeys
+        return f"{self.name}{form}, {self.where}" if has_places else f"{self.name}{form}"
+
+    @property
+    def where(self) -> str:
+        """Its place in words: ``storey 2``, ``the building``, ``the specimen``."""
+        return place_in_words(self.effect.level, self.storeys) if isinstance(self.base, ShearBuilding) else SPECIMEN
 
     @cached_property
     def model(self) -> Structure:

@@ -19,6 +19,9 @@ from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
+SPECIMEN = "the specimen"
+"""The one place in a testing machine, in words."""
+
 N_WINDOWS = 24
 N_PLANE = 12
 """Bins of drift and of drift rate."""
@@ -211,7 +214,7 @@ def _spots(
     for i, row in enumerate(by_storey):
         if np.all(np.isfinite(row)):
             own = next(name for name in (f"acceleration_{i + 1}", "force") if name in channels)
-            rows.append((own, "the specimen" if own == "force" else f"storey {i + 1}", i, row))
+            rows.append((own, SPECIMEN if own == "force" else f"storey {i + 1}", i, row))
             told.add(own)
     rows += [(name, _place(name), None, row) for name, row in zip(channels, by_window, strict=True) if name not in told]
     largest = max(float(np.max(ratios)) for *_, ratios in rows)

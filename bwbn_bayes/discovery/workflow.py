@@ -221,11 +221,24 @@ def _fit_hypotheses(present: Present, run: Run) -> tuple[Fit, ...]:
     fits = race(
         on_one_thread(posterior), every, present.starts, n_workers=run.settings.n_workers, guess=first, progress=run.say
     )
+    fits = _solvable(fits, run)
+    if not fits:
+        return ()
     fits = widened(fits, n_threads=run.settings.n_workers)
     if _leaves_noise(fits[0]):
         return fits
     run.say("looking closer at the leading hypotheses")
     return rescanned(fits, n_threads=run.settings.n_workers)
+
+
+def _solvable(fits: tuple[Fit, ...], run: Run) -> tuple[Fit, ...]:
+    """Those that could be solved from some start; the others are told once."""
+    lost = [fit.hypothesis.label for fit in fits if not np.isfinite(fit.log_likelihood)]
+    if lost:
+        sentence = f"Could not be solved for this record and was left out: {', '.join(lost)}."
+        if sentence not in run.notes:
+            run.note(sentence)
+    return tuple(fit for fit in fits if np.isfinite(fit.log_likelihood))
 
 
 def _under_smaller_laws(present: Present, every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:

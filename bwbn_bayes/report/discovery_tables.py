@@ -70,8 +70,7 @@ def _effect_row(added: Added) -> tuple[str | Markup, ...]:
     places = [place_in_words(hypothesis.effect.level, place) for place in added.decision.equivalent_places]
     others = ", ".join((*added.decision.equivalent, *(f"itself at {place}" for place in places))) or "nothing else"
     k = evidence.method if evidence.pareto_k is None else significant(evidence.pareto_k, 2)
-    where = place_in_words(hypothesis.effect.level, hypothesis.storeys)
-    return hypothesis.name + form, where, f"{value} ± {error}", k, others
+    return hypothesis.name + form, hypothesis.where, f"{value} ± {error}", k, others
 
 
 def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bwbn_bayes.discovery.candidates import place_in_words
 from bwbn_bayes.discovery.outcome import Added, Discovery
 from bwbn_bayes.report.numbers import MINUS, with_uncertainty
 
@@ -31,9 +30,8 @@ def discovery_in_words(discovery: Discovery) -> tuple[str, ...]:
 def _effect(added: Added) -> list[str]:
     hypothesis, evidence = added.candidate.hypothesis, added.candidate.evidence
     form = f" ({hypothesis.effect.form})" if hypothesis.effect.form else ""
-    where = place_in_words(hypothesis.effect.level, hypothesis.storeys)
     factor = f"{added.candidate.log_bayes_factor:.1f} +- {evidence.log_evidence_se:.1f}"
-    lines = [f"effect: {hypothesis.name}{form}, {where}, log Bayes factor {factor}"]
+    lines = [f"effect: {hypothesis.name}{form}, {hypothesis.where}, log Bayes factor {factor}"]
     if added.decision.equivalent:
         lines.append(f"    cannot be told from {', '.join(added.decision.equivalent)}")
         lines += [f"    {sentence}" for sentence in added.separation]

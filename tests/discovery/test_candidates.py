@@ -74,6 +74,8 @@ def test_a_specimen_has_storey_effects_only() -> None:
     every = hypotheses(specimen, [SCALES], measured=("force",))
     assert {h.effect.level for h in every} == {"link"}
     assert {h.storeys for h in every} == {(1,)}
+    damping = next(h for h in every if h.name == "quadratic_damping")
+    assert (damping.label, damping.where) == ("quadratic_damping", "the specimen")
 
 
 def test_nothing_that_is_there_already() -> None:

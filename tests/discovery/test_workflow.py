@@ -1,12 +1,13 @@
-"""The loop where there is nothing to weigh: a disagreement and no hypothesis about it."""
+"""The loop where there is nothing to weigh: a disagreement and no hypothesis about it, or none that can be solved."""
 
 import numpy as np
 import pytest
 
+from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.effects import CubicStiffness, SensorLag
+from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorLag
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.parameters import Uniform
@@ -40,3 +41,22 @@ def test_without_hypotheses_a_disagreement_stays_unexplained(record: Record, eff
     assert found.improved is found.model
     assert [step.decision for step in found.steps] == [None]
     assert found.result.facts.assumptions[0] == found.assumptions[0] == "The base is rigid."
+
+
+def test_a_hypothesis_that_cannot_be_solved_is_left_out_and_told(
+    record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a Maxwell branch under a cyclic test whose points lie a second apart."""
+
+    def without_damping(*given: object, **options: object) -> tuple[Fit, ...]:
+        fits = race(*given, **options)  # type: ignore[arg-type]
+        for fit in fits:
+            if fit.hypothesis.name == "quadratic_damping":
+                fit.local.log_likelihood[:] = -np.inf
+        return fits
+
+    monkeypatch.setattr("bwbn_bayes.discovery.workflow.race", without_damping)
+    settings = DiscoverySettings(particles=100, effects=(QuadraticDamping, CubicStiffness))
+    found = discover(MODEL, record, settings=settings)
+    assert [added.candidate.hypothesis.name for added in found.added] == ["cubic_stiffness"]
+    assert found.sentences[-1] == "Could not be solved for this record and was left out: quadratic_damping, storey 1."

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.baselines.network import NetworkSettings, train
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate
-from bwbn_bayes.discovery.where import missing_forces
+from bwbn_bayes.discovery.where import missing_forces, storey_in_words
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import noise_floor, residual_of, whiteness_probability
 from bwbn_bayes.inference.summary import observe
@@ -34,6 +34,8 @@ class MissingForce:
     Attributes
     ----------
     storey : int
+    place : str
+        In words.
     share : float
         Of the missing force's energy beyond the noise, what the network explains on stretches of the record it never
         saw; 0 where it explains nothing.
@@ -48,6 +50,7 @@ class MissingForce:
     """
 
     storey: int
+    place: str
     share: float
     noise_share: float
     n_neurons: int
@@ -141,14 +144,23 @@ def unexplained(
     values, _ = posterior.split(point[None])
     rows = {k: h[0] for k, h in observe(posterior.engine, posterior.model, values, posterior.record).items()}
     forces = tuple(
-        _learned(storey, np.stack([rows[kind][storey - 1] for kind in _INPUTS], axis=1), force, sd, rng)
+        _learned(
+            storey,
+            storey_in_words(posterior.model, storey),
+            np.stack([rows[kind][storey - 1] for kind in _INPUTS], axis=1),
+            force,
+            sd,
+            rng,
+        )
         for storey, force, sd in missing_forces(posterior, residual, noise)
     )
     nearest = tuple(_near(posterior, residual, noise, candidate) for candidate in _distinct(candidates)[:N_NEAREST])
     return Unexplained(forces=forces, nearest=nearest)
 
 
-def _learned(storey: int, inputs: Floats, force: Floats, sd: float, rng: np.random.Generator) -> MissingForce:
+def _learned(
+    storey: int, place: str, inputs: Floats, force: Floats, sd: float, rng: np.random.Generator
+) -> MissingForce:
     """Train on most of the record, judge on the rest; size, width and penalty come from train's own validation."""
     kept_out = np.arange(len(force)) * _N_BLOCKS // len(force) % _HELD_OUT == _HELD_OUT // 2
     network = train(inputs[~kept_out], force[~kept_out], rng, _NETWORK)
@@ -159,6 +171,7 @@ def _learned(storey: int, inputs: Floats, force: Floats, sd: float, rng: np.rand
     drift, rate, mapped = _map(inputs, learned)
     return MissingForce(
         storey=storey,
+        place=place,
         share=float(np.clip((energy - left) / beyond, 0.0, 1.0)) if beyond > 0.0 else 0.0,
         noise_share=min(sd**2 / energy, 1.0) if energy > 0.0 else 1.0,
         n_neurons=len(network.centres),

@@ -18,6 +18,7 @@ from bwbn_bayes.inference.residuals import noise_floor, residual_of
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
 
 SPECIMEN = "the specimen"
 """The one place in a testing machine, in words."""
@@ -29,6 +30,11 @@ NOTEWORTHY = 1.3
 """Residual to noise from which a window is worth a sentence, if noise alone seldom reaches it anywhere."""
 _CHANCE = 0.01
 _LEAST_CONCENTRATION = 1.3
+
+
+def storey_in_words(model: Structure, number: int) -> str:
+    """``storey 2``, or ``the specimen`` in a testing machine."""
+    return f"storey {number}" if isinstance(model, ShearBuilding) else SPECIMEN
 
 
 @dataclass(frozen=True, kw_only=True)

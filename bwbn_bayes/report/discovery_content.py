@@ -13,7 +13,7 @@ import numpy as np
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate, Decision
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery
 from bwbn_bayes.discovery.unexplained import Unexplained
-from bwbn_bayes.discovery.where import Disagreement
+from bwbn_bayes.discovery.where import Disagreement, storey_in_words
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report.content import Marginal, gather, shown
@@ -27,6 +27,7 @@ MAX_CANDIDATES = 10
 MAX_NAMES = 8
 """Effects drawn by name in each step."""
 MAX_STOREYS = 3
+_MASSES_TIMES = "masses times measured accelerations"
 """Storeys drawn beside each other."""
 
 
@@ -44,9 +45,10 @@ class GapBar:
 
 @dataclass(frozen=True, kw_only=True)
 class HeatMap:
-    """Residual to noise by place and time: ``values (n_places, n_windows)`` between ``edges`` [s]."""
+    """Residual to noise of something by place and time: ``values (n_places, n_windows)`` between ``edges`` [s]."""
 
     title: str
+    what: str
     places: tuple[str, ...]
     edges: Floats
     values: Floats
@@ -64,7 +66,9 @@ class PlaneMap:
 class LoopPair:
     """A storey's measured and modelled force against drift before and, where something was added, after; N and m."""
 
-    storey: int
+    title: str
+    source: str
+    """Where the measured force comes from, in words."""
     measured: Floats | None
     drifts: tuple[Floats, ...]
     forces: tuple[Floats, ...]
@@ -158,8 +162,8 @@ def gather_discovery(discovery: Discovery) -> DiscoveryContent:
     return DiscoveryContent(
         discovery=discovery,
         gaps=_gaps(discovery),
-        by_time=tuple(_heat_map(title, seen) for title, seen in stages),
-        by_state=_planes(stages),
+        by_time=tuple(_heat_map(discovery.model, title, seen) for title, seen in stages),
+        by_state=_planes(discovery.model, stages),
         loops=_loops(discovery),
         steps=tuple(_step(step.number, step.sentence, step.decision) for step in discovery.steps),
         new_marginals=tuple(m for m in gather(discovery.result).marginals if m.parameter.name in brought),
@@ -187,28 +191,29 @@ def _gaps(discovery: Discovery) -> tuple[GapBar, ...]:
     )
 
 
-def _heat_map(title: str, seen: Disagreement) -> HeatMap:
+def _heat_map(model: Structure, title: str, seen: Disagreement) -> HeatMap:
     """By storey where the storey forces are measured, else by channel."""
     measured = np.all(np.isfinite(seen.by_storey), axis=1)
     if np.any(measured):
         storeys = [i for i, known in enumerate(measured) if known]
         return HeatMap(
             title=title,
-            places=tuple(f"storey {i + 1}" for i in storeys),
+            what=f"storey forces ({_MASSES_TIMES})" if isinstance(model, ShearBuilding) else "measured force",
+            places=tuple(storey_in_words(model, i + 1) for i in storeys),
             edges=seen.edges,
             values=seen.by_storey[storeys],
         )
     places = tuple(channel.replace("_", " ") for channel in seen.channels)
-    return HeatMap(title=title, places=places, edges=seen.edges, values=seen.by_window)
+    return HeatMap(title=title, what="channels", places=places, edges=seen.edges, values=seen.by_window)
 
 
-def _planes(stages: Sequence[tuple[str, Disagreement]]) -> tuple[PlaneMap, ...]:
+def _planes(model: Structure, stages: Sequence[tuple[str, Disagreement]]) -> tuple[PlaneMap, ...]:
     """Storey by storey, row by row of the figure: as given, then improved."""
     first = stages[0][1].by_state
     storeys = shown([i for i, plane in enumerate(first) if np.any(np.isfinite(plane))], MAX_STOREYS)
     words = ("as given", "improved")
     return tuple(
-        PlaneMap(title=f"Storey {i + 1}, {word}", values=seen.by_state[i])
+        PlaneMap(title=f"{storey_in_words(model, i + 1).capitalize()}, {word}", values=seen.by_state[i])
         for word, (_, seen) in zip(words, stages, strict=False)
         for i in storeys
     )
@@ -217,9 +222,11 @@ def _planes(stages: Sequence[tuple[str, Disagreement]]) -> tuple[PlaneMap, ...]:
 def _loops(discovery: Discovery) -> tuple[LoopPair, ...]:
     stages = [discovery.histories[name] for name in (("before", "after") if discovery.added else ("before",))]
     places = range(1, discovery.model.n_storeys + 1)
+    of_building = isinstance(discovery.model, ShearBuilding)
     return tuple(
         LoopPair(
-            storey=storey,
+            title=storey_in_words(discovery.model, storey).capitalize(),
+            source="the force measured by the floors above" if of_building else "the measured force",
             measured=_measured_force(discovery.model, discovery.record, storey),
             drifts=tuple(rows["drift"][storey - 1] for rows in stages),
             forces=tuple(rows["restoring_force"][storey - 1] for rows in stages),

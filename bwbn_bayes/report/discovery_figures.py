@@ -143,11 +143,11 @@ def _by_time(maps: tuple[HeatMap, ...]) -> Drawing:
         axis.tick_params(length=0, axis="y")
     axes[-1].set_xlabel("time [s]")
     _colour_bar(figure, axes, norm, RESIDUAL_MAP, "residual / noise")
-    what = "storey forces (masses times measured accelerations)" if maps[0].places[0].startswith("st") else "channels"
     return finished(
         figure,
         "where_time.png",
-        f"Where they disagreed: residual of the {what} over the noise level, by window; at 1 only noise is left.",
+        f"Where they disagreed: residual of the {maps[0].what} over the noise level, by window; at 1 only noise is "
+        "left.",
         f"Heat map of residual over noise by place and time; largest {float(np.nanmax(maps[0].values)):.1f} times.",
     )
 
@@ -190,7 +190,7 @@ def _loops(loops: tuple[LoopPair, ...]) -> Drawing:
         pair = axes[row * n_columns : (row + 1) * n_columns]
         for axis, word, drift, force in zip(pair, words, loop.drifts, loop.forces, strict=False):
             _loop(axis, loop.measured, drift, force, length, strength)
-            axis.set_title(f"Storey {loop.storey}, {word}")
+            axis.set_title(f"{loop.title}, {word}")
         for axis in pair[1:]:
             axis.sharey(pair[0])
             axis.sharex(pair[0])
@@ -202,7 +202,7 @@ def _loops(loops: tuple[LoopPair, ...]) -> Drawing:
     return finished(
         figure,
         "hysteresis.png",
-        ("Grey: the force measured by the floors above. " if measured else "")
+        (f"Grey: {loops[0].source}. " if measured else "")
         + "Blue: the model at its best fit. Measured forces stand against the model's drift.",
         "Storey force against drift, measured and modelled, " + ("before and after." if n_columns > 1 else "as given."),
     )
@@ -315,7 +315,7 @@ def _missing_force(forces: tuple[MissingForce, ...]) -> Drawing | None:
         axis.pcolormesh(drift, force.drift_rate, values.T, norm=norm, cmap=FORCE_MAP, shading="nearest")
         axis.set_facecolor(NEVER)
         axis.grid(visible=False)
-        axis.set_title(f"Storey {force.storey}: {100.0 * force.share:.0f} % explained on unseen stretches")
+        axis.set_title(f"{force.place.capitalize()}: {100.0 * force.share:.0f} % explained on unseen stretches")
         axis.set_ylabel("drift rate [m/s]")
     axes[-1].set_xlabel(f"drift [{length.unit}]")
     _colour_bar(figure, axes, norm, FORCE_MAP, f"missing force [{strength.unit}]")

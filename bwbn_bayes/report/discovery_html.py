@@ -12,6 +12,7 @@ from bwbn_bayes.report.discovery_figures import draw_discovery
 from bwbn_bayes.report.html import ReportFiles, data_address, mathml_of, template, write_page, write_report
 from bwbn_bayes.report.numbers import NOTHING
 from bwbn_bayes.results import Equation
+from bwbn_bayes.structures.shear_building import ShearBuilding
 
 _LEADS = {
     "unexplained": "The residual is not noise, and no catalogued effect accounts for it. Nothing is named.",
@@ -48,8 +49,7 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
     return template("discovery.html.j2").render(
         model=discovery.name,
         record=discovery.record.name,
-        run=f"{discovery.model.n_storeys} store{'y' if discovery.model.n_storeys == 1 else 'ys'}, "
-        f"{len(discovery.record.channels)} channels, {discovery.record.duration:.3g} s; "
+        run=f"{_counted(discovery)}, {discovery.record.duration:.3g} s; "
         + (f"{held_out.label}: {held_out.record.name}" if held_out is not None else "no held-out record"),
         sentences=discovery.sentences,
         key_figures=tables.discovery_key_figures(discovery),
@@ -84,3 +84,11 @@ def _leads(content: DiscoveryContent) -> tuple[str, ...]:
 
 def _written(equations: tuple[Equation, ...]) -> list[tuple[str, str]]:
     return [(equation.caption, mathml_of(equation)) for equation in equations]
+
+
+def _counted(discovery: Discovery) -> str:
+    """How many storeys and channels: ``3 storeys, 1 channel``."""
+    n_storeys, n_channels = discovery.model.n_storeys, len(discovery.record.channels)
+    storeys = f"{n_storeys} store{'y' if n_storeys == 1 else 'ys'}"
+    of = storeys if isinstance(discovery.model, ShearBuilding) else "a specimen"
+    return f"{of}, {n_channels} channel{'' if n_channels == 1 else 's'}"

@@ -123,8 +123,7 @@ def _size(smallest: float) -> str:
 def missing_force_table(found: Unexplained) -> Table:
     """How much of each storey's missing force the network explains where it was not trained."""
     rows = tuple(
-        (f"storey {force.storey}", percent(force.share), percent(force.noise_share), str(force.n_neurons))
-        for force in found.forces
+        (force.place, percent(force.share), percent(force.noise_share), str(force.n_neurons)) for force in found.forces
     )
     return Table(columns=("", "explained on unseen stretches", "noise's share there", "neurons"), rows=rows)
 

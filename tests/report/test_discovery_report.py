@@ -16,10 +16,12 @@ from bwbn_bayes.elements.effects import CubicStiffness, SensorGain
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.parameters import Uniform
 from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.report import write_discovery
 from bwbn_bayes.report.discovery_content import gather_discovery
 from bwbn_bayes.report.discovery_text import discovery_in_words
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
 
 MODEL = ShearBuilding(
     masses=[2.0], storey=BoucWen(k=Uniform(20, 120), c=Uniform(0.01, 2), alpha=0.15, beta=12.0, gamma=2.0, n=1.3)
@@ -43,7 +45,7 @@ def variants(found):
     axis = np.linspace(-0.1, 0.1, 24)
     force = np.where(np.add.outer(axis, axis) > 0.12, np.nan, np.multiply.outer(axis, axis))
     learned = MissingForce(
-        storey=1, share=0.42, noise_share=0.1, n_neurons=12, drift=axis, drift_rate=axis, force=force
+        storey=1, place="storey 1", share=0.42, noise_share=0.1, n_neurons=12, drift=axis, drift_rate=axis, force=force
     )
     near = NearShape(label="backlash, storey 1", share=0.2, correlation=0.8, log_odds=3.0, sentence="It is <not> it.")
     rest = Unexplained(forces=(learned,), nearest=(near,))
@@ -178,3 +180,24 @@ def test_a_held_out_end_is_called_so_everywhere(found, tmp_path):
     assert "held-out record" not in text
     assert sum(line.startswith(f"error on the {label}: ") for line in discovery_in_words(ended)) == 1
     assert ended.as_json()["gap"]["held_out"]["after_s"] == 6.2
+
+
+def test_a_specimen_is_not_called_a_building(tmp_path):
+    specimen = Specimen(storey=BoucWen(k=Uniform(20, 120), alpha=0.15, beta=12.0, gamma=2.0, n=1.3))
+    times = 0.02 * np.arange(401)
+    pushed = Record(
+        name="cyclic test",
+        time_step=0.02,
+        excitation=0.02 * times * np.sin(np.pi * times),
+        excitation_kind="displacement",
+    )
+    hidden = specimen.with_effect(CubicStiffness(k3=2000.0))
+    record = replace(simulate(hidden, pushed, {"k": 60.0}, channels=["force"], snr_db=30.0), truth={})
+    discovery = discover(specimen, record, settings=DiscoverySettings(effects=(CubicStiffness,), particles=100))
+    lines = discovery_in_words(discovery)
+    page = write_discovery(discovery, tmp_path).html.read_text(encoding="utf-8")
+    assert discovery.verdict == "effects_found"
+    assert any(line.startswith("effect: cubic_stiffness, the specimen, log Bayes factor") for line in lines)
+    assert "a specimen, 1 channel, 8 s" in page
+    for word in ("storey 1", "Storey 1", "floors above", "accelerations) over"):
+        assert word not in page

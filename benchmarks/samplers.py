@@ -55,8 +55,6 @@ from bwbn_bayes.structures.model_file import load_model_file
 MODELS = {"sdof": Path("models/sdof.py"), "three_storey": Path("models/three_storey_el_centro.py")}
 SAMPLERS = ("tmcmc plain", "tmcmc", "smc imh", "smc mh", "smc batched", "nuts")
 _NOISE_SD = 0.2
-_DRAWS = {"sdof": 500, "three_storey": 500}
-"""Draws or particles, 2,000 where a likelihood costs nothing."""
 _REFERENCE_DRAWS = 10_000
 
 
@@ -293,7 +291,7 @@ def cells(quick: bool, seeds: int) -> Iterator[tuple[str, str, int, int]]:
             if quick and case == "sdof" and sampler in ("smc imh", "smc mh", "nuts"):
                 continue  # minutes each, one solve at a time
             for seed in range(1, seeds + 1):
-                yield case, sampler, seed, 300 if quick else _DRAWS.get(case, 2000)
+                yield case, sampler, seed, 300 if quick else 500 if case in MODELS else 2000
 
 
 def run_in_process(arguments: tuple[str, str, int, int], limit: float) -> Cell:

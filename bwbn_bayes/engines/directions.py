@@ -1,13 +1,13 @@
-"""Which derivatives the lanes carry: parameters that no draw wants together share a direction.
+"""Which derivatives each lane carries: few directions, since the cost of a solve grows with their number.
 
-The cost of a solve with derivatives grows with the number of directions. A parameter that nobody wants, or that acts
-behind the structure (a sensor's), needs none; the same parameter of two storeys needs one where each draw wants but
-one of the two.
+A parameter that nobody wants, or that acts behind the structure (a sensor's), needs no direction; the same parameter of
+two storeys needs one where each draw wants but one of the two. Where few draws leave lanes idle, several lanes take the
+same draw and share its parameters out between them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +17,38 @@ from bwbn_bayes.parameters import Booleans, Floats
 
 @dataclass(frozen=True, kw_only=True)
 class Directions:
-    """Directions of one call.
+    """Directions of draws or of lanes, one row each.
 
     Attributes
     ----------
-    seed : (n_directions, n_storeys) array
-        Column of the table of partials that each moves at each storey.
-    active : (n_draws, n_directions, n_storeys) array
-        One where it moves there for the draw, else zero.
-    owner : (n_draws, n_directions) array
+    seed : (n_rows, n_directions, n_storeys) array
+        Column of the table of partials that the direction moves at each storey.
+    owner : (n_rows, n_directions) array
         Parameter whose derivative it is, -1 where nobody's.
+    nowhere : int
+        Column of zeros.
     """
 
     seed: NDArray[np.int64]
-    active: Floats
     owner: NDArray[np.int64]
+    nowhere: int
 
     @property
     def n(self) -> int:
         """Number of directions."""
-        return len(self.seed)
+        return int(self.owner.shape[1])
+
+    @property
+    def active(self) -> Floats:
+        """One where a row's direction moves anything at a storey, ``(n_rows, n_directions, n_storeys)``, else zero."""
+        return np.asarray(self.seed != self.nowhere, dtype=np.float64)
+
+    def column(self, own: int) -> NDArray[np.int64]:
+        """Column ``(n_directions, n_storeys)`` that all rows move which move anything; ``own`` where they differ."""
+        moves = self.seed != self.nowhere
+        first = np.max(np.where(moves, self.seed, -1), axis=0, initial=-1)
+        same = np.all(~moves | (self.seed == first), axis=0)
+        return np.where(np.any(moves, axis=0), np.where(same, first, own), self.nowhere)
 
     @classmethod
     def of(cls, moved: NDArray[np.int64], nowhere: int, wanted: Booleans) -> Directions:
@@ -59,25 +71,37 @@ class Directions:
                     break
             else:
                 groups.append([own])
-        seed = np.full((len(groups), moved.shape[1]), nowhere, dtype=np.int64)
-        active = np.zeros((len(wanted), *seed.shape))
         owner = np.full((len(wanted), len(groups)), -1, dtype=np.int64)
         for direction, group in enumerate(groups):
             for own in group:
-                seed[direction, acts[own]] = moved[own, acts[own]]
-                active[:, direction] += np.outer(wanted[:, own], acts[own])
                 owner[wanted[:, own], direction] = own
-        return cls(seed=seed, active=active, owner=owner)
+        return cls(seed=_seed(owner, moved, nowhere), owner=owner, nowhere=nowhere)
 
-    def of_parameters(self, rows: slice, n_parameters: int) -> Floats:
-        """One where a direction is a parameter's, ``(n_draws, n_directions, n_parameters)``, for some of the draws."""
-        return np.equal(self.owner[rows][..., None], np.arange(n_parameters)).astype(np.float64)
+    def at(self, rows: NDArray[np.int64]) -> Directions:
+        """Of some of the rows, in their order."""
+        return replace(self, seed=self.seed[rows], owner=self.owner[rows])
+
+    def divided(self, n_shares: int) -> Directions:
+        """Each row as ``n_shares`` rows one after the other, which carry its parameters between them."""
+        own = [row[row >= 0] for row in self.owner]
+        each = max(-(-len(row) // n_shares) for row in own)
+        owner = np.full((len(own), n_shares * each), -1, dtype=np.int64)
+        seed = np.full((len(own), n_shares * each, self.seed.shape[2]), self.nowhere, dtype=np.int64)
+        for i, row in enumerate(own):
+            owner[i, : len(row)] = row
+            seed[i, : len(row)] = self.seed[i, self.owner[i] >= 0]
+        shape = len(own) * n_shares, each
+        return replace(self, seed=seed.reshape(*shape, -1), owner=owner.reshape(shape))
+
+    def of_parameters(self, n_parameters: int) -> Floats:
+        """One where a direction is a parameter's, ``(n_rows, n_directions, n_parameters)``, else zero."""
+        return np.equal(self.owner[..., None], np.arange(n_parameters)).astype(np.float64)
 
 
-NONE = Directions(
-    seed=np.zeros((0, 1), dtype=np.int64), active=np.zeros((0, 0, 1)), owner=np.zeros((0, 0), dtype=np.int64)
-)
-"""No derivatives."""
+def _seed(owner: NDArray[np.int64], moved: NDArray[np.int64], nowhere: int) -> NDArray[np.int64]:
+    """What each direction moves, by its owner."""
+    padded = np.concatenate([moved, np.full((1, moved.shape[1]), nowhere, dtype=np.int64)])
+    return padded[owner]
 
 
 def _may_share(one: int, other: int, moved: NDArray[np.int64], acts: Booleans, wanted: Booleans) -> bool:

@@ -50,7 +50,8 @@ class LaneLayout:
     n_states : int
         States of a storey; they come first, then their rates, then the sum of the scheme's stages.
     n_columns : int
-        Columns of the table of partial derivatives: the law's variables, and one of zeros.
+        Columns of the table of partial derivatives: the law's variables, one of zeros (``nowhere``), and one for what
+        the lanes of a direction move where that differs (``own``).
     force, acceleration, inverse_mass, parameters, derived, happened, sharpness, before, slope : int
         First row of each kind; ``sharpness`` is one over the width of each sharp feature.
     block : int
@@ -69,6 +70,16 @@ class LaneLayout:
     before: int
     slope: int
     block: int
+
+    @property
+    def nowhere(self) -> int:
+        """Column of zeros."""
+        return self.n_columns - 2
+
+    @property
+    def own(self) -> int:
+        """Column of what the lanes of a direction move, where that differs."""
+        return self.n_columns - 1
 
     @property
     def tangent_block(self) -> int:
@@ -91,7 +102,7 @@ def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
     happened = derived + programs.n_hoisted
     sharpness = happened + len(law.events)
     before = sharpness + len(law.sharp_features)
-    n_columns = len(programs.variables) + 1
+    n_columns = len(programs.variables) + 2
     return LaneLayout(
         n_states=n_states,
         n_columns=n_columns,
@@ -129,6 +140,10 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         "tangent_block": place.tangent_block,
         "n_states": n,
         "n_states2": 2 * n,
+        "n_rows": programs.n_rows,
+        "n_columns": place.n_columns,
+        "own": place.own,
+        "slope": place.slope,
         "before": place.before,
         "happened": place.happened,
         "acceleration_of_drift": n + 1,
@@ -276,7 +291,7 @@ def _base(
     ]
     chain += [f"t[o + {n + 1} * LANES + l] = t[o + {place.acceleration} * LANES + l] - below"]
     template = ON_BASE_TANGENT if with_slopes else ON_BASE
-    return template.format(base_law=_indent(lines, 2), base_chain=_indent(chain, 3))
+    return template.format(base_law=_indent(lines, 2), base_chain=_indent(chain, 3), **fields)
 
 
 def _prepare(law: StoreyLaw, programs: LawPrograms, place: LaneLayout) -> str:
@@ -417,7 +432,7 @@ def _strike(law: StoreyLaw, place: LaneLayout) -> list[str]:
             "    due += flipped[l]",
             "if due > 0.0:",
             f"    flip(n_storeys, n_directions, i, {number}, {place.n_states + column}, step, flipped, ground, seed,",
-            "         active, w, t)",
+            "         column, active, w, t)",
         ]
     return lines
 
@@ -432,5 +447,5 @@ def _drive(place: LaneLayout) -> list[str]:
         "    w[BLOCK + LANES + l] = slope",
         f"    w[BLOCK + {2 * n} * LANES + l] = ground_0",
         f"    w[BLOCK + {2 * n + 1} * LANES + l] = slope",
-        "close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)",
+        "close(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)",
     ]

@@ -93,7 +93,16 @@ def prepare(n_storeys, w):
 STAGE = """
 
 @njit({flags})
-def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, active, w, t):
+def gather(first, seed, w):
+    # The partial derivatives by what each lane's direction moves, as a column of the table.
+    for r in range({n_rows}):
+        row = first + r * {n_columns} * LANES
+        for l in range(LANES):
+            w[row + {own} * LANES + l] = w[row + seed[l] * LANES + l]
+
+
+@njit({flags})
+def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, column, active, w, t):
     _wide()
     for i in range(n_storeys):
         a = i * BLOCK
@@ -103,7 +112,7 @@ def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, ac
 
 
 @njit({flags})
-def stage_with_tangents(n_storeys, n_directions, weight, share, inside, step, ground, seed, active, w, t):
+def stage_with_tangents(n_storeys, n_directions, weight, share, inside, step, ground, seed, column, active, w, t):
     _wide()
     for i in range(n_storeys):
         a = i * BLOCK
@@ -111,8 +120,11 @@ def stage_with_tangents(n_storeys, n_directions, weight, share, inside, step, gr
 {tangent_law}
         for k in range(n_directions):
             o = (k * (n_storeys + 2) + i) * TANGENT_BLOCK
-            moved = w[a + seed[k * n_storeys + i] * LANES:]
-            moves = active[(k * n_storeys + i) * LANES:]
+            m = k * n_storeys + i
+            if column[m] == {own}:
+                gather(a + BLOCK + {slope} * LANES, seed[m * LANES:], w)
+            moved = w[a + column[m] * LANES:]
+            moves = active[m * LANES:]
             for l in range(LANES):
 {chain}
 {tangent_base}
@@ -142,8 +154,11 @@ ON_BASE_TANGENT = (
     + """
     for k in range(n_directions):
         o = (k * (n_storeys + 2) + n_storeys) * TANGENT_BLOCK
-        moved = w[a + seed[(k + 1) * n_storeys - 1] * LANES:]
-        moves = active[((k + 1) * n_storeys - 1) * LANES:]
+        m = (k + 1) * n_storeys - 1
+        if column[m] == {own}:
+            gather(a + BLOCK + {slope} * LANES, seed[m * LANES:], w)
+        moved = w[a + column[m] * LANES:]
+        moves = active[m * LANES:]
         for l in range(LANES):
 {base_chain}"""
 )
@@ -151,29 +166,31 @@ ON_BASE_TANGENT = (
 ADVANCE = """
 
 @njit({flags})
-def advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, active, w, t):
+def advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, column, active, w,
+            t):
     _wide()
     # One step of every lane's own length, and the rates at its end.
     for s in range(shares.shape[0]):
         for l in range(LANES):
             ground[l] = ground_0 + slope * (position[l] + shares[s] * step[l])
         if n_directions > 0:
-            stage_with_tangents(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, active, w, t)
+            stage_with_tangents(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, column, active,
+                                w, t)
         else:
-            stage(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, active, w, t)
+            stage(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, column, active, w, t)
     for l in range(LANES):
         position[l] += step[l]
         ground[l] = ground_0 + slope * position[l]
-    close(n_storeys, n_directions, weights[shares.shape[0]], step, ground, seed, active, w, t)
+    close(n_storeys, n_directions, weights[shares.shape[0]], step, ground, seed, column, active, w, t)
 
 
 @njit({flags})
-def close(n_storeys, n_directions, weight, step, ground, seed, active, w, t):
+def close(n_storeys, n_directions, weight, step, ground, seed, column, active, w, t):
     _wide()
     if n_directions > 0:
-        stage_with_tangents(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, active, w, t)
+        stage_with_tangents(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, column, active, w, t)
     else:
-        stage(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, active, w, t)
+        stage(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, column, active, w, t)
 
 
 @njit({flags})
@@ -222,7 +239,7 @@ def next_event(n_storeys, w):
 
 
 @njit({flags})
-def strike(n_storeys, n_directions, until, position, step, flipped, ground, seed, active, w, t):
+def strike(n_storeys, n_directions, until, position, step, flipped, ground, seed, column, active, w, t):
     # Events that are due happen one by one; each adds (rate before - rate after) d time / d parameter to the tangents.
     for i in range(n_storeys):
         a = i * BLOCK
@@ -230,7 +247,7 @@ def strike(n_storeys, n_directions, until, position, step, flipped, ground, seed
 
 
 @njit({flags})
-def flip(n_storeys, n_directions, storey, event, column, step, flipped, ground, seed, active, w, t):
+def flip(n_storeys, n_directions, storey, event, time, step, flipped, ground, seed, column, active, w, t):
     for l in range(LANES):
         step[l] = 0.0
     for i in range({n_blocks}):
@@ -241,21 +258,25 @@ def flip(n_storeys, n_directions, storey, event, column, step, flipped, ground, 
     for l in range(LANES):
         w[a + l] += flipped[l]
     prepare(n_storeys, w)
-    close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)
+    close(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
     for k in range(n_directions):
-        if seed[k * n_storeys + storey] == column:
-            moves = active[(k * n_storeys + storey) * LANES:]
+        moved = seed[(k * n_storeys + storey) * LANES:]
+        hit = 0.0
+        for l in range(LANES):
+            hit += 1.0 if moved[l] == time else 0.0
+        if hit > 0.0:
             for i in range({n_blocks}):
                 a = (i + 1) * BLOCK
                 o = (k * (n_storeys + 2) + i + 1) * TANGENT_BLOCK
                 for r in range({n_states}):
                     for l in range(LANES):
                         m = r * LANES + l
-                        jump = moves[l] * flipped[l] * (w[a + {before} * LANES + m] - w[a + {n_states} * LANES + m])
+                        own = flipped[l] if moved[l] == time else 0.0
+                        jump = own * (w[a + {before} * LANES + m] - w[a + {n_states} * LANES + m])
                         t[o + m] += jump
                         t[o + {n_states2} * LANES + m] += jump
     if n_directions > 0:
-        close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)
+        close(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
 
 
 @njit({flags})
@@ -298,7 +319,17 @@ def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
 
 
 @njit({flags})
-def run(n_storeys, n_directions, dt, excitation, w, t, seed, active, shares, weights, substeps, resolution, cut,
+def summarise(n_channels, n_directions, measured, stored, misfit, gram):
+    # What ``run`` sums when it does not store, from what it stored.
+    value = np.zeros(n_channels * (n_directions + 1) * LANES)
+    for j in range(measured.shape[1]):
+        for r in range(value.shape[0]):
+            value[r] = stored[j * value.shape[0] + r]
+        accumulate(n_channels, n_directions, j, measured, value, misfit, gram)
+
+
+@njit({flags})
+def run(n_storeys, n_directions, dt, excitation, w, t, seed, column, active, shares, weights, substeps, resolution, cut,
         starts, block, row, coefficient, ground_part, measured, misfit, gram, store, stored):
     _wide()
     n_times = excitation.shape[0]
@@ -312,9 +343,9 @@ def run(n_storeys, n_directions, dt, excitation, w, t, seed, active, shares, wei
     for l in range(LANES):
         ground[l] = excitation[0]
     prepare(n_storeys, w)
-    strike(n_storeys, 0, 1e-9 * dt, position, step, flipped, ground, seed, active, w, t)
+    strike(n_storeys, 0, 1e-9 * dt, position, step, flipped, ground, seed, column, active, w, t)
     event = next_event(n_storeys, w)
-    close(n_storeys, n_directions, 0.0, step, ground, seed, active, w, t)
+    close(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
     for j in range(n_times):
         ground_0 = excitation[j]
         ahead = min(j + 1, n_times - 1)
@@ -336,9 +367,10 @@ def run(n_storeys, n_directions, dt, excitation, w, t, seed, active, shares, wei
         arrived = False
         while not arrived:
             arrived = next_step(n_storeys, dt, cut, start, event, position, length, step, w)
-            advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, active,
-                    w, t)
+            advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, column,
+                    active, w, t)
             if event < start + dt * (1.0 + 1e-9):
-                strike(n_storeys, n_directions, start + 1e-9 * dt, position, step, flipped, ground, seed, active, w, t)
+                strike(n_storeys, n_directions, start + 1e-9 * dt, position, step, flipped, ground, seed, column,
+                       active, w, t)
                 event = next_event(n_storeys, w)
 """

@@ -1,7 +1,8 @@
 """The default engine: generated numba code that advances sixteen draws at once, threads over blocks of sixteen.
 
 A draw's result depends on its own parameters only: every operation is the same for each lane, a lane that needs no
-step takes one of length zero, and unfilled lanes repeat the last draw.
+step takes one of length zero, and unfilled lanes repeat the last draw. Where derivatives of few draws are wanted, a
+draw fills several lanes, each with some of its derivatives.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from bwbn_bayes.engines.base import (
     masses,
     measured_matrix,
 )
-from bwbn_bayes.engines.directions import NONE, Directions
+from bwbn_bayes.engines.directions import Directions
 from bwbn_bayes.engines.kernel_cache import kernel_path, load_kernel
 from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_source
 from bwbn_bayes.engines.observation import Sensors, sensors_of
@@ -75,7 +76,7 @@ class Lanes:
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        values, _ = self._stored(model, draws, record, names, wanted=None)
+        values, _ = self._stored(model, draws, record, names, wanted=_nothing(draws))
         return _response(names, values)
 
     def sensitivities(
@@ -94,7 +95,7 @@ class Lanes:
 
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
         """Sum of squared residuals ``(n_draws, n_channels)``; infinite where the solve failed."""
-        problem = _Problem.build(model, record, tuple(record.channels), wanted=None)
+        problem = _Problem.build(model, record, tuple(record.channels), wanted=_nothing(draws))
         result = np.empty((len(draws), len(record.channels)))
 
         def solve(block: _Block) -> None:
@@ -118,30 +119,17 @@ class Lanes:
         problem = _Problem.build(model, record, tuple(record.channels), wanted=_wanted(model, draws, free))
         n, c, d = len(draws), len(record.channels), model.space.n_dim
         misfit, gradient, information = np.empty((n, c)), np.empty((n, c, d)), np.empty((n, c, d, d))
-        directions = problem.directions
-        left, right = np.tril_indices(directions.n)
 
         def solve(block: _Block) -> None:
-            if problem.sensors is not None:
-                summed = problem.summed(self, block)
-                misfit[block.rows], gradient[block.rows], information[block.rows] = summed
-                return
-            outcome = problem.run(self, block, store=False)
-            misfit[block.rows] = outcome.misfit.reshape(c, LANES).T[: block.n_draws]
-            gram = np.moveaxis(outcome.gram.reshape(c, -1, LANES), 2, 0)[: block.n_draws]
-            triangle = _unpack(gram, directions.n)
-            square = triangle[..., 1:, 1:]
-            square[..., right, left] = square[..., left, right]
-            own = directions.of_parameters(block.rows, d)
-            gradient[block.rows] = np.einsum("nck,nkp->ncp", triangle[..., 1:, 0], own)
-            information[block.rows] = np.swapaxes(own, 1, 2)[:, None] @ square @ own[:, None]
+            summed = problem.summed if problem.sensors is not None else problem.reduced
+            misfit[block.rows], gradient[block.rows], information[block.rows] = summed(self, block)
 
         self._over_blocks(problem, model, draws, solve)
         misfit = np.where(np.isfinite(misfit), misfit, np.inf)
         return NormalEquations(misfit=misfit, gradient=gradient, information=information)
 
     def _stored(
-        self, model: Structure, draws: Floats, record: Record, names: tuple[str, ...], *, wanted: Booleans | None
+        self, model: Structure, draws: Floats, record: Record, names: tuple[str, ...], *, wanted: Booleans
     ) -> tuple[Floats, Floats]:
         problem = _Problem.build(model, record, names, wanted=wanted)
         values = np.empty((len(draws), len(names), record.n_times))
@@ -157,7 +145,8 @@ class Lanes:
         local = model.table.local(np.asarray(draws, dtype=np.float64))
         # A draw with one value that is not finite fails as a whole: in fast code a comparison could hide it.
         local[~np.all(np.isfinite(local), axis=(1, 2))] = np.nan
-        blocks = [_Block.of(local, len(model.law.parameters), start) for start in range(0, len(draws), LANES)]
+        n_law = len(model.law.parameters)
+        blocks = [_Block.of(local, n_law, problem.directions, start) for start in range(0, len(draws), LANES)]
         if self.n_threads == 1 or len(blocks) == 1:
             for block in blocks:
                 solve(block)
@@ -165,24 +154,49 @@ class Lanes:
             list(_pool(self.n_threads).map(solve, blocks))
 
 
+_WORTH_SHARING = 4
+"""Directions from which on a draw is worth several lanes."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Block:
+    """Up to sixteen draws and the lanes they fill: ``n_shares`` each, one after the other.
+
+    Attributes
+    ----------
+    rows : slice
+        The draws.
+    directions : Directions
+        Of the sixteen lanes; those left over repeat the last one.
+    parameters : (n_storeys, n_law, LANES) array
+    sensor_parameters : (n_draws, n_storeys, n_sensor_parameters) array
+    """
+
     rows: slice
-    lanes: NDArray[np.int64]
-    n_draws: int
+    n_shares: int
+    directions: Directions
     parameters: Floats
     sensor_parameters: Floats
 
+    @property
+    def n_draws(self) -> int:
+        return int(self.rows.stop - self.rows.start)
+
     @classmethod
-    def of(cls, local: Floats, n_law: int, start: int) -> _Block:
-        """Sixteen draws from ``start``, ``(n_storeys, n_law, LANES)``; a short last block repeats its last draw."""
-        chosen = np.minimum(np.arange(start, start + LANES), len(local) - 1)
-        rows = slice(start, start + min(LANES, len(local) - start))
+    def of(cls, local: Floats, n_law: int, directions: Directions, start: int) -> _Block:
+        """The block of draws from ``start``, given the parameters and directions of all draws."""
+        n_draws = min(LANES, len(local) - start)
+        rows = slice(start, start + n_draws)
+        own = directions.at(np.arange(start, rows.stop))
+        n_shares = LANES // n_draws if own.n >= _WORTH_SHARING else 1
+        if n_shares > 1:
+            own = own.divided(n_shares)
+        lanes = np.minimum(np.arange(LANES), n_draws * n_shares - 1)
         return cls(
             rows=rows,
-            lanes=chosen,
-            n_draws=rows.stop - start,
-            parameters=np.moveaxis(local[chosen, :, :n_law], 0, 2),
+            n_shares=n_shares,
+            directions=own.at(lanes),
+            parameters=np.moveaxis(local[start + lanes // n_shares, :, :n_law], 0, 2),
             sensor_parameters=local[rows, :, n_law:],
         )
 
@@ -192,6 +206,11 @@ class _Outcome:
     misfit: Floats
     gram: Floats
     stored: Floats
+
+    @classmethod
+    def empty(cls, c: int, d: int, *, stored: Floats) -> _Outcome:
+        """Sums over ``c`` channels in ``d`` directions, still zero."""
+        return cls(misfit=np.zeros(c * LANES), gram=np.zeros(c * (d * (d + 3) // 2) * LANES), stored=stored)
 
 
 _SHARES, _WEIGHTS = np.array([1 / 2, 1 / 2, 1.0]), np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6])
@@ -215,8 +234,8 @@ class _Problem:
     sensors: Sensors | None
 
     @classmethod
-    def build(cls, model: Structure, record: Record, names: tuple[str, ...], *, wanted: Booleans | None) -> _Problem:
-        """The problem of one call; the derivatives ``wanted`` of each draw, ``(n_draws, n_parameters)``, or none."""
+    def build(cls, model: Structure, record: Record, names: tuple[str, ...], *, wanted: Booleans) -> _Problem:
+        """The problem of one call; the derivatives ``wanted`` of each draw, ``(n_draws, n_parameters)``."""
         check_record(model, record)
         known = all(name in record.channels for name in names)
         kernel, layout = _kernel_of(model.law, model.excitation_kind == "displacement")
@@ -224,8 +243,8 @@ class _Problem:
             kernel=kernel,
             layout=layout,
             n_storeys=model.n_storeys,
-            n_parameters=0 if wanted is None else model.space.n_dim,
-            directions=NONE if wanted is None else Directions.of(_moved(model, layout), layout.n_columns - 1, wanted),
+            n_parameters=wanted.shape[1],
+            directions=Directions.of(_moved(model, layout)[: wanted.shape[1]], layout.nowhere, wanted),
             time_step=record.time_step,
             excitation=np.array(record.excitation),  # a copy: read-only arrays are another type to numba
             inverse_masses=1.0 / masses(model),
@@ -236,12 +255,14 @@ class _Problem:
 
     def solve(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats]:
         """Channels ``(n_draws, n_channels, n_times)`` of a block as sensors show them, and their derivatives."""
-        shape = len(self.excitation), 1 + self.directions.n, len(self.channels.names), LANES
-        stored = self.run(engine, block, store=True).stored.reshape(shape)
-        table = np.ascontiguousarray(np.moveaxis(stored, (0, 3), (3, 0))[: block.n_draws])
-        values, slopes = table[:, 0], np.zeros((block.n_draws, self.n_parameters, *table.shape[2:]))
-        draw, direction = np.nonzero(self.directions.owner[block.rows] >= 0)
-        slopes[draw, self.directions.owner[block.rows][draw, direction]] = table[draw, 1 + direction]
+        owner, c = block.directions.owner, len(self.channels.names)
+        stored = self.run(engine, block, store=True).stored.reshape(-1, 1 + block.directions.n, c, LANES)
+        n_lanes = block.n_draws * block.n_shares
+        table = np.ascontiguousarray(np.moveaxis(stored, (0, 3), (3, 0))[:n_lanes])
+        values = np.ascontiguousarray(table[:: block.n_shares, 0])
+        slopes = np.zeros((block.n_draws, self.n_parameters, *values.shape[1:]))
+        lane, direction = np.nonzero(owner[:n_lanes] >= 0)
+        slopes[lane // block.n_shares, owner[lane, direction]] = table[lane, 1 + direction]
         if self.sensors is not None:
             self.sensors.read(block.sensor_parameters, values, slopes)
         return values, slopes
@@ -257,14 +278,41 @@ class _Problem:
             np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)),
         )
 
+    def reduced(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats, Floats]:
+        """Misfit, gradient and information of a block, summed by the kernel."""
+        c, p = len(self.channels.names), self.n_parameters
+        if block.n_shares == 1:
+            outcome = self.run(engine, block, store=False)
+            own = block.directions.of_parameters(p)[: block.n_draws]
+        else:
+            outcome = self.gathered(*self.solve(engine, block))
+            own = np.broadcast_to(np.eye(p), (block.n_draws, p, p))
+        gram = np.moveaxis(outcome.gram.reshape(c, -1, LANES), 2, 0)[: block.n_draws]
+        triangle = _unpack(gram, own.shape[1])
+        square = triangle[..., 1:, 1:]
+        left, right = np.tril_indices(own.shape[1])
+        square[..., right, left] = square[..., left, right]
+        return (
+            outcome.misfit.reshape(c, LANES).T[: block.n_draws],
+            np.einsum("nck,nkp->ncp", triangle[..., 1:, 0], own),
+            np.swapaxes(own, 1, 2)[:, None] @ square @ own[:, None],
+        )
+
+    def gathered(self, values: Floats, slopes: Floats) -> _Outcome:
+        """Channels and derivatives of a block, each draw in a lane of its own again, summed as a run sums them."""
+        n, d, c, n_times = slopes.shape
+        stored = np.zeros((n_times, 1 + d, c, LANES))
+        stored[:, 0, :, :n] = np.moveaxis(values, (0, 2), (2, 0))
+        stored[:, 1:, :, :n] = np.moveaxis(slopes, (0, 3), (3, 0))
+        outcome = _Outcome.empty(c, d, stored=stored.ravel())
+        self.kernel.summarise(c, d, self.measured, outcome.stored, outcome.misfit, outcome.gram)
+        return outcome
+
     def run(self, engine: Lanes, block: _Block, *, store: bool) -> _Outcome:
         """The kernel on one block."""
-        c, d, n, place = len(self.channels.names), self.directions.n, self.n_storeys, self.layout
-        outcome = _Outcome(
-            misfit=np.zeros(c * LANES),
-            gram=np.zeros(c * (d * (d + 3) // 2) * LANES if not store else 1),
-            stored=np.zeros(len(self.excitation) * c * (1 + d) * LANES if store else 1),
-        )
+        c, d, n, place = len(self.channels.names), block.directions.n, self.n_storeys, self.layout
+        stored = np.zeros(len(self.excitation) * c * (1 + d) * LANES if store else 1)
+        outcome = _Outcome.empty(c, 0 if store else d, stored=stored)
         blocks = np.zeros((n + 2, place.block, LANES))
         storeys = blocks[n:0:-1]
         storeys[:, place.parameters : place.parameters + block.parameters.shape[1]] = block.parameters
@@ -279,8 +327,9 @@ class _Problem:
             self.excitation,
             blocks.ravel(),
             np.zeros(d * (n + 2) * place.tangent_block * LANES),
-            self.directions.seed.ravel(),
-            np.moveaxis(self.directions.active[block.lanes], 0, 2).ravel() if d else np.zeros(1),
+            np.moveaxis(block.directions.seed, 0, 2).ravel(),
+            block.directions.column(self.layout.own).ravel(),
+            np.moveaxis(block.directions.active, 0, 2).ravel(),
             _SHARES,
             _WEIGHTS,
             engine.substeps,
@@ -310,6 +359,11 @@ def _unpack(gram: Floats, d: int) -> Floats:
     return square
 
 
+def _nothing(draws: Floats) -> Booleans:
+    """No derivatives."""
+    return np.zeros((len(draws), 0), dtype=np.bool_)
+
+
 def _wanted(model: Structure, draws: Floats, free: Booleans | None) -> Booleans:
     """Which derivatives to compute: all of them unless some are free."""
     return np.ones((len(draws), model.space.n_dim), dtype=np.bool_) if free is None else free
@@ -318,7 +372,7 @@ def _wanted(model: Structure, draws: Floats, free: Booleans | None) -> Booleans:
 def _moved(model: Structure, place: LaneLayout) -> NDArray[np.int64]:
     """Column of the table of partials that each parameter moves, at each storey from the roof down."""
     first = 2 + len(model.law.states)
-    moved = np.full((model.space.n_dim, model.n_storeys), place.n_columns - 1, dtype=np.int64)
+    moved = np.full((model.space.n_dim, model.n_storeys), place.nowhere, dtype=np.int64)
     for storey, row in enumerate(model.table.index):
         for column, parameter in enumerate(row[: len(model.law.parameters)]):
             if parameter >= 0:
@@ -372,6 +426,7 @@ def compile_law(law: StoreyLaw, driven: bool) -> None:
         np.zeros(3 * place.block * LANES),
         none,
         nowhere,
+        nowhere,
         none,
         _SHARES,
         _WEIGHTS,
@@ -389,3 +444,4 @@ def compile_law(law: StoreyLaw, driven: bool) -> None:
         False,
         none,
     )
+    kernel.summarise(1, 0, np.zeros((1, 2)), np.zeros(2 * LANES), np.zeros(LANES), none)

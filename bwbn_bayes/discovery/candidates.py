@@ -17,6 +17,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, PerStorey, Prior, Truncated
+from bwbn_bayes.structures.quantities import modes
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import PlacedEffect, Structure
 
@@ -281,6 +282,9 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
     energy = np.cumsum(np.square(record.excitation))
     onset = float(np.searchsorted(energy, ONSET_SHARE * energy[-1])) * record.time_step
     floor_rate = np.max(np.abs(np.cumsum(rows["drift_rate"], axis=0)), axis=1)
+    alpha = parameters["alpha"]
+    at_rest = parameters["k"] * (alpha + (1.0 - alpha) * parameters["A"])
+    periods, _ = modes(at_rest, np.zeros_like(at_rest), masses)
     return tuple(
         Scales(
             drift=_peak(rows["drift"][i]),
@@ -293,7 +297,7 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
             floor_rate=max(float(floor_rate[i]), 1e-12),
             acceleration=max(float(np.std(rows["acceleration"][i])), 1e-12),
             ground_acceleration=max(float(np.std(record.excitation)), 1e-12),
-            period=_first_period(masses, parameters["k"]),
+            period=float(periods[0]),
             onset=onset,
             duration=record.duration,
             time_step=record.time_step,
@@ -320,11 +324,3 @@ def mean_scales(scales: Sequence[Scales]) -> Scales:
 
 def _peak(history: Floats) -> float:
     return max(float(np.max(np.abs(history))), 1e-12)
-
-
-def _first_period(masses: Floats, stiffness: Floats) -> float:
-    """First period of the elastic shear building, in seconds."""
-    above = np.append(stiffness[1:], 0.0)
-    matrix = np.diag(stiffness + above) - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)
-    scaled = matrix / np.sqrt(np.outer(masses, masses))
-    return float(2.0 * np.pi / np.sqrt(max(float(np.linalg.eigvalsh(scaled)[0]), 1e-12)))

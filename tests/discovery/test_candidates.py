@@ -199,6 +199,15 @@ def test_scales_are_what_the_response_reaches() -> None:
     assert energy[round(first.onset / record.time_step)] == pytest.approx(0.02, abs=0.01)
 
 
+def test_the_period_is_that_of_the_spring_at_rest() -> None:
+    """A Bouc-Wen spring of amplitude A starts with the stiffness ``alpha k + (1 - alpha) k A``."""
+    model = ShearBuilding(masses=[2.0], storey=BoucWen(k=50.0, c=0.1, alpha=0.2, A=2.5, beta=2.0, gamma=1.0, n=1.5))
+    ground = el_centro("chopra", duration=2.0).with_channels({"acceleration_1": np.ones(101)})
+    posterior = Posterior(model=model, record=ground, engine=engine("lanes"), noise=default_noise(ground))
+    (scales,) = scales_of(posterior, np.zeros(posterior.space.n_dim))
+    assert scales.period == pytest.approx(2 * np.pi * np.sqrt(2.0 / (50.0 * (0.2 + 0.8 * 2.5))))
+
+
 def test_a_sensors_hypothesis_uses_the_scale_of_its_floor() -> None:
     scales = [SCALES, replace(SCALES, acceleration=5.0)]
     biases = {h.storeys: h for h in hypotheses(BASE, scales, measured=CHANNELS) if h.name == "sensor_bias"}

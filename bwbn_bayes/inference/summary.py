@@ -301,11 +301,14 @@ def parameter_dataset(parameters: Sequence[FreeParameter], values: Floats, n_sto
 
 
 def constant_dataset(model: Structure, record: Record, storeys: list[int]) -> xr.Dataset:
-    """The excitation and, where masses and sensors allow, the measured storey forces."""
+    """The excitation and, where masses and sensors allow, the measured storey forces; a specimen's own force."""
     dataset = xr.Dataset({record.excitation_kind: ("time", np.array(record.excitation))}, coords={"time": record.times})
     if isinstance(model, ShearBuilding) and set(storeys) <= set(record.floors):
         forces = record.storey_forces(masses(model))
-        dataset = dataset.assign(measured_storey_force=(("storey", "time"), forces)).assign_coords(storey=storeys)
+        return dataset.assign(measured_storey_force=(("storey", "time"), forces)).assign_coords(storey=storeys)
+    if "force" in record.channels:
+        force = np.array(record.channels["force"])[None]
+        return dataset.assign(measured_storey_force=(("storey", "time"), force)).assign_coords(storey=storeys)
     return dataset
 
 

@@ -81,7 +81,7 @@ class ChannelTrace:
 class StoreyLoop:
     """Storey force against drift: measured, identified (mean and draws), true where known; in N and m."""
 
-    storey: int
+    place: str
     drift: Floats
     force: Floats
     drift_draws: Floats
@@ -95,7 +95,7 @@ class StoreyLoop:
 class StoreyHistory:
     """Drift [m] and work on the hysteretic spring [J] of a storey against time [s]."""
 
-    storey: int
+    place: str
     time: Floats
     drift: Band
     energy: Band
@@ -152,6 +152,8 @@ class Content:
     storey_quantities: tuple[Quantity, ...]
     modal_quantities: tuple[Quantity, ...]
     period: Period | None
+    specimen: bool
+    """Whether a machine gave the displacement, and there is no building."""
     n_chains: int
     has_bands: bool
     """Whether there are posterior draws; a point estimate has no bands and no intervals."""
@@ -182,8 +184,9 @@ def gather(result: Result) -> Content:
         pairs=_strongest_pairs(marginals),
         storeys=tuple(range(1, quantities.sizes.get("storey", 0) + 1)),
         storey_quantities=_quantities(quantities, "storey"),
-        modal_quantities=_quantities(quantities, "mode"),
-        period=_period(quantities),
+        modal_quantities=() if _is_specimen(tree) else _quantities(quantities, "mode"),
+        period=None if _is_specimen(tree) else _period(quantities),
+        specimen=_is_specimen(tree),
         n_chains=_group(tree, "posterior").sizes.get("chain", 1),
         has_bands="posterior" in tree.children,
     )
@@ -283,7 +286,7 @@ def _loops(tree: xr.DataTree) -> tuple[StoreyLoop, ...]:
         chosen = np.linspace(0, len(drift) - 1, min(MAX_LOOP_DRAWS, len(drift))).astype(int)
         loops.append(
             StoreyLoop(
-                storey=storey,
+                place=_place(tree, storey),
                 drift=drift.mean(axis=0),
                 force=force.mean(axis=0),
                 drift_draws=drift[chosen],
@@ -294,6 +297,14 @@ def _loops(tree: xr.DataTree) -> tuple[StoreyLoop, ...]:
             )
         )
     return tuple(loops)
+
+
+def _is_specimen(tree: xr.DataTree) -> bool:
+    return "displacement" in _group(tree, "constant_data")
+
+
+def _place(tree: xr.DataTree, storey: int) -> str:
+    return "the specimen" if _is_specimen(tree) else f"storey {storey}"
 
 
 def _history(array: xr.DataArray | None, storey: int) -> Floats | None:
@@ -309,7 +320,7 @@ def _histories(tree: xr.DataTree) -> tuple[StoreyHistory, ...]:
         return ()
     return tuple(
         StoreyHistory(
-            storey=storey,
+            place=_place(tree, storey),
             time=np.asarray(response["time"].values, dtype=np.float64),
             drift=_band(_at(response["drift"], "storey", storey).transpose("draw", "time").values),
             energy=_band(_at(response["hysteretic_energy"], "storey", storey).transpose("draw", "time").values),

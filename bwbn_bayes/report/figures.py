@@ -59,7 +59,7 @@ def draw_all(content: Content) -> tuple[Drawing, ...]:
     with mpl.rc_context(STYLE):
         drawings = [
             *_acceleration_drawings(content.traces, with_bands=content.has_bands),
-            _hysteresis(content.loops, with_bands=content.has_bands),
+            _hysteresis(content.loops, specimen=content.specimen, with_bands=content.has_bands),
             _drift(content.histories, with_bands=content.has_bands),
             _quantities(content),
             draw_posterior(content.marginals),
@@ -145,7 +145,7 @@ def _residual(axis: Axes, trace: ChannelTrace) -> None:
     axis.plot(trace.time[index], residual[index], color="#4a4a4a", linewidth=0.7, label="residual")
 
 
-def _hysteresis(loops: tuple[StoreyLoop, ...], *, with_bands: bool) -> Drawing | None:
+def _hysteresis(loops: tuple[StoreyLoop, ...], *, specimen: bool, with_bands: bool) -> Drawing | None:
     if not loops:
         return None
     n_columns = 1 if len(loops) == 1 else 2
@@ -158,14 +158,15 @@ def _hysteresis(loops: tuple[StoreyLoop, ...], *, with_bands: bool) -> Drawing |
     for axis in axes[len(loops) :]:
         axis.set_axis_off()
     legend(figure, axes[0], axes[-1] if len(axes) > len(loops) else None)
-    measured = "Grey: the force measured by the floors above (masses times accelerations). "
+    by = "" if specimen else " by the floors above (masses times accelerations)"
+    measured = f"Grey: the force measured{by}. "
     return finished(
         figure,
         "hysteresis.png",
         (measured if loops[0].measured_force is not None else "")
         + ("Blue: the posterior mean, over the loops of single draws. " if with_bands else "Blue: identified. ")
         + "Measured forces stand against the identified drift.",
-        "Storey force against drift for storeys " + ", ".join(str(loop.storey) for loop in loops) + ".",
+        "Force against drift: " + ", ".join(loop.place for loop in loops) + ".",
     )
 
 
@@ -177,7 +178,7 @@ def _loop(axis: Axes, loop: StoreyLoop, length: Scale, strength: Scale) -> None:
     axis.plot(x * loop.drift, y * loop.force, color=IDENTIFIED, linewidth=1.3, label="identified")
     if loop.true_drift is not None and loop.true_force is not None:
         axis.plot(x * loop.true_drift, y * loop.true_force, color=INK, linewidth=0.8, dashes=DASHES, label="true")
-    axis.set_title(f"Storey {loop.storey}")
+    axis.set_title(loop.place.capitalize())
     axis.set_xlabel(f"drift [{length.unit}]")
     axis.set_ylabel(f"force [{strength.unit}]")
     axis.xaxis.set_major_locator(MaxNLocator(4))
@@ -195,7 +196,7 @@ def _drift(histories: tuple[StoreyHistory, ...], *, with_bands: bool) -> Drawing
         if history.true_drift is not None:
             true = length.factor * history.true_drift[index]
             axis.plot(history.time[index], true, color=INK, linewidth=0.8, dashes=DASHES, label="true")
-        axis.set_title(f"Storey {history.storey}, drift [{length.unit}]")
+        axis.set_title(f"{history.place.capitalize()}, drift [{length.unit}]")
         axis.margins(x=0.0)
     axes[-1].set_xlabel("time [s]")
     legend(figure, axes[0])
@@ -205,6 +206,12 @@ def _drift(histories: tuple[StoreyHistory, ...], *, with_bands: bool) -> Drawing
         f"Storey drifts as the model sees them{': posterior mean and 90 % band' if with_bands else ''}, without noise.",
         "Identified storey drift against time.",
     )
+
+
+_DAMAGE = {
+    "period": "the first period of the building vibrating gently about rest",
+    "energy": "the work done on each hysteretic spring (stored and dissipated)",
+}
 
 
 def _quantities(content: Content) -> Drawing | None:
@@ -222,9 +229,9 @@ def _quantities(content: Content) -> Drawing | None:
     return finished(
         figure,
         "quantities.png",
-        "Damage as it grows: the first period of the building vibrating gently about rest, and the work done on each "
-        f"storey's hysteretic spring (stored and dissipated).{' Means with 90 % bands.' if content.has_bands else ''}",
-        "First period and hysteretic energy against time with their bands.",
+        f"Damage as it grows: {' and '.join(_DAMAGE[panel] for panel in panels)}."
+        + (" Means with 90 % bands." if content.has_bands else ""),
+        f"{' and '.join(panels).capitalize()} against time.",
     )
 
 
@@ -239,7 +246,7 @@ def _energy(axis: Axes, histories: tuple[StoreyHistory, ...]) -> None:
     for history, colour in zip(histories, SERIES, strict=False):
         index = thinned(history.energy.middle)
         band = history.energy.at(index).times(energy.factor)
-        _draw_band(axis, history.time[index], band, colour, mean=f"storey {history.storey}")
+        _draw_band(axis, history.time[index], band, colour, mean=history.place)
     axis.set_title(f"Work on the hysteretic springs [{energy.unit}]")
     bottom, top = axis.get_ylim()
     axis.set_ylim(bottom, top + (0.25 if len(histories) <= 3 else 0.45) * (top - bottom))

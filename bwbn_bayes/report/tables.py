@@ -129,11 +129,11 @@ def fit_table(facts: Facts) -> Table:
     return Table(columns=("channel", "misfit (NRMSE)", "noise sd, in the channel's unit"), rows=rows)
 
 
-def force_table(facts: Facts) -> Table:
+def force_table(facts: Facts, *, specimen: bool = False) -> Table:
     """Restoring force against the noise-free truth, per storey."""
     rows = tuple(
         (
-            f"storey {storey}",
+            "the specimen" if specimen else f"storey {storey}",
             percent(values.get("nrmse", float("nan"))),
             _correlation(values.get("correlation_time", float("nan"))),
             _correlation(values.get("correlation_drift", float("nan"))),

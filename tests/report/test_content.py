@@ -25,7 +25,7 @@ def test_traces_hold_the_measured_channel_and_percentiles_of_the_predictive(resu
 
 
 def test_loops_hold_measured_and_true_forces(result, content):
-    assert [loop.storey for loop in content.loops] == [1, 2, 3]
+    assert [loop.place for loop in content.loops] == ["storey 1", "storey 2", "storey 3"]
     loop = content.loops[2]
     np.testing.assert_array_equal(loop.measured_force, result.tree["constant_data"]["measured_storey_force"][2])
     np.testing.assert_array_equal(loop.true_force, result.tree["true_response"]["restoring_force"][2])

@@ -4,9 +4,12 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 
+from bwbn_bayes import BoucWen, Record, Settings, Specimen, Uniform, identify, simulate
 from bwbn_bayes.report import write_report
+from bwbn_bayes.report.content import gather
 from bwbn_bayes.results import ParameterFacts, Result
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -166,3 +169,23 @@ def test_window_labels_replace_a_tempering_history_that_is_not_there(make_result
     assert "15 s window" in text
     assert "tempering parameter" not in text
     assert "importance sampling" in text
+
+
+def test_a_specimen_is_not_called_a_building(tmp_path):
+    times = 0.02 * np.arange(201)
+    pushed = Record(
+        name="cyclic test",
+        time_step=0.02,
+        excitation=0.02 * times * np.sin(np.pi * times),
+        excitation_kind="displacement",
+    )
+    specimen = Specimen(storey=BoucWen(k=Uniform(20, 120), alpha=Uniform(0, 0.5), beta=12.0, gamma=2.0, n=1.3))
+    record = simulate(specimen, pushed, {"k": 60.0, "alpha": 0.15}, channels=["force"], snr_db=30.0)
+    identified = identify(specimen, record, settings=Settings(particles=100))
+    content = gather(identified)
+    assert [loop.place for loop in content.loops] == ["the specimen"]
+    np.testing.assert_array_equal(content.loops[0].measured_force, record.channels["force"])
+    page = write_report(identified, tmp_path).html.read_text(encoding="utf-8")
+    assert ", a specimen, engine" in page
+    for word in ("storey 1", "Storey 1", "floors above", "building", "per storey"):
+        assert word not in page

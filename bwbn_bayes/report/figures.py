@@ -166,7 +166,7 @@ def _hysteresis(loops: tuple[StoreyLoop, ...], *, specimen: bool, with_bands: bo
         (measured if loops[0].measured_force is not None else "")
         + ("Blue: the posterior mean, over the loops of single draws. " if with_bands else "Blue: identified. ")
         + "Measured forces stand against the identified drift.",
-        "Force against drift: " + ", ".join(loop.place for loop in loops) + ".",
+        ("Force" if specimen else "Storey force") + f" against drift: {', '.join(loop.place for loop in loops)}.",
     )
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.results import Facts, ParameterFacts, Result
 
 Floats = NDArray[np.float64]
@@ -286,7 +287,7 @@ def _loops(tree: xr.DataTree) -> tuple[StoreyLoop, ...]:
         chosen = np.linspace(0, len(drift) - 1, min(MAX_LOOP_DRAWS, len(drift))).astype(int)
         loops.append(
             StoreyLoop(
-                place=_place(tree, storey),
+                place=place_in_words(storey, specimen=_is_specimen(tree)),
                 drift=drift.mean(axis=0),
                 force=force.mean(axis=0),
                 drift_draws=drift[chosen],
@@ -303,8 +304,9 @@ def _is_specimen(tree: xr.DataTree) -> bool:
     return "displacement" in _group(tree, "constant_data")
 
 
-def _place(tree: xr.DataTree, storey: int) -> str:
-    return "the specimen" if _is_specimen(tree) else f"storey {storey}"
+def place_in_words(storey: int | str, *, specimen: bool) -> str:
+    """``storey 2``, or the one place in a testing machine."""
+    return SPECIMEN if specimen else f"storey {storey}"
 
 
 def _history(array: xr.DataArray | None, storey: int) -> Floats | None:
@@ -320,7 +322,7 @@ def _histories(tree: xr.DataTree) -> tuple[StoreyHistory, ...]:
         return ()
     return tuple(
         StoreyHistory(
-            place=_place(tree, storey),
+            place=place_in_words(storey, specimen=_is_specimen(tree)),
             time=np.asarray(response["time"].values, dtype=np.float64),
             drift=_band(_at(response["drift"], "storey", storey).transpose("draw", "time").values),
             energy=_band(_at(response["hysteretic_energy"], "storey", storey).transpose("draw", "time").values),

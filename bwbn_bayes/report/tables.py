@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from bwbn_bayes.report.content import Content, Quantity
+from bwbn_bayes.report.content import Content, Quantity, place_in_words
 from bwbn_bayes.report.numbers import (
     NOTHING,
     display_scale,
@@ -133,7 +133,7 @@ def force_table(facts: Facts, *, specimen: bool = False) -> Table:
     """Restoring force against the noise-free truth, per storey."""
     rows = tuple(
         (
-            "the specimen" if specimen else f"storey {storey}",
+            place_in_words(storey, specimen=specimen),
             percent(values.get("nrmse", float("nan"))),
             _correlation(values.get("correlation_time", float("nan"))),
             _correlation(values.get("correlation_drift", float("nan"))),

@@ -121,7 +121,7 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
         by_storey=by_storey,
         by_state=_plane(force, rows),
         by_condition=by_condition,
-        spots=_spots(channels, edges, by_window, by_storey, by_condition, record.n_times // N_WINDOWS),
+        spots=_spots(posterior, edges, by_window, by_storey, by_condition),
     )
 
 
@@ -204,23 +204,23 @@ def _bins(history: Floats) -> NDArray[np.int64]:
 
 
 def _spots(
-    channels: tuple[str, ...],
+    posterior: Posterior,
     edges: Floats,
     by_window: Floats,
     by_storey: Floats,
     by_condition: Mapping[str, Floats],
-    n_samples: int,
 ) -> tuple[Spot, ...]:
     """Runs of windows above the noise: of storey forces where they are measured, of the channels that these leave out.
 
     A storey's force goes by the channel of the floor above it, a specimen's by its own.
     """
+    channels, n_samples = tuple(posterior.record.channels), posterior.record.n_times // N_WINDOWS
     rows: list[tuple[str, str, int | None, Floats]] = []
     told = set()
     for i, row in enumerate(by_storey):
         if np.all(np.isfinite(row)):
             own = next(name for name in (f"acceleration_{i + 1}", "force") if name in channels)
-            rows.append((own, SPECIMEN if own == "force" else f"storey {i + 1}", i, row))
+            rows.append((own, storey_in_words(posterior.model, i + 1), i, row))
             told.add(own)
     rows += [(name, _place(name), None, row) for name, row in zip(channels, by_window, strict=True) if name not in told]
     largest = max(float(np.max(ratios)) for *_, ratios in rows)

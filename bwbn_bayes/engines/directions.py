@@ -8,6 +8,7 @@ same draw and share its parameters out between them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +22,28 @@ class Directions:
 
     Attributes
     ----------
-    seed : (n_rows, n_directions, n_storeys) array
-        Column of the table of partials that the direction moves at each storey.
-    owner : (n_rows, n_directions) array
-        Parameter whose derivative it is, -1 where nobody's.
+    moved : (n_parameters, n_storeys) array
+        Column of the table of partials that a parameter moves at each storey, ``nowhere`` where it does not act.
     nowhere : int
         Column of zeros.
+    owner : (n_rows, n_directions) array
+        Parameter whose derivative it is, -1 where nobody's.
     """
 
-    seed: NDArray[np.int64]
-    owner: NDArray[np.int64]
+    moved: NDArray[np.int64]
     nowhere: int
+    owner: NDArray[np.int64]
 
     @property
     def n(self) -> int:
         """Number of directions."""
         return int(self.owner.shape[1])
+
+    @cached_property
+    def seed(self) -> NDArray[np.int64]:
+        """Column of the table of partials that each direction moves, ``(n_rows, n_directions, n_storeys)``."""
+        nobody = np.full((1, self.moved.shape[1]), self.nowhere, dtype=np.int64)
+        return np.concatenate([self.moved, nobody])[self.owner]
 
     @property
     def active(self) -> Floats:
@@ -75,33 +82,24 @@ class Directions:
         for direction, group in enumerate(groups):
             for own in group:
                 owner[wanted[:, own], direction] = own
-        return cls(seed=_seed(owner, moved, nowhere), owner=owner, nowhere=nowhere)
+        return cls(moved=moved, nowhere=nowhere, owner=owner)
 
     def at(self, rows: NDArray[np.int64]) -> Directions:
         """Of some of the rows, in their order."""
-        return replace(self, seed=self.seed[rows], owner=self.owner[rows])
+        return replace(self, owner=self.owner[rows])
 
     def divided(self, n_shares: int) -> Directions:
         """Each row as ``n_shares`` rows one after the other, which carry its parameters between them."""
         own = [row[row >= 0] for row in self.owner]
         each = max(-(-len(row) // n_shares) for row in own)
         owner = np.full((len(own), n_shares * each), -1, dtype=np.int64)
-        seed = np.full((len(own), n_shares * each, self.seed.shape[2]), self.nowhere, dtype=np.int64)
         for i, row in enumerate(own):
             owner[i, : len(row)] = row
-            seed[i, : len(row)] = self.seed[i, self.owner[i] >= 0]
-        shape = len(own) * n_shares, each
-        return replace(self, seed=seed.reshape(*shape, -1), owner=owner.reshape(shape))
+        return replace(self, owner=owner.reshape(len(own) * n_shares, each))
 
     def of_parameters(self, n_parameters: int) -> Floats:
         """One where a direction is a parameter's, ``(n_rows, n_directions, n_parameters)``, else zero."""
         return np.equal(self.owner[..., None], np.arange(n_parameters)).astype(np.float64)
-
-
-def _seed(owner: NDArray[np.int64], moved: NDArray[np.int64], nowhere: int) -> NDArray[np.int64]:
-    """What each direction moves, by its owner."""
-    padded = np.concatenate([moved, np.full((1, moved.shape[1]), nowhere, dtype=np.int64)])
-    return padded[owner]
 
 
 def _may_share(one: int, other: int, moved: NDArray[np.int64], acts: Booleans, wanted: Booleans) -> bool:

@@ -262,7 +262,7 @@ def _trace(
         middle = _at(response[kind], dim, place).mean("draw").values
     return ChannelTrace(
         channel=name,
-        title=f"{where} {place}".strip() if match else name.replace("_", " "),
+        title=f"{where} {place}".strip() if match else SPECIMEN.capitalize(),
         quantity=quantity,
         unit=unit,
         time=np.asarray(observed["time"].values, dtype=np.float64),

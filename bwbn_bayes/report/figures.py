@@ -203,8 +203,8 @@ def _drift(histories: tuple[StoreyHistory, ...], *, with_bands: bool) -> Drawing
     return finished(
         figure,
         "drift.png",
-        f"Storey drifts as the model sees them{': posterior mean and 90 % band' if with_bands else ''}, without noise.",
-        "Identified storey drift against time.",
+        f"Drifts as the model sees them{': posterior mean and 90 % band' if with_bands else ''}, without noise.",
+        "Identified drift against time.",
     )
 
 

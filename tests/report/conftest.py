@@ -8,6 +8,7 @@ import xarray as xr
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.parameters import Uniform
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import (
     Check,
     Equation,
@@ -228,3 +229,15 @@ def bare_result(make_result):
         evidences={}, provenance={},
     )  # fmt: skip
     return replace(bare, facts=facts)
+
+
+@pytest.fixture(scope="session")
+def pushed() -> Record:
+    """A specimen's displacement in a testing machine: 8 s of growing cycles."""
+    times = 0.02 * np.arange(401)
+    return Record(
+        name="cyclic test",
+        time_step=0.02,
+        excitation=0.02 * times * np.sin(np.pi * times),
+        excitation_kind="displacement",
+    )

@@ -16,7 +16,6 @@ from bwbn_bayes.elements.effects import CubicStiffness, SensorGain
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.parameters import Uniform
 from bwbn_bayes.records.excitation import el_centro
-from bwbn_bayes.records.record import Record
 from bwbn_bayes.report import write_discovery
 from bwbn_bayes.report.discovery_content import gather_discovery
 from bwbn_bayes.report.discovery_text import discovery_in_words
@@ -182,15 +181,8 @@ def test_a_held_out_end_is_called_so_everywhere(found, tmp_path):
     assert ended.as_json()["gap"]["held_out"]["after_s"] == 6.2
 
 
-def test_a_specimen_is_not_called_a_building(tmp_path):
+def test_a_specimen_is_not_called_a_building(pushed, tmp_path):
     specimen = Specimen(storey=BoucWen(k=Uniform(20, 120), alpha=0.15, beta=12.0, gamma=2.0, n=1.3))
-    times = 0.02 * np.arange(401)
-    pushed = Record(
-        name="cyclic test",
-        time_step=0.02,
-        excitation=0.02 * times * np.sin(np.pi * times),
-        excitation_kind="displacement",
-    )
     hidden = specimen.with_effect(CubicStiffness(k3=2000.0))
     record = replace(simulate(hidden, pushed, {"k": 60.0}, channels=["force"], snr_db=30.0), truth={})
     discovery = discover(specimen, record, settings=DiscoverySettings(effects=(CubicStiffness,), particles=100))

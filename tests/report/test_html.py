@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from bwbn_bayes import BoucWen, Record, Settings, Specimen, Uniform, identify, simulate
+from bwbn_bayes import BoucWen, Settings, Specimen, Uniform, identify, simulate
 from bwbn_bayes.report import write_report
 from bwbn_bayes.report.content import gather
 from bwbn_bayes.results import ParameterFacts, Result
@@ -171,14 +171,7 @@ def test_window_labels_replace_a_tempering_history_that_is_not_there(make_result
     assert "importance sampling" in text
 
 
-def test_a_specimen_is_not_called_a_building(tmp_path):
-    times = 0.02 * np.arange(201)
-    pushed = Record(
-        name="cyclic test",
-        time_step=0.02,
-        excitation=0.02 * times * np.sin(np.pi * times),
-        excitation_kind="displacement",
-    )
+def test_a_specimen_is_not_called_a_building(pushed, tmp_path):
     specimen = Specimen(storey=BoucWen(k=Uniform(20, 120), alpha=Uniform(0, 0.5), beta=12.0, gamma=2.0, n=1.3))
     record = simulate(specimen, pushed, {"k": 60.0, "alpha": 0.15}, channels=["force"], snr_db=30.0)
     identified = identify(specimen, record, settings=Settings(particles=100))

@@ -13,6 +13,7 @@ from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.engines.base import masses
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
@@ -278,13 +279,10 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
     parameters = dict(
         zip((p.symbol for p in model.parameters), np.moveaxis(model.table.local(values)[0], 1, 0), strict=True)
     )
-    masses = np.asarray(model.masses) if isinstance(model, ShearBuilding) else np.ones(model.n_storeys)
     energy = np.cumsum(np.square(record.excitation))
     onset = float(np.searchsorted(energy, ONSET_SHARE * energy[-1])) * record.time_step
     floor_rate = np.max(np.abs(np.cumsum(rows["drift_rate"], axis=0)), axis=1)
-    alpha = parameters["alpha"]
-    at_rest = parameters["k"] * (alpha + (1.0 - alpha) * parameters["A"])
-    periods, _ = modes(at_rest, np.zeros_like(at_rest), masses)
+    period = _period(model, parameters, rows)
     return tuple(
         Scales(
             drift=_peak(rows["drift"][i]),
@@ -293,17 +291,27 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
             energy=max(float(rows["hysteretic_energy"][i][-1]), 1e-12),
             force=_peak(rows["restoring_force"][i]),
             **{name: float(parameters[symbol][i]) for name, symbol in _PARAMETER_SCALES.items()},
-            mass=float(masses[i]),
+            mass=float(masses(model)[i]),
             floor_rate=max(float(floor_rate[i]), 1e-12),
             acceleration=max(float(np.std(rows["acceleration"][i])), 1e-12),
             ground_acceleration=max(float(np.std(record.excitation)), 1e-12),
-            period=float(periods[0]),
+            period=period,
             onset=onset,
             duration=record.duration,
             time_step=record.time_step,
         )
         for i in range(model.n_storeys)
     )
+
+
+def _period(model: Structure, parameters: Mapping[str, Floats], rows: Mapping[str, Floats]) -> float:
+    """First period of a building at rest; that of the cycles which a specimen is put through."""
+    if not isinstance(model, ShearBuilding):
+        return float(2.0 * np.pi * np.std(rows["drift"]) / max(float(np.std(rows["drift_rate"])), 1e-300))
+    alpha = parameters["alpha"]
+    at_rest = parameters["k"] * (alpha + (1.0 - alpha) * parameters["A"])
+    periods, _ = modes(at_rest, np.zeros_like(at_rest), masses(model))
+    return float(periods[0])
 
 
 _PARAMETER_SCALES: Mapping[str, str] = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
-from bwbn_bayes.discovery.name import THRESHOLD, Candidate
+from bwbn_bayes.discovery.name import THRESHOLD, Candidate, log_prior_odds
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, Step, Verdict
 from bwbn_bayes.discovery.run import Present, Run, hypotheses_of, score_all
 from bwbn_bayes.discovery.unexplained import unexplained
@@ -53,7 +53,7 @@ def conclude(
     if verdict == "unexplained":
         run.withdraw(what_stayed(unexplained_share(given, present)))
         added, present = (), given
-    share = unexplained_share(given, present)
+    share = 0.0 if verdict == "no_missing_effect" else unexplained_share(given, present)
     before, after = given.disagreement, present.disagreement
     rest = None
     if verdict in ("unexplained", "partly_explained"):
@@ -110,10 +110,9 @@ def _gap(given: Present, present: Present, record: Record, first: int, run: Run)
 
 
 def _weighed_against(present: Present, steps: Sequence[Step]) -> tuple[Candidate, ...]:
-    """Candidates of the last round that weighed them against this model, or of the last round at all."""
-    rounds = [step for step in steps if step.decision is not None]
-    own = [step for step in rounds if step.model == present.posterior.model] or rounds
-    return own[-1].decision.candidates if own and own[-1].decision is not None else ()
+    """Candidates of the last round that weighed them against this model; none if no round did."""
+    own = [step.decision for step in steps if step.decision is not None and step.model == present.posterior.model]
+    return own[-1].candidates if own else ()
 
 
 def unexplained_share(given: Present, present: Present) -> float:
@@ -149,7 +148,7 @@ def _limits(present: Present, run: Run) -> tuple[DetectionLimit, ...]:
     model, scored = run.scored
     if model is not present.posterior.model:
         scored = score_all(present, hypotheses_of(present, run, np.inf), run)
-    needed = THRESHOLD + float(np.log(max(len(scored), 1)))
+    prior = log_prior_odds([hypothesis for hypothesis, _ in scored])
     return tuple(
         DetectionLimit(
             label=hypothesis.label,
@@ -157,7 +156,7 @@ def _limits(present: Present, run: Run) -> tuple[DetectionLimit, ...]:
             storeys=hypothesis.storeys,
             parameter=one.amplitude,
             unit=one.unit,
-            smallest=one.detectable(needed),
+            smallest=one.named_from(THRESHOLD - prior[hypothesis.name], _expected(hypothesis, one.amplitude)),
             expected=_expected(hypothesis, one.amplitude),
         )
         for hypothesis, one in scored
@@ -178,7 +177,7 @@ def _histories(present: Present) -> dict[str, Floats]:
 def _sentences(
     verdict: Verdict, added: tuple[Added, ...], share: float, before: Disagreement, gap: Gap
 ) -> tuple[str, ...]:
-    labels = ", then ".join(one.candidate.hypothesis.label for one in added)
+    labels = ", then ".join(map(_named, added))
     meaning = f": {added[0].candidate.hypothesis.effect.summary}" if len(added) == 1 else ""
     shrunk = (
         f"The error of fit falls from {100 * gap.before.nrmse:.1f} % to {100 * gap.after.nrmse:.1f} % of the signal; "
@@ -196,7 +195,15 @@ def _sentences(
         "no_missing_effect": "The model as given explains the record: what it leaves is noise.",
         "unexplained": "Model and record disagree, and no catalogued effect explains it.",
     }[verdict]
+    if verdict == "no_missing_effect":
+        return (first,)
     places = {f"acceleration_{storey}" for one in added for storey in one.candidate.hypothesis.storeys}
     own = [spot for spot in before.spots if spot.channel in places]
     spots = tuple(f"Where it showed: {spot.sentence}." for spot in (*own, *before.spots)[:1])
     return (first, shrunk, *spots) if added else (first, *spots)
+
+
+def _named(added: Added) -> str:
+    """The effect and its place, with what the record cannot tell it from."""
+    label = added.candidate.hypothesis.label
+    return f"{label} (or {' or '.join(added.alternatives)}: the record cannot tell)" if added.alternatives else label

@@ -187,7 +187,7 @@ def _comment(added: Added | None) -> list[str]:
 
 
 def _factor(added: Added) -> str:
-    return f"{added.candidate.log_bayes_factor:.1f} +- {added.candidate.evidence.log_evidence_se:.1f}"
+    return f"{added.candidate.log_bayes_factor:.1f} +- {added.candidate.log_bayes_factor_se:.1f}"
 
 
 def _wrapped(sentence: str) -> Iterable[str]:

@@ -40,14 +40,15 @@ class Candidate:
     evidence : Evidence
     log_prior_odds : float
         Against the present model.
-    log_bayes_factor : float
-        Against the present model, each under its better account of the noise.
+    log_bayes_factor, log_bayes_factor_se : float
+        Against the present model, each under its better account of the noise; standard error of both together.
     """
 
     hypothesis: Hypothesis
     evidence: Evidence
     log_prior_odds: float
     log_bayes_factor: float
+    log_bayes_factor_se: float
 
     @property
     def log_odds(self) -> float:
@@ -95,7 +96,7 @@ class Decision:
         if self.leader is None:
             return ()
         own = self.by_name[self.leader.hypothesis.name]
-        error = self._error(self.leader)
+        error = self.leader.log_bayes_factor_se
         return tuple(
             name
             for name, odds in self.by_name.items()
@@ -109,7 +110,7 @@ class Decision:
         if leader is None:
             return ()
         same = [c for c in self.candidates if c.hypothesis.name == leader.hypothesis.name and c.place != leader.place]
-        limit = leader.log_odds - THRESHOLD - self._error(leader)
+        limit = leader.log_odds - THRESHOLD - leader.log_bayes_factor_se
         return tuple(dict.fromkeys(c.place for c in same if c.log_odds > limit))
 
     @cached_property
@@ -127,7 +128,7 @@ class Decision:
         """Why the leader is not to be added, in words; empty where it is."""
         if self.leader is None:
             return "no catalogued effect can be added to this model"
-        name, error = self.leader.hypothesis.name, self._error(self.leader)
+        name, error = self.leader.hypothesis.name, self.leader.log_bayes_factor_se
         members = {name, *self.equivalent}
         for label, odds in {"": self.by_name, **self.under_other_priors}.items():
             under = f" under priors {label}" if label else ""
@@ -162,9 +163,6 @@ class Decision:
             return f"{name} leads by log odds {odds:.1f}; the record cannot tell it from {', '.join(self.equivalent)}."
         return f"{name} is named: log odds {odds:.1f} against the present model."
 
-    def _error(self, candidate: Candidate) -> float:
-        return float(np.hypot(candidate.evidence.log_evidence_se, self.present.log_evidence_se))
-
 
 def decide(
     present: Evidence, weighed: Sequence[tuple[Hypothesis, Evidence]], considered: Sequence[Hypothesis]
@@ -187,6 +185,7 @@ def decide(
             evidence=evidence,
             log_prior_odds=prior[hypothesis.name],
             log_bayes_factor=evidence.total - present.total,
+            log_bayes_factor_se=float(np.hypot(evidence.log_evidence_se, present.log_evidence_se)),
         )
         for hypothesis, evidence in weighed
     ]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from bwbn_bayes.discovery.candidates import place_in_words
 from bwbn_bayes.discovery.held_out import HeldOut, Prediction
 from bwbn_bayes.discovery.name import Candidate, Decision
 from bwbn_bayes.discovery.unexplained import Unexplained
@@ -40,15 +41,22 @@ class Added:
     moments: Mapping[str, tuple[float, float]]
     separation: tuple[str, ...] = ()
 
+    @property
+    def alternatives(self) -> tuple[str, ...]:
+        """What the record cannot tell it from, in words: other effects, and itself at other places."""
+        level = self.candidate.hypothesis.effect.level
+        places = (f"itself at {place_in_words(level, place)}" for place in self.decision.equivalent_places)
+        return (*self.decision.equivalent, *places)
+
     def as_json(self) -> dict[str, Any]:
         """One entry of ``effects``."""
-        hypothesis, evidence = self.candidate.hypothesis, self.candidate.evidence
+        hypothesis = self.candidate.hypothesis
         return {
             "name": hypothesis.name,
             "form": hypothesis.effect.form,
             "storeys": list(hypothesis.storeys),
             "log_bayes_factor": self.candidate.log_bayes_factor,
-            "log_bayes_factor_se": evidence.log_evidence_se,
+            "log_bayes_factor_se": self.candidate.log_bayes_factor_se,
             "equivalent": list(self.decision.equivalent),
             "separation": list(self.separation),
             "equivalent_storeys": [list(place) for place in self.decision.equivalent_places],
@@ -226,7 +234,7 @@ def _candidates(steps: tuple[Step, ...]) -> list[dict[str, Any]]:
             "form": candidate.hypothesis.effect.form,
             "storeys": list(candidate.hypothesis.storeys),
             "log_bayes_factor": candidate.log_bayes_factor,
-            "log_bayes_factor_se": candidate.evidence.log_evidence_se,
+            "log_bayes_factor_se": candidate.log_bayes_factor_se,
             "evidence": candidate.evidence.method,
             "pareto_k": candidate.evidence.pareto_k,
             "log_odds": candidate.log_odds,

@@ -18,7 +18,6 @@ from bwbn_bayes.discovery.score import Score, scores
 from bwbn_bayes.discovery.where import Disagreement, disagreement
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.residuals import is_quiet, leaves_noise, residual_of
@@ -101,6 +100,8 @@ class Run:
     """What the reader of the verdict must know besides."""
     first_fits: tuple[Fit, ...] = ()
     """What the first round came to, best first."""
+    first_considered: tuple[Hypothesis, ...] = ()
+    """Hypotheses of the first round."""
 
     def say(self, text: str) -> None:
         """Tell the listener, if there is one."""
@@ -129,7 +130,7 @@ def on_threads(posterior: Posterior, n_threads: int) -> Posterior:
     """The posterior with so many threads for its solves."""
     engine = posterior.engine
     if not isinstance(engine, Lanes):
-        raise UserError(f"discovery runs on the lanes engine, not on {engine.name}: leave --engine out")
+        raise TypeError(f"discovery solves on the lanes engine, not on {engine.name}")
     return posterior.with_engine(replace(engine, n_threads=n_threads))
 
 

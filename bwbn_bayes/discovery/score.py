@@ -54,9 +54,20 @@ class Score:
     unit: str
     smallest: float
 
-    def detectable(self, nats: float) -> float:
-        """Amplitude that would gain the given number of nats."""
-        return float(self.smallest * np.sqrt(nats))
+    def named_from(self, log_odds: float, prior_sd: float) -> float:
+        """Amplitude at which the log Bayes factor of a normal prior about neutral reaches a number of nats.
+
+        Parameters
+        ----------
+        log_odds : float
+            To reach. [nat]
+        prior_sd : float
+            Of the amplitude, in its unit.
+        """
+        if not np.isfinite(self.smallest):
+            return np.inf
+        ratio = 2.0 * (prior_sd / self.smallest) ** 2
+        return float(self.smallest * np.sqrt((1.0 + 1.0 / ratio) * (log_odds + 0.5 * np.log1p(ratio))))
 
 
 def scores(

@@ -7,7 +7,7 @@ measured, ``V_i = -sum_{j>=i} m_j a_j``, so that a residual force exists at ever
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,16 @@ class Spot:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Row:
+    """Residual to noise ``(n_windows,)`` of a storey's force, storeys counted from 0, or of a channel (None)."""
+
+    channel: str
+    place: str
+    storey: int | None
+    ratios: Floats
+
+
+@dataclass(frozen=True, kw_only=True)
 class Disagreement:
     """The residual of a fit, seen from all sides.
 
@@ -96,6 +106,22 @@ class Disagreement:
         """Each channel's residual over its noise level, ``(n_channels,)``."""
         return np.asarray(np.sqrt(np.mean(np.square(self.by_window), axis=1)))
 
+    def rows(self, model: Structure) -> tuple[Row, ...]:
+        """Storey forces where they are measured, and the channels that these leave out.
+
+        A storey's force goes by the channel of the floor above it, a specimen's by its own.
+        """
+        rows = []
+        for i, ratios in enumerate(self.by_storey):
+            if np.all(np.isfinite(ratios)):
+                own = next(name for name in (f"acceleration_{i + 1}", "force") if name in self.channels)
+                rows.append(Row(channel=own, place=storey_in_words(model, i + 1), storey=i, ratios=ratios))
+        told = {row.channel for row in rows}
+        for name, ratios in zip(self.channels, self.by_window, strict=True):
+            if name not in told:
+                rows.append(Row(channel=name, place=_place(name), storey=None, ratios=ratios))
+        return tuple(rows)
+
 
 def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
     """Compare a fit with its record at a point ``(n_dim,)`` of the unit cube."""
@@ -113,7 +139,7 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
     by_storey = _windowed(force)
     conditions = _conditions(rows, record.time_step)
     by_condition = {name: _concentration(force, mask) for name, mask in conditions.items()}
-    return Disagreement(
+    seen = Disagreement(
         channels=channels,
         noise=noise,
         edges=edges,
@@ -121,8 +147,9 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
         by_storey=by_storey,
         by_state=_plane(force, rows),
         by_condition=by_condition,
-        spots=_spots(posterior, edges, by_window, by_storey, by_condition),
+        spots=(),
     )
+    return replace(seen, spots=_spots(seen, posterior.model, record.n_times // N_WINDOWS))
 
 
 def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> list[tuple[int, Floats, float]]:
@@ -175,7 +202,7 @@ def _after_reversals(drift_rate: Floats, time_step: float) -> Booleans:
     result = np.zeros_like(turned)
     for lag in range(max(1, round(0.1 / time_step))):
         result[:, lag:] |= turned[:, : turned.shape[1] - lag]
-    window = max(1, round(0.5 / time_step))
+    window = min(max(1, round(0.5 / time_step)), turned.shape[1])
     envelope = np.array([np.convolve(row, np.ones(window) / window, mode="same") for row in np.abs(drift_rate)])
     return np.asarray(result & (envelope > moving))
 
@@ -203,36 +230,21 @@ def _bins(history: Floats) -> NDArray[np.int64]:
     return np.clip(((history / peak + 1.0) * 0.5 * N_PLANE).astype(np.int64), 0, N_PLANE - 1)
 
 
-def _spots(
-    posterior: Posterior,
-    edges: Floats,
-    by_window: Floats,
-    by_storey: Floats,
-    by_condition: Mapping[str, Floats],
-) -> tuple[Spot, ...]:
-    """Runs of windows above the noise: of storey forces where they are measured, of the channels that these leave out.
-
-    A storey's force goes by the channel of the floor above it, a specimen's by its own.
-    """
-    channels, n_samples = tuple(posterior.record.channels), posterior.record.n_times // N_WINDOWS
-    rows: list[tuple[str, str, int | None, Floats]] = []
-    told = set()
-    for i, row in enumerate(by_storey):
-        if np.all(np.isfinite(row)):
-            own = next(name for name in (f"acceleration_{i + 1}", "force") if name in channels)
-            rows.append((own, storey_in_words(posterior.model, i + 1), i, row))
-            told.add(own)
-    rows += [(name, _place(name), None, row) for name, row in zip(channels, by_window, strict=True) if name not in told]
-    largest = max(float(np.max(ratios)) for *_, ratios in rows)
+def _spots(seen: Disagreement, model: Structure, n_samples: int) -> tuple[Spot, ...]:
+    """Runs of windows, of so many samples each, that stand above the noise."""
+    rows = seen.rows(model)
+    largest = max(float(np.max(row.ratios)) for row in rows)
     chance = float(np.sqrt(chi2.isf(_CHANCE / (len(rows) * N_WINDOWS), n_samples) / n_samples))
     spots = []
-    for channel, place, storey, ratios in rows:
-        for first, last in _runs(ratios > max(NOTEWORTHY, chance, 0.4 * largest)):
-            ratio = float(np.sqrt(np.mean(np.square(ratios[first:last]))))
-            start, end = float(edges[first]), float(edges[last])
-            words = _words(by_condition, storey) if storey is not None else ""
-            sentence = f"{place}, {start:.0f} to {end:.0f} s{words}: residual {ratio:.1f} times the noise"
-            spots.append(Spot(channel=channel, start_s=start, end_s=end, residual_to_noise=ratio, sentence=sentence))
+    for row in rows:
+        for first, last in _runs(row.ratios > max(NOTEWORTHY, chance, 0.4 * largest)):
+            ratio = float(np.sqrt(np.mean(np.square(row.ratios[first:last]))))
+            start, end = float(seen.edges[first]), float(seen.edges[last])
+            words = _words(seen.by_condition, row.storey) if row.storey is not None else ""
+            sentence = f"{row.place}, {start:.0f} to {end:.0f} s{words}: residual {ratio:.1f} times the noise"
+            spots.append(
+                Spot(channel=row.channel, start_s=start, end_s=end, residual_to_noise=ratio, sentence=sentence)
+            )
     return tuple(sorted(spots, key=lambda spot: -spot.residual_to_noise))
 
 

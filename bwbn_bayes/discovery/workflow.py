@@ -37,7 +37,7 @@ from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
 from bwbn_bayes.inference.residuals import leaves_noise
 from bwbn_bayes.records.noise import LEAST_NOISE, with_least_noise
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import MIN_TIMES, Record
 from bwbn_bayes.structures.structure import Structure
 
 MOST_LATER = 24
@@ -121,7 +121,7 @@ def _fit_given(model: Structure, record: Record, run: Run) -> Present:
     modes = find_modes(posterior, run.rng)
     energy = np.cumsum(np.square(record.excitation))
     early = float(np.searchsorted(energy, 0.35 * energy[-1])) * record.time_step
-    beginning = posterior.until(max(early, 0.2 * record.duration))
+    beginning = posterior.until(max(early, 0.2 * record.duration, MIN_TIMES * record.time_step))
     points, local = polish(beginning, np.array([mode.point for mode in modes[:16]]), n_iterations=20)
     young = distinct(points, local)
     starts = np.array([mode.point for mode in (*modes[:2], *young[:2])])
@@ -144,7 +144,7 @@ def _grow(present: Present, run: Run, fits: tuple[Fit, ...] | None = None) -> tu
         if fits is None:
             fits = _fit_hypotheses(present, run)
         if not run.steps:
-            run.first_fits = fits
+            run.first_fits, run.first_considered = fits, run.considered
         decision = _weigh(present, fits, run) if fits else None
         chosen = decision.leader if decision is not None and decision.passes else None
         sentence = decision.sentence if decision is not None else "No effect could gain enough to be named."
@@ -190,7 +190,7 @@ def _look_again(
     fits = searched(run.first_fits, run.rng, n_threads=run.settings.n_workers)
     if fits[0].log_likelihood < run.first_fits[0].log_likelihood + THRESHOLD:
         return present, added, run
-    again = replace(run, steps=[])
+    again = replace(run, steps=[], considered=run.first_considered)
     other, others = _prune(*_grow(given, again, fits), again)
     if unexplained_share(given, other) < unexplained_share(given, present):
         return other, others, again

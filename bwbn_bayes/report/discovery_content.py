@@ -192,19 +192,17 @@ def _gaps(discovery: Discovery) -> tuple[GapBar, ...]:
 
 
 def _heat_map(model: Structure, title: str, seen: Disagreement) -> HeatMap:
-    """By storey where the storey forces are measured, else by channel."""
-    measured = np.all(np.isfinite(seen.by_storey), axis=1)
-    if np.any(measured):
-        storeys = [i for i, known in enumerate(measured) if known]
-        return HeatMap(
-            title=title,
-            what=f"storey forces ({_MASSES_TIMES})" if isinstance(model, ShearBuilding) else "measured force",
-            places=tuple(storey_in_words(model, i + 1) for i in storeys),
-            edges=seen.edges,
-            values=seen.by_storey[storeys],
-        )
-    places = tuple(channel.replace("_", " ") for channel in seen.channels)
-    return HeatMap(title=title, what="channels", places=places, edges=seen.edges, values=seen.by_window)
+    """Storey forces where they are measured, and the other channels."""
+    rows = seen.rows(model)
+    forces = f"storey forces ({_MASSES_TIMES})" if isinstance(model, ShearBuilding) else "measured force"
+    kinds = {row.storey is not None: forces if row.storey is not None else "channels" for row in rows}
+    return HeatMap(
+        title=title,
+        what=" and other ".join(kinds.values()),
+        places=tuple(row.place if row.storey is not None else row.channel.replace("_", " ") for row in rows),
+        edges=seen.edges,
+        values=np.array([row.ratios for row in rows]),
+    )
 
 
 def _planes(model: Structure, stages: Sequence[tuple[str, Disagreement]]) -> tuple[PlaneMap, ...]:
@@ -254,19 +252,18 @@ def _step(number: int, sentence: str, decision: Decision | None) -> StepContent:
     return StepContent(
         number=number,
         sentence=sentence,
-        bars=tuple(_bar(c, decision, c is chosen) for c in decision.candidates[:MAX_CANDIDATES]),
+        bars=tuple(_bar(c, c is chosen) for c in decision.candidates[:MAX_CANDIDATES]),
         n_weighed=len(decision.candidates),
         survivals=tuple(Survival(name=name, log_odds=tuple(table[name] for table in tables)) for name in names),
         widths=widths,
     )
 
 
-def _bar(candidate: Candidate, decision: Decision, chosen: bool) -> CandidateBar:
-    error = np.hypot(candidate.evidence.log_evidence_se, decision.present.log_evidence_se)
+def _bar(candidate: Candidate, chosen: bool) -> CandidateBar:
     return CandidateBar(
         label=candidate.hypothesis.label,
         log_odds=candidate.log_odds,
-        se=float(error),
+        se=candidate.log_bayes_factor_se,
         sampled=candidate.evidence.method != "Laplace",
         chosen=chosen,
     )

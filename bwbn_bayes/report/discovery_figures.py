@@ -254,12 +254,8 @@ def _candidates(step: StepContent, threshold: float) -> Drawing | None:
         if step.n_weighed > len(step.bars)
         else "All that were weighed."
     )
-    blue = " Blue: the one that was added." if any(bar.chosen for bar in step.bars) else ""
-    star = (
-        ""
-        if all(bar.sampled for bar in step.bars)
-        else " *: Laplace's approximation, the others by importance sampling."
-    )
+    blue = " Blue: the one that was named." if any(bar.chosen for bar in step.bars) else ""
+    star = "" if all(bar.sampled for bar in step.bars) else " *: Laplace's approximation, the others by sampling."
     return finished(
         figure,
         f"candidates_{step.number}.png",
@@ -295,8 +291,8 @@ def _survival(step: StepContent, threshold: float) -> Drawing | None:
     return finished(
         figure,
         f"survival_{step.number}.png",
-        "Does the name survive other priors? Log odds of each effect, over all its forms and places, with the priors "
-        "of its size as expected, ten times narrower and ten times wider.",
+        "Does the name survive other priors? Log odds of each effect, over all its forms and places, with the prior "
+        "of its size as expected, and with a Cauchy prior ten times narrower and ten times wider.",
         f"Log odds by effect under three widths of the priors, step {step.number}.",
     )
 

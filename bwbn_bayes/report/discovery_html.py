@@ -67,6 +67,7 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
         nearest=tables.nearest_table(found) if found is not None else None,
         steps=content.steps,
         limits=tables.limits_table(content.limits, discovery.model.n_storeys),
+        threshold=f"{content.threshold:g}",
         never=f"A dash ({NOTHING}) stands",
         assumptions=discovery.result.facts.assumptions,
         provenance=tables.discovery_provenance(discovery),

@@ -21,10 +21,10 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
     gap, apart = discovery.gap, discovery.held_out
     figures = []
     for added in discovery.added[:2]:
-        hypothesis, evidence = added.candidate.hypothesis, added.candidate.evidence
-        factor = added.candidate.log_bayes_factor
-        value, _ = with_uncertainty((factor, 0.0), max(evidence.log_evidence_se, 0.04 * abs(factor)))
-        figures.append(KeyFigure(value=f"{value} nat", label=f"log Bayes factor of {hypothesis.name}"))
+        candidate = added.candidate
+        factor = candidate.log_bayes_factor
+        value, _ = with_uncertainty((factor, 0.0), max(candidate.log_bayes_factor_se, 0.04 * abs(factor)))
+        figures.append(KeyFigure(value=f"{value} nat", label=f"log Bayes factor of {candidate.hypothesis.name}"))
     arrow = "\N{RIGHTWARDS ARROW}"
     fitted = _share(gap.before.nrmse)
     fitted += f" {arrow} {_share(gap.after.nrmse)}" if discovery.added else ""
@@ -44,8 +44,9 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
 
 
 def spot_sentences(discovery: Discovery) -> tuple[str, ...]:
-    """Stretches of time in which the given model's residual stands out."""
-    return tuple(f"{spot.sentence[:1].upper()}{spot.sentence[1:]}." for spot in discovery.before.spots[:MAX_SPOTS])
+    """Stretches of time in which the given model's residual stands out; none where what it leaves is noise."""
+    spots = discovery.before.spots[:MAX_SPOTS] if discovery.verdict != "no_missing_effect" else ()
+    return tuple(f"{spot.sentence[:1].upper()}{spot.sentence[1:]}." for spot in spots)
 
 
 def _share(value: float) -> str:
@@ -64,11 +65,9 @@ def effects_table(added: tuple[Added, ...]) -> Table:
 def _effect_row(added: Added) -> tuple[str | Markup, ...]:
     hypothesis, evidence = added.candidate.hypothesis, added.candidate.evidence
     form = f" ({hypothesis.effect.form})" if hypothesis.effect.form else ""
-    value, error = with_uncertainty(
-        (added.candidate.log_bayes_factor, evidence.log_evidence_se), evidence.log_evidence_se
-    )
-    places = [place_in_words(hypothesis.effect.level, place) for place in added.decision.equivalent_places]
-    others = ", ".join((*added.decision.equivalent, *(f"itself at {place}" for place in places))) or "nothing else"
+    se = added.candidate.log_bayes_factor_se
+    value, error = with_uncertainty((added.candidate.log_bayes_factor, se), se)
+    others = ", ".join(added.alternatives) or "nothing else"
     k = evidence.method if evidence.pareto_k is None else significant(evidence.pareto_k, 2)
     return hypothesis.name + form, hypothesis.where, f"{value} ± {error}", k, others
 

@@ -28,12 +28,12 @@ def discovery_in_words(discovery: Discovery) -> tuple[str, ...]:
 
 
 def _effect(added: Added) -> list[str]:
-    hypothesis, evidence = added.candidate.hypothesis, added.candidate.evidence
+    hypothesis, candidate = added.candidate.hypothesis, added.candidate
     form = f" ({hypothesis.effect.form})" if hypothesis.effect.form else ""
-    factor = f"{added.candidate.log_bayes_factor:.1f} +- {evidence.log_evidence_se:.1f}"
+    factor = f"{candidate.log_bayes_factor:.1f} +- {candidate.log_bayes_factor_se:.1f}"
     lines = [f"effect: {hypothesis.name}{form}, {hypothesis.where}, log Bayes factor {factor}"]
-    if added.decision.equivalent:
-        lines.append(f"    cannot be told from {', '.join(added.decision.equivalent)}")
+    if alternatives := added.alternatives:
+        lines.append(f"    cannot be told from {', '.join(alternatives)}")
         lines += [f"    {sentence}" for sentence in added.separation]
     units = {p.name: p.unit for p in hypothesis.model.space.parameters}
     for name, (mean, sd) in added.moments.items():

@@ -15,6 +15,7 @@ from bwbn_bayes.engines.available import engine
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.parameters import HalfNormal, Normal, PerStorey, Uniform
 from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 
@@ -206,6 +207,31 @@ def test_the_period_is_that_of_the_spring_at_rest() -> None:
     posterior = Posterior(model=model, record=ground, engine=engine("lanes"), noise=default_noise(ground))
     (scales,) = scales_of(posterior, np.zeros(posterior.space.n_dim))
     assert scales.period == pytest.approx(2 * np.pi * np.sqrt(2.0 / (50.0 * (0.2 + 0.8 * 2.5))))
+
+
+def test_the_period_of_a_specimen_is_that_of_its_cycles() -> None:
+    """Whatever unit the stiffness has: a specimen has no mass."""
+    times = 0.01 * np.arange(1001)
+    for stiffness in (50.0, 5e7):
+        specimen = Specimen(storey=BoucWen(k=stiffness, beta=2.0, gamma=1.0, n=1.5))
+        pushed = Record(
+            name="cycles", time_step=0.01, excitation=0.1 * np.sin(np.pi * times), excitation_kind="displacement"
+        ).with_channels({"force": np.ones(1001)})
+        posterior = Posterior(model=specimen, record=pushed, engine=engine("lanes"), noise=default_noise(pushed))
+        (scales,) = scales_of(posterior, np.zeros(posterior.space.n_dim))
+        assert scales.period == pytest.approx(2.0, rel=0.01)
+
+
+def test_a_linear_storey_has_hypotheses_too() -> None:
+    """No room for an asymmetric term where beta and gamma are zero; an offset of either is measured by the motion."""
+    linear = replace(STOREY, beta=0.0, gamma=0.0)
+    scales = [replace(SCALES, beta=0.0, gamma=0.0)] * 2
+    every = hypotheses(replace(BASE, storey=linear), scales, measured=CHANNELS)
+    assert "asymmetry" not in {h.name for h in every}
+    offset = next(h for h in every if h.label == "storey_parameter (beta), storey 1")
+    assert offset.effect.values["beta_offset"].sd == pytest.approx(  # type: ignore[union-attr]
+        0.5 * SCALES.hysteretic_displacement**-SCALES.n
+    )
 
 
 def test_a_sensors_hypothesis_uses_the_scale_of_its_floor() -> None:

@@ -6,8 +6,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from bwbn_bayes.discovery.conclusion import _verdict, is_explained, unexplained_share, what_stayed
-from bwbn_bayes.discovery.outcome import Added, Step
+from bwbn_bayes.discovery.conclusion import _sentences, _verdict, is_explained, unexplained_share, what_stayed
+from bwbn_bayes.discovery.outcome import Added, Gap, Step
 from bwbn_bayes.discovery.run import DiscoverySettings, Present, Run
 
 
@@ -82,3 +82,29 @@ def test_what_did_not_stay_is_said_to_be_withdrawn_once() -> None:
     assert told == []
     run.note("It rained.")
     assert (run.notes, told[-1]) == (["It rained."], "It rained.")
+
+
+def test_what_the_record_cannot_tell_apart_stands_in_the_headline() -> None:
+    hypothesis = SimpleNamespace(
+        label="slip_lock, storey 2", storeys=(2,), effect=SimpleNamespace(level="link", summary="the joint slips")
+    )
+    decision = SimpleNamespace(equivalent=("gap_impact",), equivalent_places=((1,),))
+    one = Added(candidate=cast(Any, SimpleNamespace(hypothesis=hypothesis)), decision=cast(Any, decision), moments={})
+    before = cast(Any, SimpleNamespace(spots=()))
+    bar = SimpleNamespace(nrmse=0.1)
+    first, _ = _sentences("effects_found", (one,), 0.0, before, Gap(noise_floor=0.01, before=bar, after=bar))  # type: ignore[arg-type]
+    assert first == (
+        "The model lacks slip_lock, storey 2 (or gap_impact or itself at storey 1: the record cannot tell): "
+        "the joint slips."
+    )
+
+
+def test_noise_that_rises_and_falls_is_no_place_of_disagreement() -> None:
+    spot = SimpleNamespace(channel="acceleration_1", sentence="storey 1, 0 to 9 s: residual 2.0 times the noise")
+    before = cast(Any, SimpleNamespace(spots=(spot,)))
+    bar = cast(Any, SimpleNamespace(nrmse=0.1))
+    gap = Gap(noise_floor=0.01, before=bar, after=bar)
+    assert _sentences("no_missing_effect", (), 0.0, before, gap) == (
+        "The model as given explains the record: what it leaves is noise.",
+    )
+    assert len(_sentences("unexplained", (), 1.0, before, gap)) == 2

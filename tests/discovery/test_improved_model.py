@@ -55,7 +55,11 @@ def evidence(hypothesis: Hypothesis) -> Evidence:
 
 def found(hypothesis: Hypothesis) -> Added:
     candidate = Candidate(
-        hypothesis=hypothesis, evidence=evidence(hypothesis), log_prior_odds=-4.0, log_bayes_factor=321.25
+        hypothesis=hypothesis,
+        evidence=evidence(hypothesis),
+        log_prior_odds=-4.0,
+        log_bayes_factor=321.25,
+        log_bayes_factor_se=0.2,
     )
     decision = Decision(candidates=(candidate,), present=evidence(hypothesis))
     return Added(candidate=candidate, decision=decision, moments=dict.fromkeys(hypothesis.brought, (0.12345678, 0.01)))

@@ -91,7 +91,8 @@ def test_numbers_are_those_of_the_discovery(run):
     (added,) = discovery.added
     (effect,) = facts["effects"]
     assert effect["log_bayes_factor"] == added.candidate.log_bayes_factor
-    assert effect["log_bayes_factor_se"] == added.candidate.evidence.log_evidence_se
+    of_both = np.hypot(added.candidate.evidence.log_evidence_se, added.decision.present.log_evidence_se)
+    assert effect["log_bayes_factor_se"] == pytest.approx(of_both)
     assert effect["parameters"]["k3"] == dict(zip(("mean", "sd"), added.moments["k3"], strict=True))
     assert facts["unexplained_share"] == discovery.unexplained_share
     assert facts["gap"]["fit"] == {"before": discovery.gap.before.nrmse, "after": discovery.gap.after.nrmse}

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
 from bwbn_bayes.discovery.score import Score, scores
@@ -101,7 +102,6 @@ def test_the_smallest_effect_is_that_of_least_squares(
     left = own - base @ np.linalg.lstsq(base, own)[0]
     expected = SD * np.sqrt(2.0) / np.linalg.norm(left)
     assert found[name].smallest == pytest.approx(expected, rel=0.02)
-    assert found[name].detectable(9.0) == pytest.approx(3.0 * found[name].smallest)
 
 
 @pytest.mark.parametrize("name", ["cubic_stiffness", "quadratic_damping", "sensor_gain"])
@@ -110,7 +110,7 @@ def test_the_score_is_what_least_squares_gains(
 ) -> None:
     """A noisy record with a small effect, at the present model's optimum: residual against both sets of slopes."""
     hypothesis = every[name]
-    hidden = with_effect(hypothesis, found[name].detectable(25.0))
+    hidden = with_effect(hypothesis, 5.0 * found[name].smallest)
     noise = SD * np.random.default_rng(1).standard_normal(GROUND.n_times)
     posterior = replace(hidden, record=hidden.record.with_channels({CHANNEL: hidden.record.channels[CHANNEL] + noise}))
     (point,), _ = polish(posterior, TRUTH[None], n_iterations=20)
@@ -134,10 +134,19 @@ def test_an_effect_at_the_detection_limit_gains_what_was_promised(
     name: str, nats: float, every: dict[str, Hypothesis], found: dict[str, Score]
 ) -> None:
     """The record has the effect and no noise: what the present model's best fit lacks to a perfect fit is the gain."""
-    posterior = with_effect(every[name], found[name].detectable(nats))
+    posterior = with_effect(every[name], found[name].smallest * np.sqrt(nats))
     _, local = polish(posterior, TRUTH[None], n_iterations=30)
     perfect = posterior.noise.log_likelihood(np.zeros((1, 1)), GROUND.n_times, np.empty((1, 0)))[0]
     assert perfect - local.log_likelihood[0] == pytest.approx(nats, rel=0.3)
+
+
+@pytest.mark.parametrize("prior_sd", [0.02, 0.3, 5.0])
+def test_the_detection_limit_is_where_the_bayes_factor_of_a_normal_prior_reaches_the_odds(prior_sd: float) -> None:
+    """Of one Gaussian measurement of the amplitude with sd 0.1, for which evidence is a normal density."""
+    sd = 0.1
+    seen = Score(nats=0.0, amplitude="a", unit="", smallest=sd * np.sqrt(2.0)).named_from(12.0, prior_sd)
+    assert norm.logpdf(seen, 0.0, np.hypot(sd, prior_sd)) - norm.logpdf(seen, 0.0, sd) == pytest.approx(12.0)
+    assert Score(nats=0.0, amplitude="a", unit="", smallest=np.inf).named_from(12.0, prior_sd) == np.inf
 
 
 def test_one_sided_amplitudes_gain_on_their_side_only(every: dict[str, Hypothesis], found: dict[str, Score]) -> None:

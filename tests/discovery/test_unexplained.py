@@ -96,7 +96,9 @@ def test_a_near_miss_is_told_with_its_share_and_colour():
         log_likelihood=0.0, log_evidence=0.0, log_evidence_se=0.1, pareto_k=None, coloured_gain=0.0,
         means=means, sds={}, prior_shifts={},
     )  # fmt: skip
-    candidate = Candidate(hypothesis=hypothesis, evidence=evidence, log_prior_odds=-3.0, log_bayes_factor=4.0)
+    candidate = Candidate(
+        hypothesis=hypothesis, evidence=evidence, log_prior_odds=-3.0, log_bayes_factor=4.0, log_bayes_factor_se=0.1
+    )
     (near,) = unexplained(posterior, POINT, (candidate, candidate), rng).nearest
     assert near.share == 0.0
     assert near.correlation > 0.5

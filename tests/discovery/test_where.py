@@ -153,6 +153,17 @@ def test_a_channel_that_no_storey_force_takes_in_is_told_too(histories: dict[str
     assert {spot.channel for spot in found.spots} == {"drift_1"}
     assert found.spots[0].start_s >= 4.0 - GROUND.duration / N_WINDOWS
     assert found.spots[0].sentence.startswith("storey 1, ")
+    assert [(row.channel, row.storey) for row in found.rows(MODEL)] == [
+        ("acceleration_1", 0), ("acceleration_2", 1), ("drift_1", None)
+    ]  # fmt: skip
+
+
+def test_a_record_shorter_than_the_envelope_of_a_reversal() -> None:
+    """An impact of 0.04 s, sampled a thousand times a second."""
+    ground = Record(name="impact", time_step=0.001, excitation=np.sin(np.linspace(0.0, 20.0, 40)))
+    record = ground.with_channels({"acceleration_1": NOISE * np.random.default_rng(4).standard_normal(40)})
+    found = disagreement(Posterior(model=MODEL, record=record, engine=ENGINE, noise=default_noise(record)), POINT)
+    assert np.all(np.isfinite(found.by_window))
 
 
 def test_a_specimen_is_told_by_its_own_force() -> None:

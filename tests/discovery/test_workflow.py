@@ -1,10 +1,14 @@
 """The loop where there is nothing to weigh: a disagreement and no hypothesis about it, or none that can be solved."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from bwbn_bayes.discovery import workflow
 from bwbn_bayes.discovery.race import Fit, race
-from bwbn_bayes.discovery.run import DiscoverySettings
+from bwbn_bayes.discovery.run import DiscoverySettings, Run
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorLag
@@ -60,3 +64,20 @@ def test_a_hypothesis_that_cannot_be_solved_is_left_out_and_told(
     found = discover(MODEL, record, settings=settings)
     assert [added.candidate.hypothesis.name for added in found.added] == ["cubic_stiffness"]
     assert found.sentences[-1] == "Could not be solved for this record and was left out: quadratic_damping, storey 1."
+
+
+def test_the_second_search_weighs_against_the_first_rounds_hypotheses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last round's lack what was added since, and so its prior."""
+    fit = SimpleNamespace(log_likelihood=0.0)
+    first, last = (SimpleNamespace(name="slip_lock"),), (SimpleNamespace(name="backlash"),)
+    run = Run(DiscoverySettings(), np.random.default_rng(1), None)
+    run.first_fits, run.first_considered, run.considered = (fit,), first, last  # type: ignore[assignment]
+    weighed: list[tuple[Any, ...]] = []
+
+    monkeypatch.setattr(workflow, "is_explained", lambda *_: False)
+    monkeypatch.setattr(workflow, "searched", lambda *_, **__: (SimpleNamespace(log_likelihood=99.0),))
+    monkeypatch.setattr(workflow, "unexplained_share", lambda *_: 1.0)
+    monkeypatch.setattr(workflow, "_grow", lambda given, again, _: (weighed.append(again.considered), (given, ()))[1])
+    present: Any = SimpleNamespace()
+    assert workflow._look_again(present, present, (), run) == (present, (), run)
+    assert weighed == [first]

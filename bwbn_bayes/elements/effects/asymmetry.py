@@ -116,6 +116,8 @@ class Asymmetry(Effect):
     @override
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
         bound = scales.beta + scales.gamma
+        if bound <= 0.0:  # no room for the term
+            return ()
         width = _WIDTH * scales.drift
         return (
             cls(phi=Normal(0.0, 0.25 * bound)),

@@ -105,6 +105,7 @@ class StoreyParameter(Effect):
 
 
 def _sizes(scales: Scales) -> dict[str, float]:
-    """Offsets to expect."""
-    shape = 0.5 * (abs(scales.beta) + abs(scales.gamma))
+    """Offsets to expect; of a linear storey's shape, what would bound z where it went."""
+    own = abs(scales.beta) + abs(scales.gamma)
+    shape = 0.5 * (own if own > 0.0 else scales.hysteretic_displacement**-scales.n)
     return {"alpha": max(scales.alpha, 0.05), "beta": shape, "gamma": shape, "n": 0.5 * scales.n}

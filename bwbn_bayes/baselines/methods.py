@@ -143,6 +143,7 @@ def _by_networks(
 ) -> Result:
     if not isinstance(model, ShearBuilding):
         raise UserError("IPV needs a ShearBuilding: in a specimen the force is measured, there is none to learn")
+    require_usable(model, record)
     if listener is not None:
         listener("training a radial basis network for each storey", None)
     began = time.perf_counter()

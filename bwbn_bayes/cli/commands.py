@@ -79,6 +79,10 @@ def identify(
         typer.Option("--variant", help="TMCMC as calibrated or published (plain); SMC batched or PyMC's own (plain)."),
     ] = "default",
     sampler: Annotated[Literal["pymc", "nutpie"], typer.Option("--sampler", help="Whose NUTS.")] = "pymc",
+    checkpoint: Annotated[
+        Path | None,
+        typer.Option("--checkpoint", help="Where TMCMC keeps each stage, and from where it goes on if it was cut off."),
+    ] = None,
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
     file = load_model_file(model)
@@ -91,7 +95,13 @@ def identify(
             file.model,
             measured,
             settings=Settings(
-                method=method, engine=engine, seed=seed, particles=particles, variant=variant, sampler=sampler
+                method=method,
+                engine=engine,
+                seed=seed,
+                particles=particles,
+                variant=variant,
+                sampler=sampler,
+                checkpoint=checkpoint,
             ),
             name=file.name,
             assumptions=file.assumptions,

@@ -200,7 +200,7 @@ def _after_reversals(drift_rate: Floats, time_step: float) -> Booleans:
     turned = np.zeros(drift_rate.shape, dtype=np.bool_)
     turned[:, 1:] = (drift_rate[:, 1:] * drift_rate[:, :-1] < 0.0) & (np.abs(np.diff(drift_rate, axis=1)) > 0.0)
     result = np.zeros_like(turned)
-    for lag in range(max(1, round(0.1 / time_step))):
+    for lag in range(min(max(1, round(0.1 / time_step)), turned.shape[1])):
         result[:, lag:] |= turned[:, : turned.shape[1] - lag]
     window = min(max(1, round(0.5 / time_step)), turned.shape[1])
     envelope = np.array([np.convolve(row, np.ones(window) / window, mode="same") for row in np.abs(drift_rate)])

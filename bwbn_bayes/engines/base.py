@@ -8,7 +8,7 @@ status and NaN rows, never an exception; a draw's result does not depend on whic
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Protocol
@@ -258,6 +258,23 @@ def require_usable(model: Structure, record: Record) -> None:
     still = [channel for channel, signal in record.channels.items() if np.ptp(signal) == 0.0]
     if still:
         raise UserError(f"{where}: {', '.join(still)} never changes: leave it out")
+    for channel, others, known in _same_by_definition(model.n_storeys, record):
+        signal = record.channels[channel]
+        if np.allclose(signal, known, rtol=0.0, atol=1e-9 * float(np.max(np.abs(signal)))):
+            raise UserError(f"{where}: {channel} says the same as {others} and would count twice: leave one out")
+
+
+def _same_by_definition(n_storeys: int, record: Record) -> Iterator[tuple[str, str, Floats]]:
+    """Channels that others would give if they came from the same sensors: name, the others' names, what they give."""
+    channels = record.channels
+    for i in range(1, n_storeys + 1):
+        absolute, relative = channels.get(f"acceleration_{i}"), f"relative_acceleration_{i}"
+        if absolute is not None and relative in channels:
+            yield relative, f"acceleration_{i} less the ground's", absolute - record.excitation
+        upper, lower = channels.get(f"displacement_{i}"), channels.get(f"displacement_{i - 1}")
+        if f"drift_{i}" in channels and upper is not None and (i == 1 or lower is not None):
+            others = f"displacement_{i}" + (f" less displacement_{i - 1}" if lower is not None else "")
+            yield f"drift_{i}", others, upper - (lower if lower is not None else 0.0)
 
 
 def measured_matrix(record: Record, names: Sequence[str]) -> Floats:

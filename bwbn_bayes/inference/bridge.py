@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -41,6 +43,7 @@ def bridge(
     rng_seed: int,
     variant: Literal["default", "plain"] = "default",
     progress: Callable[[StageFacts], None] | None = None,
+    checkpoint: Path | None = None,
 ) -> TmcmcResult:
     """Sample a posterior whose optima are known.
 
@@ -55,9 +58,12 @@ def bridge(
         Its optima, best first.
     nested : NestedLaplace, optional
         The sheet, where it is known already.
-    n_particles, rng_seed, variant, progress
+    n_particles, rng_seed, variant, progress, checkpoint
         As for :func:`~bwbn_bayes.inference.tmcmc.sampler.sample`.
     """
+    run = partial(
+        sample, n_particles=n_particles, rng_seed=rng_seed, variant=variant, progress=progress, checkpoint=checkpoint
+    )
     kept = contributing(modes)
     # Beside a wide coordinate and the one that is drawn first with it, something must be left to bend.
     if posterior.n_dim > _FEWEST:
@@ -65,15 +71,11 @@ def bridge(
             nested = NestedLaplace.laid(posterior, first_nodes(posterior, kept))
         if np.all(nested.distance(np.array([mode.point for mode in kept])) < _ON_THE_SHEET):
             target = Transported(target=posterior, transport=nested.inflated(INFLATION).transport)
-            return target.back(
-                sample(target, n_particles=n_particles, rng_seed=rng_seed, variant=variant, progress=progress)
-            )
+            return target.back(run(target))
     wide = Mixture(
         weights=tuple([1.0 / len(kept)] * len(kept)),
         components=tuple(
             TruncatedStudent.at(m.point, m.gradient, m.information, inflation=_INFLATION_OF_SEVERAL) for m in kept
         ),
     )
-    return sample(
-        posterior, n_particles=n_particles, rng_seed=rng_seed, variant=variant, reference=wide, progress=progress
-    )
+    return run(posterior, reference=wide)

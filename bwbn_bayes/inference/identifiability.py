@@ -16,6 +16,8 @@ UNSEEN = 0.5
 
 TAKES_PART = 0.25
 """A parameter takes part in a direction that accounts for more than this share of its posterior variance."""
+LEAST_NAMED = 3
+"""Parameters named of a direction in which none takes part to that degree: those that take part most."""
 
 
 def covariance_of(information: Floats) -> Floats:
@@ -62,7 +64,8 @@ def describe(information: Floats, names: Sequence[str]) -> tuple[str, ...]:
     covariance = covariance_of(information)
     for _, direction in unseen_directions(information):
         share = (direction @ covariance @ direction) * np.square(direction) / np.diag(covariance)
-        involved = [name for name, one in zip(names, share, strict=True) if one > TAKES_PART]
+        leading = np.argsort(-share)[:LEAST_NAMED]
+        involved = [name for i, name in enumerate(names) if share[i] > TAKES_PART] or [names[i] for i in leading]
         if len(involved) == 1:
             sentences.append(f"The record says little about {involved[0]}: its posterior is close to its prior.")
         else:

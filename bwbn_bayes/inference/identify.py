@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Integral
+from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -26,13 +27,13 @@ from bwbn_bayes.inference.importance import (
     WeightedDraws,
     sample_importance,
 )
-from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
+from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise, require_noise
 from bwbn_bayes.inference.modes import Mode, WindowFacts, distinct, find_modes, polish
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
 from bwbn_bayes.inference.residuals import residual_checks
 from bwbn_bayes.inference.scale_of_z import Section, section_of
 from bwbn_bayes.inference.summary import Draws, build_result
-from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
+from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, fewest_particles, require_particles, sample
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check, Result, StageFacts
@@ -81,6 +82,8 @@ class Settings:
         failed, unless their weights have no tail to judge by.
     sampler : {"pymc", "nutpie"}
         Whose NUTS.
+    checkpoint : Path, optional
+        Name (without suffix) under which TMCMC keeps each stage and from which it goes on where a run was cut off.
     """
 
     method: Method = "importance"
@@ -90,6 +93,7 @@ class Settings:
     variant: Literal["default", "plain"] = "default"
     fallback: bool = True
     sampler: Literal["pymc", "nutpie"] = "pymc"
+    checkpoint: Path | None = None
 
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():
@@ -100,6 +104,7 @@ class Settings:
             given = getattr(self, name)
             if not isinstance(given, Integral) or given < least:
                 raise UserError(f"Settings: {name} is {given!r}, it must be a whole number from {least} on")
+            object.__setattr__(self, name, int(given))
 
 
 @dataclass
@@ -164,6 +169,10 @@ def identify(
         raise ValueError(f"method {settings.method!r} gives no posterior: call bwbn_bayes.identify")
     require_parameters(model, name)
     require_usable(model, record)
+    if noise is not None:
+        require_noise(noise, record)
+    if settings.method == "tmcmc":
+        require_particles(settings.particles, model.space.n_dim)
     began = time.perf_counter()
     history = _History(listener, began, [])
     posterior = Posterior(
@@ -245,7 +254,8 @@ def _sampled(
         else:
             history.say("the proposal does not cover the posterior: falling back to TMCMC")
             method = "tmcmc"
-            settings = replace(settings, particles=max(_FEWEST_PARTICLES, settings.particles // _FALLBACK_SHARE))
+            fewest = max(_FEWEST_PARTICLES, fewest_particles(target.n_dim))
+            settings = replace(settings, particles=max(fewest, settings.particles // _FALLBACK_SHARE))
     if method in ("smc", "nuts"):
         # Imported here: PyMC takes seconds to load, which the other roads need not pay.
         from bwbn_bayes.inference.pymc.roads import sample_road
@@ -406,6 +416,7 @@ def _bridge(
         rng_seed=settings.seed,
         variant=settings.variant,
         progress=lambda facts: _tell_stage(history, "bridge", facts),
+        checkpoint=settings.checkpoint,
     )
 
 
@@ -415,7 +426,7 @@ def _from_prior(posterior: Posterior, settings: Settings, history: _History) -> 
     Its evidence is known to fall short on long records; it is printed beside the bridge's, not used.
     """
     history.say("sampling by transitional MCMC from the prior")
-    fewest = max(settings.particles // 10, 8 * (posterior.n_dim + 1))
+    fewest = max(settings.particles // 10, fewest_particles(posterior.n_dim))
     coarse = posterior.with_engine(on_rung(posterior.engine, LADDER[0]))
     return sample(
         coarse,

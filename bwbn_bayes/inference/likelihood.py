@@ -137,6 +137,26 @@ class SampledNoise:
         return f"Noise standard deviations are sampled, priors {', '.join(map(str, self.priors))}."
 
 
+def require_noise(noise: Noise, record: Record) -> None:
+    """Raise :class:`UserError` unless a noise model has one positive scale for each channel, in the record's order."""
+    channels = tuple(record.channels)
+    if isinstance(noise, SampledNoise):
+        if noise.channels != channels or len(noise.priors) != len(channels):
+            raise UserError(
+                f"SampledNoise: one prior for each of {', '.join(channels)}, in this order, is needed; channels are "
+                f"{', '.join(noise.channels) or 'none'} with {len(noise.priors)} priors"
+            )
+        return
+    scales = noise.sd if isinstance(noise, KnownNoise) else noise.scale if isinstance(noise, IntegratedNoise) else None
+    if scales is None:
+        return
+    kind = type(noise).__name__
+    if len(scales) != len(channels):
+        raise UserError(f"{kind}: {len(scales)} scales for {len(channels)} channels: give one for each")
+    if not all(0.0 < scale < np.inf for scale in scales) or (isinstance(noise, IntegratedNoise) and noise.shape <= 0.0):
+        raise UserError(f"{kind}: every scale must be a positive number, not {', '.join(map(str, scales))}")
+
+
 def default_noise(record: Record) -> IntegratedNoise:
     """Inverse-gamma priors of shape 1 whose scale is the square of 3 % of each channel's rms.
 

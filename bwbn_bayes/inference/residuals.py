@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
-from scipy.stats import chi2, f, f_oneway, levene
+from scipy.stats import chi2, f, f_oneway, levene, ttest_1samp
 
 from bwbn_bayes.engines.base import measured_matrix
 from bwbn_bayes.inference.likelihood import Posterior
@@ -98,9 +98,10 @@ def coloured_noise(residual: Floats) -> ColouredNoise:
 def is_noise(residual: Floats, motions: Floats | Sequence[Floats] = ()) -> bool:
     """Whether a residual could be stationary noise, white or autoregressive, that knows nothing of the motion.
 
-    Its innovations must be white (Ljung and Box), and they and the residual itself equally strong throughout (Levene's
-    test over twelve stretches): what a model lacks comes and goes with the motion. Nor may the mean of the innovations
-    (analysis of variance) or their strength (Levene) differ between the parts of any motion's range.
+    Its innovations must be white (Ljung and Box) and zero in the mean (Student), and they and the residual itself
+    equally strong throughout (Levene's test over twelve stretches): what a model lacks comes and goes with the motion.
+    Nor may the mean of the innovations (analysis of variance) or their strength (Levene) differ between the parts of
+    any motion's range.
 
     Parameters
     ----------
@@ -111,8 +112,9 @@ def is_noise(residual: Floats, motions: Floats | Sequence[Floats] = ()) -> bool:
     noise = coloured_noise(residual)
     innovations = noise.innovations(residual)
     steady = min(_steadiness(innovations), _steadiness(residual, noise.correlation_samples))
+    centred = float(ttest_1samp(innovations, 0.0).pvalue) if np.any(innovations) else 1.0
     unaware = [_unawareness(innovations, motion[-len(innovations) :]) for motion in motions]
-    return min(whiteness_probability(innovations), steady, *unaware) > LEAST_PROBABILITY
+    return min(whiteness_probability(innovations), centred, steady, *unaware) > LEAST_PROBABILITY
 
 
 def _unawareness(innovations: Floats, motion: Floats) -> float:
@@ -130,7 +132,7 @@ def is_quiet(residual: Floats, signal: Floats) -> bool:
 
     Stricter than :func:`is_noise`: nothing of note is left, and first-order scores can be believed.
     """
-    ratio = float(np.std(residual)) / noise_floor(signal)
+    ratio = _level(residual) / noise_floor(signal)
     return ratio < QUIET_RATIO and min(whiteness_probability(residual), _steadiness(residual)) > QUIET_PROBABILITY
 
 
@@ -172,6 +174,11 @@ def _modelled(posterior: Posterior, point: Floats) -> Floats:
     return np.asarray(posterior.engine.simulate(posterior.model, values, posterior.record).values[0])
 
 
+def _level(residual: Floats) -> float:
+    """Root mean square about zero: a constant offset is no noise."""
+    return float(np.sqrt(np.mean(np.square(residual))))
+
+
 def noise_floor(signal: Floats) -> float:
     """Model-free noise level of a channel; at least a thousandth of its rms, where a record has no noise."""
     return max(model_free_noise_sd(signal), LEAST_NOISE * float(np.std(signal)))
@@ -181,16 +188,21 @@ def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     """Noise level and whiteness of the residual at a point ``(n_dim,)`` of the unit cube, worst channel of each.
 
     The colour of what is less than a thousandth of a channel's rms does not count: a record without noise leaves only
-    the solver's error.
+    the solver's error. Coloured noise fails, since neither yardstick nor likelihood knows of any but white noise; the
+    sentence says whether it could be noise (:func:`is_noise`), which a small missing effect can look like.
     """
     record = posterior.record
     residual = dict(zip(record.channels, residual_of(posterior, point), strict=True))
-    ratios = {name: float(np.std(rest)) / noise_floor(record.channels[name]) for name, rest in residual.items()}
+    ratios = {name: _level(rest) / noise_floor(record.channels[name]) for name, rest in residual.items()}
     white = {
-        name: whiteness_probability(rest) if np.std(rest) > LEAST_NOISE * np.std(record.channels[name]) else 1.0
+        name: whiteness_probability(rest) if _level(rest) > LEAST_NOISE * np.std(record.channels[name]) else 1.0
         for name, rest in residual.items()
     }
     loudest, reddest = max(ratios, key=lambda name: ratios[name]), min(white, key=lambda name: white[name])
+    is_white = white[reddest] > LEAST_PROBABILITY
+    whiteness = f"White noise is as coloured as the residual of {reddest} with probability {white[reddest]:.2g}."
+    if not is_white and leaves_noise(posterior, point):
+        whiteness += " It may be coloured noise or a small effect that the model lacks: bwbn discover weighs both."
     return (
         Check(
             name="residual level",
@@ -203,7 +215,7 @@ def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
             name="residual whiteness",
             value=white[reddest],
             limit=LEAST_PROBABILITY,
-            passed=white[reddest] > LEAST_PROBABILITY,
-            sentence=f"White noise is as coloured as the residual of {reddest} with probability {white[reddest]:.2g}.",
+            passed=is_white,
+            sentence=whiteness,
         ),
     )

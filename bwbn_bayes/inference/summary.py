@@ -363,8 +363,8 @@ def _verdict(
     first += (
         ", and the model explains the record down to its noise."
         if model_fits
-        else ", but the model does not explain the record: what is left is not noise, and the posterior holds only if "
-        "the model does."
+        else ", but the model does not explain the record: what is left is not white noise, and the posterior holds "
+        "only if the model does."
     )
     roads = {
         "importance": "importance sampling",

@@ -62,5 +62,5 @@ def si_factor(column: str, unit: str) -> float:
         return float(quantity.m_as(target))
     except pint.DimensionalityError:
         raise UserError(f"the unit [{unit}] has the wrong dimension: {wanted}") from None
-    except (pint.PintError, AttributeError, ValueError, AssertionError):
+    except (pint.PintError, AttributeError, KeyError, ValueError, AssertionError):
         raise UserError(f"the unit [{unit}] is not understood: {wanted}") from None

@@ -76,6 +76,14 @@ def test_samplers_pass_through_and_baselines_do_not_reach_them() -> None:
         identify_by_sampling(sdof_model(), recorded(1), settings=Settings(method="ga"))
 
 
+def test_ipv_needs_a_mass_for_every_floor() -> None:
+    """A mass too few, and the first storey would be learned without what lies above."""
+    record = recorded(1)
+    two = record.with_channels({f"acceleration_{i}": record.channels["acceleration_1"] for i in (1, 2)})
+    with pytest.raises(UserError, match="acceleration_2"):
+        identify(sdof_model(), two, settings=Settings(method="ipv"))
+
+
 def test_ipv_needs_a_building() -> None:
     specimen = Specimen(storey=sdof_model().storey)
     with pytest.raises(UserError, match="ShearBuilding"):

@@ -42,6 +42,15 @@ def test_two_parameters_that_act_as_one_are_named_together() -> None:
     assert " c " not in sentence
 
 
+def test_where_no_parameter_takes_much_part_those_that_take_most_are_named() -> None:
+    """Twenty parameters of which the data see five combinations: every open direction is spread over all of them."""
+    frame, _ = np.linalg.qr(np.random.default_rng(3).standard_normal((20, 20)))
+    information = (frame[:, :5] * 1e6) @ frame[:, :5].T
+    sentences = describe(information, [f"p{i}" for i in range(20)])
+    assert len(sentences) > 1
+    assert all("cannot tell p" in sentence or "little about p" in sentence for sentence in sentences)
+
+
 def test_everything_seen_is_said_once() -> None:
     assert describe(1e4 * np.eye(3), NAMES) == ("The record sees every identified parameter.",)
 

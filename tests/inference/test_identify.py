@@ -8,10 +8,23 @@ import pytest
 from inference_cases import climbed, posterior_of, recorded, sdof_model, true_point, with_free_a
 from pymc_cases import TRUTH, small_model, small_record
 
-from bwbn_bayes import BoucWen, Record, Result, Settings, ShearBuilding, UserError, identify
+from bwbn_bayes import (
+    BoucWen,
+    HalfNormal,
+    IntegratedNoise,
+    KnownNoise,
+    Record,
+    Result,
+    SampledNoise,
+    Settings,
+    ShearBuilding,
+    UserError,
+    identify,
+)
+from bwbn_bayes.engines.base import require_usable
 from bwbn_bayes.inference.identify import METHODS, identify_from
 from bwbn_bayes.inference.importance import Mixture, WeightedDraws, sample_importance
-from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.likelihood import Noise, Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.nested_laplace import NestedLaplace
 from bwbn_bayes.inference.tmcmc.target import Target
@@ -274,6 +287,59 @@ def test_a_dead_channel_is_a_user_error(record: Record) -> None:
 def test_too_few_particles_are_a_user_error(record: Record) -> None:
     with pytest.raises(UserError, match="particles"):
         identify(sdof_model(), record, settings=Settings(method="tmcmc", particles=10))
+
+
+def test_numpy_settings_can_be_saved() -> None:
+    settings = Settings(seed=np.int64(3), particles=np.int32(200))  # type: ignore[arg-type]
+    assert (type(settings.seed), type(settings.particles)) == (int, int)
+
+
+def test_a_sensor_given_twice_is_a_user_error(record: Record) -> None:
+    """Relative to the ground it says the same again; with noise of its own it is another sensor."""
+    signal = record.channels["acceleration_1"]
+    both = {"acceleration_1": signal, "relative_acceleration_1": signal - record.excitation}
+    with pytest.raises(UserError, match="relative_acceleration_1 says the same as acceleration_1 less the ground's"):
+        identify(sdof_model(), record.with_channels(both))
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(record.n_times)
+    require_usable(sdof_model(), record.with_channels(both | {"acceleration_1": signal + noise}))
+    double = {"drift_1": signal, "displacement_1": signal}
+    with pytest.raises(UserError, match="drift_1 says the same as displacement_1 "):
+        require_usable(sdof_model(), record.with_channels(double))
+
+
+@pytest.mark.parametrize(
+    ("noise", "message"),
+    [
+        (KnownNoise(sd=(0.1, 0.1)), "2 scales for 1 channels"),
+        (KnownNoise(sd=(0.0,)), "must be a positive number"),
+        (IntegratedNoise(shape=0.0, scale=(1.0,)), "must be a positive number"),
+        (SampledNoise(channels=("acceleration_2",), priors=(HalfNormal(1.0),)), "acceleration_1, in this order"),
+    ],
+    ids=["too many", "zero", "no shape", "another channel"],
+)
+def test_noise_that_is_not_the_record_s_is_a_user_error(record: Record, noise: Noise, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        identify(sdof_model(), record, noise=noise)
+
+
+def test_a_run_that_was_cut_off_goes_on_where_it_stopped(tmp_path: Path) -> None:
+    """The same result as without interruption; stages that are on disk are not told again."""
+    model, record = small_model(beta=TRUTH["beta"]), small_record()
+    settings = Settings(method="tmcmc", particles=100, checkpoint=tmp_path / "run")
+
+    def stop(_: str, facts: StageFacts | None) -> None:
+        if facts is not None and facts.label == "TMCMC, bridge" and facts.tempering_parameter > 0.0:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        identify(model, record, settings=settings, listener=stop)
+    resumed = identify(model, record, settings=settings)
+    whole = identify(model, record, settings=replace(settings, checkpoint=None))
+    np.testing.assert_array_equal(resumed.tree["posterior"]["k"], whole.tree["posterior"]["k"])
+    arrays = next(tmp_path.glob("*.npz"))
+    arrays.write_bytes(arrays.read_bytes()[:100])
+    with pytest.raises(UserError, match="cannot be read"):
+        identify(model, record, settings=settings)
 
 
 @pytest.mark.parametrize("known", [("beta",), ("beta", "delta_eta")], ids=["two", "one"])

@@ -56,6 +56,20 @@ def test_both_checks_pass_at_the_fit_of_every_seed() -> None:
         assert all(c.passed for c in residual_checks(posterior, true_point(sdof_model(), record)))
 
 
+def test_an_offset_is_no_noise(record: Record) -> None:
+    """Ten times the noise, at the truth: a level about the mean would not see it."""
+    offset = 10.0 * record.noise_sd["acceleration_1"]
+    shifted = record.with_channels({"acceleration_1": record.channels["acceleration_1"] + offset})
+    posterior = posterior_of(sdof_model(), shifted)
+    point = true_point(sdof_model(), record)
+    level, _ = residual_checks(posterior, point)
+    assert level.value > 8.0
+    assert not level.passed
+    (rest,) = residual_of(posterior, point)
+    assert is_noise(rest - offset)
+    assert not is_noise(rest)
+
+
 def test_they_fail_at_a_wrong_fit(posterior: Posterior, mode: Mode) -> None:
     """Three per cent off in stiffness, a wrong mode in miniature: 14 posterior sds."""
     wrong = mode.point.copy()

@@ -19,9 +19,16 @@ from pytensor.graph.basic import Constant
 from pytensor.graph.replace import vectorize_graph
 
 from bwbn_bayes.engines.available import engine as engine_by_name
-from bwbn_bayes.engines.base import Engine
+from bwbn_bayes.engines.base import Engine, require_parameters, require_usable
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, Noise, SampledNoise, default_noise
+from bwbn_bayes.inference.likelihood import (
+    IntegratedNoise,
+    KnownNoise,
+    Noise,
+    SampledNoise,
+    default_noise,
+    require_noise,
+)
 from bwbn_bayes.inference.pymc.forward import ForwardProblem, forward_problem
 from bwbn_bayes.inference.pymc.operators import ChannelResponse, LogAdmissible, SquaredResiduals
 from bwbn_bayes.inference.pymc.priors import prior_twin
@@ -137,6 +144,10 @@ def to_pymc(
     several = [records] if isinstance(records, Record) else list(records)
     noises = _noises(noise, several)
     solver = engine_by_name(engine) if isinstance(engine, str) else engine
+    require_parameters(model, name or "model")
+    for record, own in zip(several, noises, strict=True):
+        require_usable(model, record)
+        require_noise(own, record)
     problems = [forward_problem(model, record, solver) for record in several]
     given = dict(parameters or {})
     prefix = f"{name}_" if name else ""
@@ -153,9 +164,6 @@ def to_pymc(
 def _noises(noise: Noise | Sequence[Noise] | None, records: Sequence[Record]) -> list[Noise]:
     if not records:
         raise UserError("to_pymc was given no record: give at least one")
-    for record in records:
-        if not record.channels:
-            raise UserError(f"record {record.name!r} measures nothing: it needs at least one channel")
     if noise is None:
         return [default_noise(record) for record in records]
     noises = list(noise) if isinstance(noise, Sequence) else [noise]

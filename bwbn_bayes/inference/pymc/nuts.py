@@ -114,11 +114,13 @@ def by_variable(twin: pm.Model, space: ParameterSpace, values: Floats) -> dict[s
         columns = values[:, group.members]
         if group.name in free:
             result[group.name] = columns if group.storeys else columns[:, 0]
-        elif group.name.startswith("noise_sd["):
-            previous = result.get("noise_sd", np.empty((len(values), 0)))
-            result["noise_sd"] = np.hstack([previous, columns])
-        else:
+        elif not group.name.startswith("noise_sd["):
             result |= {f"{group.name}_{i + 1}": columns[:, i] for i in range(columns.shape[1])}
+    noise = values[:, [i for i, name in enumerate(space.names) if name.startswith("noise_sd[")]]
+    if "noise_sd" in free:
+        result["noise_sd"] = noise
+    else:  # priors of several kinds are variables of their own
+        result |= {f"noise_sd_{i + 1}": column for i, column in enumerate(noise.T)}
     return result
 
 

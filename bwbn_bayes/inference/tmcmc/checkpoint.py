@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def load(path: Path, identity: Identity) -> RunState | None:
         return None
     try:
         description = json.loads(_description(path).read_text())
-        with np.load(path.with_name(description["arrays"])) as arrays:
+        with path.with_name(description["arrays"]).open("rb") as stream, np.load(stream) as arrays:
             cloud = Cloud(*(arrays[name] for name in Cloud._fields))
             tuning = Tuning(arrays["shares"], arrays["scales"])
             population = Population(cloud, arrays["families"], description["effective_size"], tuning)
@@ -103,7 +104,7 @@ def load(path: Path, identity: Identity) -> RunState | None:
             n_solves=description["n_solves"],
             facts=tuple(StageFacts(**facts) for facts in description["facts"]),
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
         raise UserError(f"checkpoint {path}: it cannot be read ({error}); delete it to start anew") from error
     for key, value in identity.items():
         if found.get(key) != value:

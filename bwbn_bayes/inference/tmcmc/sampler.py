@@ -112,9 +112,7 @@ def sample(
     UserError
         If there are too few particles, no first draw has a finite likelihood, or the checkpoint is another run's.
     """
-    fewest = 8 * (target.n_dim + 1)
-    if n_particles < fewest:
-        raise UserError(f"{n_particles} particles for {target.n_dim} parameters: use at least {fewest}")
+    require_particles(n_particles, target.n_dim)
     start = reference if reference is not None else PriorReference(target)
     evaluator = partial(evaluate, target, start)
     identity: Identity = {
@@ -135,6 +133,18 @@ def sample(
         state = _next_state(state, evaluator, n_particles, rng_seed, variant, began)
         _announce(state, identity, progress, checkpoint)
     return _result(state, n_particles)
+
+
+def fewest_particles(n_dim: int) -> int:
+    """Particles from which the shape of a cloud in so many dimensions can be told."""
+    return 8 * (n_dim + 1)
+
+
+def require_particles(n_particles: int, n_dim: int) -> None:
+    """Raise :class:`UserError` unless there are enough particles for so many parameters."""
+    fewest = fewest_particles(n_dim)
+    if n_particles < fewest:
+        raise UserError(f"{n_particles} particles for {n_dim} parameters: use at least {fewest}")
 
 
 def _first_state(reference: Reference, evaluator: Evaluator, n_particles: int, rng_seed: int) -> RunState:

@@ -223,7 +223,7 @@ def _regression(case: Regression, sampler: str, seed: int, draws: int) -> tuple[
     factor = np.linalg.cholesky(covariance)
     rng = np.random.default_rng(seed)
     points = tuple({"theta": mean + factor @ rng.standard_normal(case.n_dim)} for _ in range(2))
-    start = LaplaceStart(points=points, mean=mean, covariance=covariance)
+    start = LaplaceStart(points=points, covariance=covariance)
     began = time.perf_counter()
     tree, found = _pymc(twin, start, sampler, seed, draws)
     found = found._replace(values=np.asarray(tree["posterior"]["theta"]).reshape(-1, case.n_dim))

@@ -7,7 +7,7 @@ to the unit cube, in which every prior is uniform.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, override
@@ -291,7 +291,7 @@ class PerStorey:
     value: float | Prior | tuple[float | Prior, ...]
 
     def __init__(self, value: float | Prior | Sequence[float | Prior]) -> None:
-        frozen = value if isinstance(value, (int, float, Prior)) else tuple(value)
+        frozen = tuple(value) if isinstance(value, Iterable) else value
         object.__setattr__(self, "value", frozen)
 
     def at(self, position: int, n_storeys: int) -> float | Prior:

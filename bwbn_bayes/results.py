@@ -17,6 +17,9 @@ Groups of the tree (dimensions in brackets; ``floor`` and ``storey`` count from 
     ``acceleration (draw, floor, time)`` for the same subset, noise-free
 ``parameters_by_storey``
     ``k, c, alpha, ... (draw, storey)`` every parameter of the storey law for the same subset
+``quantities``
+    what an engineer asks next, for the same subset (buildings): ``peak_drift, ... (draw, storey)``, ``modal_period,
+    modal_damping_ratio (draw, mode)``, ``period (draw, time_point)``
 ``true_response``
     the same variables as ``response`` without ``draw``, where the truth is known
 

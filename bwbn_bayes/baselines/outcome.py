@@ -22,6 +22,7 @@ from bwbn_bayes.inference.summary import (
     predicted_channels,
     provenance_of,
     response_dataset,
+    storey_parameters,
     true_histories,
 )
 from bwbn_bayes.parameters import Floats
@@ -111,11 +112,7 @@ def genetic_result(
     )
     storeys = list(range(1, model.n_storeys + 1))
     response = response_dataset(rows, record.times, storeys)
-    local = model.table.local(values)
-    by_storey = xr.Dataset(
-        {p.symbol: (("draw", "storey"), local[:, :, i]) for i, p in enumerate(model.law.parameters)},
-        coords={"storey": storeys},
-    )
+    by_storey = storey_parameters(model, values)
     groups = {
         **_measurement(model, record, storeys, signals[0], truth),
         "estimate": parameter_dataset(model.space.parameters, values, model.n_storeys),
@@ -239,8 +236,7 @@ def _point_facts(model: Structure, record: Record, point: Floats, values: Floats
 
 
 def _residual_sd(record: Record, signals: Floats) -> dict[str, float]:
-    measured = np.stack(list(record.channels.values()))
-    return dict(zip(record.channels, np.std(measured - signals, axis=1).tolist(), strict=True))
+    return dict(zip(record.channels, np.std(record.measured - signals, axis=1).tolist(), strict=True))
 
 
 def _history(fit: GeneticFit) -> xr.Dataset:

@@ -177,7 +177,7 @@ def predict(
         raise UserError(f"record {record.name!r} measures nothing: held-out data need a channel such as acceleration_1")
     values, _ = posterior.split(point[None])
     predicted = posterior.engine.simulate(posterior.model, values, record).values[0][:, first:]
-    measured = np.stack(list(record.channels.values()))[:, first:]
+    measured = record.measured[:, first:]
     trained = np.sqrt(posterior.misfit(point[None])[0] / posterior.record.n_times)
     level = dict(zip(posterior.record.channels, trained, strict=True))
     sd = np.array([level.get(name, noise_floor(record.channels[name])) for name in channels])

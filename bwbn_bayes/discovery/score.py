@@ -23,7 +23,6 @@ from scipy.linalg import cho_solve
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
-from bwbn_bayes.engines.base import measured_matrix
 from bwbn_bayes.engines.lane_source import LANES
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
@@ -114,7 +113,7 @@ class _Slopes:
     def at(cls, posterior: Posterior, point: Floats) -> _Slopes:
         """At a point ``(n_dim,)`` of the unit cube."""
         record, (values, noise_values) = posterior.record, posterior.split(point[None])
-        measured = measured_matrix(record, tuple(record.channels))
+        measured = record.measured
         response, slopes = posterior.engine.sensitivities(posterior.model, values, record)
         misfit = np.sum(np.square(measured - response.values), axis=2)
         noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_times, noise_values)[0][:, None])

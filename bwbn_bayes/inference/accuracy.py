@@ -16,7 +16,6 @@ from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.record import Record
 
 LIMIT = 0.5
 LADDER = (
@@ -91,7 +90,7 @@ class Judge:
         _, slopes = posterior.engine.sensitivities(model, values, record)
         exact = finest.simulate(model, values, record).values[0]
         posterior.solves.total += 2
-        misfit = np.sum(np.square(_measured(record) - exact), axis=1)[None]
+        misfit = np.sum(np.square(record.measured - exact), axis=1)[None]
         weight = np.sqrt(posterior.noise.precision(misfit, record.n_times, noise_values)[0])[:, None]
         scale = model.space.unit_scale(values)[0]
         jacobian = (slopes[0] * scale[:, None, None] * weight).reshape(model.space.n_dim, -1)
@@ -103,11 +102,11 @@ class Judge:
         response = engine.simulate(self.posterior.model, self.values, record).values[0]
         self.posterior.solves.total += 1
         whitened = ((self.exact - response) * self.weight).ravel()
-        residual = ((_measured(record) - self.exact) * self.weight).ravel()
+        residual = ((record.measured - self.exact) * self.weight).ravel()
         information = self.jacobian @ self.jacobian.T
         shift = np.linalg.solve(information + 12.0 * np.eye(len(information)), self.jacobian @ whitened)
         left = whitened - shift @ self.jacobian
-        size = np.mean(np.square(_measured(record)), axis=1)
+        size = np.mean(np.square(record.measured), axis=1)
         return Discretisation(
             scheme=engine.scheme,
             joint_shift_sd=float(np.sqrt(shift @ information @ shift)),
@@ -128,7 +127,3 @@ def choose_scheme(posterior: Posterior, point: Floats, engine: Lanes) -> tuple[L
         if facts.acceptable:
             return scheme, facts
     return finest, replace(facts, scheme=f"{finest.scheme}; the figures are those of the next coarser one")
-
-
-def _measured(record: Record) -> Floats:
-    return np.stack(list(record.channels.values()))

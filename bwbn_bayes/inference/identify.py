@@ -7,7 +7,7 @@ mode when it starts from the prior. Where the first fails its check the second t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from numbers import Integral
@@ -225,6 +225,14 @@ class _Fitted(NamedTuple):
     checks: tuple[Check, ...]
 
 
+class _Sampled(NamedTuple):
+    """What a road came to: its draws (none where its own check failed), evidences by road, checks."""
+
+    draws: Draws | None
+    evidences: Mapping[str, tuple[float, float]]
+    checks: tuple[Check, ...]
+
+
 def _sampled(
     fitted: _Fitted,
     settings: Settings,
@@ -234,51 +242,31 @@ def _sampled(
     assumptions: Sequence[str],
 ) -> Result:
     """The posterior by the road asked for, and by TMCMC where importance sampling fails its check."""
-    posterior, modes, discretisation, checks = fitted
-    roads: dict[str, tuple[float, float]] = {}
-    method: str = settings.method
-    draws: Draws | None = None
-    nested: NestedLaplace | None = None
+    posterior, modes = fitted.posterior, fitted.modes
     target, at = posterior, modes
-    section = section_of(posterior) if method in ("importance", "tmcmc") else None
+    section = section_of(posterior) if settings.method in ("importance", "tmcmc") else None
     if section is not None:
         history.say("A shares the scale of z with others: integrating along it")
         target, at = section, _modes_on(section, modes)
         assumptions = (*assumptions, section.sentence)
+    method: str = settings.method
+    nested: NestedLaplace | None = None
     if method == "importance":
-        weighted, nested = _importance(target, at, rng, settings.particles, history)
-        roads["importance"] = (weighted.log_evidence, weighted.log_evidence_se)
-        checks += (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
-        if weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k)):
-            draws = Draws.of_weighted(weighted, rng, settings.particles)
-        else:
-            history.say("the proposal does not cover the posterior: falling back to TMCMC")
-            method = "tmcmc"
-            fewest = max(_FEWEST_PARTICLES, fewest_particles(target.n_dim))
-            settings = replace(settings, particles=max(fewest, settings.particles // _FALLBACK_SHARE))
-    if method in ("smc", "nuts"):
-        # Imported here: PyMC takes seconds to load, which the other roads need not pay.
-        from bwbn_bayes.inference.pymc.roads import sample_road
-
-        draws, roads, own_checks = sample_road(
-            posterior,
-            modes,
-            method="smc" if method == "smc" else "nuts",
-            plain=settings.variant == "plain",
-            sampler=settings.sampler,
-            particles=settings.particles,
-            seed=settings.seed,
-            say=history.say,
-        )
-        checks += own_checks
+        found, nested = _by_importance(target, at, settings, rng, history)
+    elif method == "tmcmc":
+        found = _by_bridge(target, at, None, settings, history)
+        found = _beside_the_published_road(found, posterior, settings, history)
+    else:
+        found = _by_pymc(posterior, modes, settings, history)
+    draws, evidences, checks = found
     if draws is None:
-        cloud = _bridge(target, at, nested, settings, history)
-        roads["tmcmc (bridge)"] = (cloud.log_evidence, cloud.log_evidence_se)
-        if settings.method == "tmcmc":
-            road = _from_prior(posterior, settings, history)
-            roads["tmcmc (prior)"] = (road.log_evidence, road.log_evidence_se)
-            checks += (_roads_check(cloud, road),)
-        draws = Draws.of_cloud(cloud)
+        history.say("the proposal does not cover the posterior: falling back to TMCMC")
+        method = "tmcmc"
+        fewest = max(_FEWEST_PARTICLES, fewest_particles(target.n_dim))
+        fewer = replace(settings, particles=max(fewest, settings.particles // _FALLBACK_SHARE))
+        second = _by_bridge(target, at, nested, fewer, history)
+        draws, evidences, checks = second.draws, {**evidences, **second.evidences}, (*checks, *second.checks)
+    assert draws is not None
     if section is not None:
         draws = draws.with_points(lambda points: section.spread(points, rng))
     return build_result(
@@ -290,12 +278,70 @@ def _sampled(
         seed=settings.seed,
         name=name,
         assumptions=assumptions,
-        checks=checks,
-        discretisation=discretisation,
+        checks=(*fitted.checks, *checks),
+        discretisation=fitted.discretisation,
         stages=tuple(history.stages),
-        evidences=roads,
+        evidences=evidences,
         elapsed=lambda: time.perf_counter() - history.began,
         rng=rng,
+    )
+
+
+def _by_importance(
+    target: Posterior, modes: tuple[Mode, ...], settings: Settings, rng: np.random.Generator, history: _History
+) -> tuple[_Sampled, NestedLaplace | None]:
+    """Importance sampling, with the sheet that it laid; no draws where the weights' tail is too heavy."""
+    weighted, nested = _importance(target, modes, rng, settings.particles, history)
+    checks = (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
+    stands = weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k))
+    draws = Draws.of_weighted(weighted, rng, settings.particles) if stands else None
+    return _Sampled(draws, {"importance": (weighted.log_evidence, weighted.log_evidence_se)}, checks), nested
+
+
+def _by_bridge(
+    target: Posterior, modes: tuple[Mode, ...], nested: NestedLaplace | None, settings: Settings, history: _History
+) -> _Sampled:
+    """TMCMC from the inflated approximation at the modes."""
+    history.say("sampling by transitional MCMC from the inflated approximation at the mode")
+    cloud = bridge(
+        target,
+        modes,
+        nested=nested,
+        n_particles=settings.particles,
+        rng_seed=settings.seed,
+        variant=settings.variant,
+        progress=lambda facts: _tell_stage(history, "bridge", facts),
+        checkpoint=settings.checkpoint,
+    )
+    return _Sampled(Draws.of_cloud(cloud), {"tmcmc (bridge)": (cloud.log_evidence, cloud.log_evidence_se)}, ())
+
+
+def _beside_the_published_road(
+    bridged: _Sampled, posterior: Posterior, settings: Settings, history: _History
+) -> _Sampled:
+    """The bridge's draws, with the evidence of the road from the prior beside its own."""
+    road = _from_prior(posterior, settings, history)
+    own, _ = bridged.evidences["tmcmc (bridge)"]
+    evidences = {**bridged.evidences, "tmcmc (prior)": (road.log_evidence, road.log_evidence_se)}
+    return bridged._replace(evidences=evidences, checks=(*bridged.checks, _roads_check(own, road.log_evidence)))
+
+
+def _by_pymc(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, history: _History) -> _Sampled:
+    """PyMC's SMC or NUTS."""
+    # Imported here: PyMC takes seconds to load, which the other roads need not pay.
+    from bwbn_bayes.inference.pymc.roads import sample_road
+
+    return _Sampled(
+        *sample_road(
+            posterior,
+            modes,
+            method="smc" if settings.method == "smc" else "nuts",
+            plain=settings.variant == "plain",
+            sampler=settings.sampler,
+            particles=settings.particles,
+            seed=settings.seed,
+            say=history.say,
+        )
     )
 
 
@@ -400,26 +446,6 @@ def _tell_draws(history: _History, posterior: Posterior, effective: int, reached
     )
 
 
-def _bridge(
-    posterior: Posterior,
-    modes: tuple[Mode, ...],
-    nested: NestedLaplace | None,
-    settings: Settings,
-    history: _History,
-) -> TmcmcResult:
-    history.say("sampling by transitional MCMC from the inflated approximation at the mode")
-    return bridge(
-        posterior,
-        modes,
-        nested=nested,
-        n_particles=settings.particles,
-        rng_seed=settings.seed,
-        variant=settings.variant,
-        progress=lambda facts: _tell_stage(history, "bridge", facts),
-        checkpoint=settings.checkpoint,
-    )
-
-
 def _from_prior(posterior: Posterior, settings: Settings, history: _History) -> TmcmcResult:
     """The published road: from the prior, one Metropolis step a stage, a tenth of the particles, the coarse scheme.
 
@@ -441,8 +467,8 @@ def _tell_stage(history: _History, label: str, facts: StageFacts) -> None:
     history.say(f"TMCMC, {label}", replace(facts, label=f"TMCMC, {label}"))
 
 
-def _roads_check(bridge: TmcmcResult, road: TmcmcResult) -> Check:
-    gap = road.log_evidence - bridge.log_evidence
+def _roads_check(bridged: float, from_prior: float) -> Check:
+    gap = from_prior - bridged
     return Check(
         name="roads agree",
         value=abs(gap),

@@ -10,7 +10,6 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 from scipy.stats import chi2, f, f_oneway, levene, ttest_1samp
 
-from bwbn_bayes.engines.base import measured_matrix
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
@@ -149,7 +148,7 @@ def _steadiness(residual: Floats, correlation_samples: float = 1.0) -> float:
 def residual_of(posterior: Posterior, point: Floats) -> Floats:
     """Measured minus modelled channels ``(n_channels, n_times)`` at a point ``(n_dim,)`` of the unit cube."""
     record = posterior.record
-    return np.asarray(measured_matrix(record, tuple(record.channels)) - _modelled(posterior, point))
+    return np.asarray(record.measured - _modelled(posterior, point))
 
 
 def leaves_noise(posterior: Posterior, point: Floats) -> bool:
@@ -164,7 +163,7 @@ def leaves_noise(posterior: Posterior, point: Floats) -> bool:
     posterior.solves.total += 1
     rows = observe(posterior.engine, posterior.model, values, record)
     motions = np.concatenate([modelled, *(rows[kind][0] for kind in _MOTIONS)])
-    return all(is_noise(rest, motions) for rest in measured_matrix(record, tuple(record.channels)) - modelled)
+    return all(is_noise(rest, motions) for rest in record.measured - modelled)
 
 
 def _modelled(posterior: Posterior, point: Floats) -> Floats:

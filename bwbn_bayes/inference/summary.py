@@ -121,7 +121,7 @@ def build_result(
     values, noise_values = posterior.split(draws.points[chosen])
     rows = observe(posterior.engine, model, values, record)
     signals = predicted_channels(model, record, rows)
-    misfit = np.sum(np.square(np.stack(list(record.channels.values())) - signals), axis=2)
+    misfit = np.sum(np.square(record.measured - signals), axis=2)
     noise_sd = posterior.noise.draw_sd(rng, misfit, record.n_times, noise_values)
     truth = true_histories(model, record)
     tree = _tree(posterior, draws, values, rows, signals, noise_sd, truth, rng)
@@ -240,11 +240,7 @@ def _tree(
     prior = space.from_unit(posterior.sample_prior(rng, 2000))
     noisy = signals + noise_sd[:, :, None] * rng.standard_normal(signals.shape)
     storeys = list(range(1, model.n_storeys + 1))
-    local = model.table.local(values)
-    by_storey = xr.Dataset(
-        {p.symbol: (("draw", "storey"), local[:, :, i]) for i, p in enumerate(model.law.parameters)},
-        coords={"storey": storeys},
-    )
+    by_storey = storey_parameters(model, values)
     response = response_dataset(rows, times, storeys)
     groups = {
         "posterior": parameter_dataset(space.parameters, space.from_unit(draws.points), model.n_storeys),
@@ -269,6 +265,15 @@ def _tree(
     if truth is not None:
         groups["true_response"] = response_dataset(truth, times, storeys).isel(draw=0)
     return xr.DataTree.from_dict(groups)
+
+
+def storey_parameters(model: Structure, values: Floats) -> xr.Dataset:
+    """Every parameter of the storey law, by symbol ``(draw, storey)``, from identified ones ``(n_draws, n_dim)``."""
+    local = model.table.local(values)
+    return xr.Dataset(
+        {p.symbol: (("draw", "storey"), local[:, :, i]) for i, p in enumerate(model.law.parameters)},
+        coords={"storey": list(range(1, model.n_storeys + 1))},
+    )
 
 
 def response_dataset(rows: Mapping[str, Floats], times: Floats, storeys: list[int]) -> xr.Dataset:

@@ -166,6 +166,13 @@ class Record:
         return len(self.excitation)
 
     @cached_property
+    def measured(self) -> Floats:
+        """Measured channels ``(n_channels, n_times)`` in their order, read-only."""
+        rows = np.array(list(self.channels.values()), dtype=np.float64).reshape(len(self.channels), self.n_times)
+        rows.flags.writeable = False
+        return rows
+
+    @cached_property
     def times(self) -> Floats:
         """Sample times ``(n_times,)`` [s] from zero, read-only."""
         times = self.time_step * np.arange(self.n_times, dtype=np.float64)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise, product
+from numbers import Integral, Real
 from typing import ClassVar, Self
 
 import numpy as np
@@ -117,8 +118,8 @@ class Structure:
             if others:
                 raise UserError(f"{effect.name} already acts on the building: place it once")
             return replace(self, effects=(*self.effects, PlacedEffect(effect=effect, storeys=())))
-        if isinstance(storeys, int):
-            raise UserError(f"{effect.name}: storeys is {storeys}, it must be a list such as [{storeys}]")
+        if isinstance(storeys, (Integral, str)):
+            raise UserError(f"{effect.name}: storeys is {storeys!r}, it must be a list such as [{storeys}]")
         placed = tuple(storeys) if storeys is not None else tuple(range(1, self.n_storeys + 1))
         wrong = [s for s in placed if not 1 <= s <= self.n_storeys]
         if wrong or not placed or any(b <= a for a, b in pairwise(placed)):
@@ -332,14 +333,14 @@ def _spread(
         raise UserError(f"{symbol} belongs to the whole building: give one number or prior, not PerStorey")
     if isinstance(value, PerStorey):
         return [(f"{symbol}[{s}]", value.at(i, len(storeys)), (s,)) for i, s in enumerate(storeys)]
-    if not isinstance(value, (int, float, Prior)):
+    if not isinstance(value, (Real, Prior)):
         raise UserError(f"{symbol} is {value!r}: give a number, a prior, or PerStorey of either")
     label = symbol if len(storeys) in (0, n_storeys) else f"{symbol}[{','.join(map(str, storeys))}]"
     return [(label, value, storeys)]
 
 
 def _checked(parameter: Parameter, name: str, value: float) -> float:
-    if not isinstance(value, (int, float, np.number)):
+    if not isinstance(value, Real):
         raise UserError(f"{name} is {value!r}: give a number")
     if not (np.isfinite(value) and parameter.lower <= value <= parameter.upper):
         raise UserError(

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from laboratory import NO_DRAW, shaking, solve, storey
 
-from bwbn_bayes.elements.effects import FolientePinching, SlipLock, StrengthDegradation, SuddenDamage
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.effects import CubicStiffness, FolientePinching, SlipLock, StrengthDegradation, SuddenDamage
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import LogNormal, Normal, PerStorey, Truncated, Uniform
@@ -199,3 +200,15 @@ def test_any_number_of_storeys(n_storeys):
     known = ShearBuilding(masses=[1.0] * n_storeys, storey=storey(k=3000.0, c=1.0))
     alone = solve(known, shaking(2.0), top, 4)[top[0]]
     np.testing.assert_array_equal(response.values[0, 0], alone)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    """As ``np.arange`` and arrays hand them out."""
+    storey = BoucWen(k=PerStorey(np.int64(5)), c=np.float32(0.5), beta=PerStorey(np.array([1.0, 2.0])), gamma=1.0)
+    model = ShearBuilding(masses=[1.0, 1.0], storey=storey)
+    same = BoucWen(k=PerStorey(5), c=0.5, beta=PerStorey([1.0, 2.0]), gamma=1.0)
+    other, nothing = ShearBuilding(masses=[1.0, 1.0], storey=same), np.empty((1, 0))
+    np.testing.assert_array_equal(model.table.local(nothing), other.table.local(nothing))
+    for storeys in (np.int64(1), "1"):
+        with pytest.raises(UserError, match=r"it must be a list such as \[1\]"):
+            model.with_effect(CubicStiffness(k3=1.0), storeys=storeys)  # type: ignore[arg-type]

@@ -62,11 +62,6 @@ class ForwardProblem:
         return tuple(self.record.channels)
 
     @cached_property
-    def measured(self) -> Floats:
-        """Measured channels ``(n_channels, n_times)``."""
-        return np.stack(list(self.record.channels.values()))
-
-    @cached_property
     def solver(self) -> Engine:
         """The engine; in a worker process on one thread.
 
@@ -99,7 +94,7 @@ class ForwardProblem:
     def squared_residuals_pullback(self, values: Floats, cotangents: Floats) -> Floats:
         """Products ``(n_draws, n_parameters)`` of cotangents and the sums' exact derivatives; zero where failed."""
         if isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint":
-            residual = self.measured - self.solver.simulate(self.model, values, self.record).values
+            residual = self.record.measured - self.solver.simulate(self.model, values, self.record).values
             return self.response_pullback(values, -2.0 * cotangents[:, :, None] * residual)
         gradient = self.solver.normal_equations(self.model, values, self.record).gradient
         return self._counted_slopes(-2.0 * np.einsum("nc,ncp->np", cotangents, gradient))

@@ -43,12 +43,10 @@ class LaplaceStart:
     ----------
     points : tuple of mappings
         One start for each chain, variables in their own units.
-    mean : (n_dim,) array
     covariance : (n_dim, n_dim) array
     """
 
     points: tuple[Mapping[str, Floats], ...]
-    mean: Floats
     covariance: Floats
 
 
@@ -103,7 +101,7 @@ def laplace_start(
     unconstrained = np.concatenate([column.reshape(len(points), -1) for column in _unconstrained(twin, values)], axis=1)
     starts = tuple({name: column[i] for name, column in values.items()} for i in range(chains))
     covariance = np.atleast_2d(np.cov(unconstrained.T))
-    return LaplaceStart(points=starts, mean=np.mean(unconstrained, axis=0), covariance=covariance)
+    return LaplaceStart(points=starts, covariance=covariance)
 
 
 def by_variable(twin: pm.Model, space: ParameterSpace, values: Floats) -> dict[str, Floats]:
@@ -149,9 +147,10 @@ def sample_nuts(
     chains: int = 2,
     seed: int,
 ) -> NutsRun:
-    """Sample with PyMC's own NUTS under the Laplace metric, or with nutpie, which adapts its metric from there.
+    """Sample with PyMC's own NUTS under the Laplace metric, or with nutpie, which adapts a metric of its own.
 
-    Chains of PyMC run one after another in this process, those of nutpie on threads; nothing is forked.
+    Chains of PyMC run one after another in this process, each from a start of its own; those of nutpie on threads, all
+    from the first start. Nothing is forked.
 
     Parameters
     ----------

@@ -43,9 +43,9 @@ class Added:
 
     @property
     def alternatives(self) -> tuple[str, ...]:
-        """What the record cannot tell it from, in words: other effects, and itself at other places."""
+        """What the record cannot tell it from, in words: other effects, and the same one at other places."""
         level = self.candidate.hypothesis.effect.level
-        places = (f"itself at {place_in_words(level, place)}" for place in self.decision.equivalent_places)
+        places = (f"the same at {place_in_words(level, place)}" for place in self.decision.equivalent_places)
         return (*self.decision.equivalent, *places)
 
     def as_json(self) -> dict[str, Any]:

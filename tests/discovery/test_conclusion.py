@@ -94,7 +94,7 @@ def test_what_the_record_cannot_tell_apart_stands_in_the_headline() -> None:
     bar = SimpleNamespace(nrmse=0.1)
     first, _ = _sentences("effects_found", (one,), 0.0, before, Gap(noise_floor=0.01, before=bar, after=bar))  # type: ignore[arg-type]
     assert first == (
-        "The model lacks slip_lock, storey 2 (or gap_impact or itself at storey 1: the record cannot tell): "
+        "The model lacks slip_lock, storey 2 (or gap_impact or the same at storey 1: the record cannot tell): "
         "the joint slips."
     )
 

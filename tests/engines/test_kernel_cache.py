@@ -19,14 +19,14 @@ _SOURCES = """
 import hashlib
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock, StrengthDegradation
-from bwbn_bayes.engines.codegen import programs_of
 from bwbn_bayes.engines.cvodes_source import cvodes_source
 from bwbn_bayes.engines.lane_source import lane_source
+from bwbn_bayes.engines.scalar import programs_of
 from bwbn_bayes.engines.scalar_source import scalar_source
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
 building = ShearBuilding(masses=[1.0], storey=BoucWen(k=10.0, beta=1.0, gamma=1.0))
-law = building.with_effect(StrengthDegradation(delta_nu=0.1)).with_effect(SlipLock(delta_s=0.02)).law
+law = building.with_effect(StrengthDegradation(delta_nu=0.1)).with_effect(SlipLock(delta_s=0.02, sigma=0.05)).law
 for source in (lane_source, scalar_source, cvodes_source):
     print(hashlib.sha256(source(*programs_of(law), driven=False).encode()).hexdigest())
 """

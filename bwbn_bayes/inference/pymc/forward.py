@@ -61,6 +61,11 @@ class ForwardProblem:
         """Names of the measured channels."""
         return tuple(self.record.channels)
 
+    @property
+    def measured(self) -> Floats:
+        """Measured channels ``(n_channels, n_times)``."""
+        return self.record.measured
+
     @cached_property
     def solver(self) -> Engine:
         """The engine; in a worker process on one thread.
@@ -94,7 +99,7 @@ class ForwardProblem:
     def squared_residuals_pullback(self, values: Floats, cotangents: Floats) -> Floats:
         """Products ``(n_draws, n_parameters)`` of cotangents and the sums' exact derivatives; zero where failed."""
         if isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint":
-            residual = self.record.measured - self.solver.simulate(self.model, values, self.record).values
+            residual = self.measured - self.solver.simulate(self.model, values, self.record).values
             return self.response_pullback(values, -2.0 * cotangents[:, :, None] * residual)
         gradient = self.solver.normal_equations(self.model, values, self.record).gradient
         return self._counted_slopes(-2.0 * np.einsum("nc,ncp->np", cotangents, gradient))

@@ -222,7 +222,7 @@ def _observe(values: pt.TensorVariable, problem: ForwardProblem, noise: Noise, s
         *sd, _ = sd_and_size
         scale = sd[0] if sd else _prior_noise_sd(noise)
         response = ChannelResponse(problem)(values)
-        return response + scale[:, None] * pm.Normal.dist(np.zeros(()), 1.0, shape=problem.record.measured.shape)
+        return response + scale[:, None] * pm.Normal.dist(np.zeros(()), 1.0, shape=problem.measured.shape)
 
     inputs = [values] if noise_sd is None else [values, noise_sd]
     cores = ["(p)"] if noise_sd is None else ["(p)", "(c)"]
@@ -232,7 +232,7 @@ def _observe(values: pt.TensorVariable, problem: ForwardProblem, noise: Noise, s
         dist=predict,
         logp=log_density,
         signature=f"{','.join(cores)}->(c,t)",
-        observed=problem.record.measured,
+        observed=problem.measured,
         dims=dims,
         class_name="Structure",
     )
@@ -241,7 +241,7 @@ def _observe(values: pt.TensorVariable, problem: ForwardProblem, noise: Noise, s
 
 def _misfit(problem: ForwardProblem, measured: pt.TensorVariable, values: pt.TensorVariable) -> pt.TensorVariable:
     """Squared residuals: summed by the engine against the record, here against any other data."""
-    if isinstance(measured, Constant) and np.array_equal(measured.data, problem.record.measured):
+    if isinstance(measured, Constant) and np.array_equal(measured.data, problem.measured):
         return SquaredResiduals(problem)(values)
     squares = pt.sum(pt.square(measured - ChannelResponse(problem)(values)), axis=-1)
     return pt.switch(pt.isnan(squares), np.inf, squares)
@@ -338,7 +338,7 @@ def _predictions(observation: Observation, draws: Floats, rng: np.random.Generat
     problem = observation.problem
     values, noise_values = np.split(draws, [problem.model.space.n_dim], axis=1)
     response = problem.response(values)
-    residual = problem.record.measured - response
+    residual = problem.measured - response
     misfit = np.sum(np.square(residual), axis=2)
     sd = observation.noise.draw_sd(rng, misfit, problem.record.n_times, noise_values)[:, :, None]
     density = -0.5 * np.square(residual / sd) - np.log(sd) - 0.5 * _LOG_2PI

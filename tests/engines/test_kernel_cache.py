@@ -111,7 +111,10 @@ def test_a_law_compiled_ahead_needs_no_compiling(tmp_path: Path, monkeypatch: py
     assert is_compiled(law, False)
     assert not is_compiled(law, True)
     assert precompile([law], driven=False) is None
-    environment = {**os.environ, "BWBN_CACHE_DIR": str(tmp_path)}
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+    assert any(path.suffix == ".nbc" for path in before)
+    environment = {**os.environ, "BWBN_CACHE_DIR": str(tmp_path), "PYTHONHASHSEED": "2"}
     done = subprocess.run([sys.executable, "-c", _SOLVE], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["1", "0"]
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == before
     assert not list(tmp_path.glob("*.tmp"))

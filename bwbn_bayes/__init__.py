@@ -34,8 +34,8 @@ from bwbn_bayes.elements.effects import (
 )
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.identify import Settings
 from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, SampledNoise
+from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, PerStorey, Uniform
 from bwbn_bayes.records.excitation import el_centro, filtered_noise, sine
 from bwbn_bayes.records.noise import add_noise

@@ -14,9 +14,10 @@ from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.base import masses, require_parameters, require_usable
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, on_rung
-from bwbn_bayes.inference.identify import Listener, Settings
+from bwbn_bayes.inference.history import Listener
 from bwbn_bayes.inference.identify import identify as identify_by_sampling
 from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
+from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import provenance_of
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Result, StageFacts

@@ -26,7 +26,8 @@ from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.available import engines as available_engines
 from bwbn_bayes.engines.simulation import simulate as simulate_record
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.identify import Listener, Method, Settings
+from bwbn_bayes.inference.history import Listener
+from bwbn_bayes.inference.settings import Method, Settings
 from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report.discovery_text import discovery_in_words

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 from rich.text import Text
 
-from bwbn_bayes.inference.identify import Listener
+from bwbn_bayes.inference.history import Listener
 from bwbn_bayes.report.numbers import decimal_place
 from bwbn_bayes.results import ParameterFacts, Result, StageFacts
 

@@ -14,13 +14,17 @@ from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, 
 from bwbn_bayes.discovery.run import Present, Run, hypotheses_of, score_all
 from bwbn_bayes.discovery.unexplained import unexplained
 from bwbn_bayes.discovery.where import Disagreement
-from bwbn_bayes.inference.identify import Settings, identify_from
+from bwbn_bayes.inference.identify import identify_from
+from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 
 FOUND_SHARE, PARTLY_SHARE = 0.1, 0.25
-"""Unexplained share up to which effects count as found, and as contributing."""
+"""Unexplained share up to which effects count as found, and one alone as contributing."""
+FOUND_LEVEL = 1.5
+"""Residual to noise up to which effects that leave no noise count as found: most of a large gap can be gone and yet
+what is left be several times the noise, which a law of the same kind leaves that is not the right one."""
 MOST_AT_ONCE = 2
 """With more, they are as likely to imitate together one that the catalogue lacks: they count as contributing."""
 
@@ -81,7 +85,7 @@ def conclude(
     )
     return Discovery(
         verdict=verdict,
-        sentences=(*_sentences(verdict, added, share, before, gap), *run.notes),
+        sentences=(*_sentences(verdict, added, share, before, after, gap), *run.notes),
         unexplained_share=share,
         unexplained=rest,
         added=added,
@@ -138,10 +142,12 @@ def _verdict(given: Present, present: Present, added: tuple[Added, ...]) -> Verd
     if not added:
         return "no_missing_effect" if noise else "unexplained"
     # Steady noise can hide that much is left of a small disagreement; only where nothing of note is left is it found.
-    found = share <= FOUND_SHARE or present.is_quiet or (noise and share <= PARTLY_SHARE)
-    if found and len(added) <= MOST_AT_ONCE:
+    near = share <= FOUND_SHARE and float(np.max(present.disagreement.residual_to_noise)) <= FOUND_LEVEL
+    if (near or present.is_quiet or (noise and share <= PARTLY_SHARE)) and len(added) <= MOST_AT_ONCE:
         return "effects_found"
-    return "partly_explained" if noise or share <= PARTLY_SHARE else "unexplained"
+    # Several that leave so much together only imitate what the catalogue lacks.
+    most = PARTLY_SHARE if len(added) == 1 else FOUND_SHARE
+    return "partly_explained" if noise or share <= most else "unexplained"
 
 
 def _limits(present: Present, run: Run) -> tuple[DetectionLimit, ...]:
@@ -175,8 +181,9 @@ def _histories(present: Present) -> dict[str, Floats]:
 
 
 def _sentences(
-    verdict: Verdict, added: tuple[Added, ...], share: float, before: Disagreement, gap: Gap
+    verdict: Verdict, added: tuple[Added, ...], share: float, before: Disagreement, after: Disagreement, gap: Gap
 ) -> tuple[str, ...]:
+    level = float(np.max(after.residual_to_noise))
     labels = ", then ".join(map(_named, added))
     meaning = f": {added[0].candidate.hypothesis.effect.summary}" if len(added) == 1 else ""
     shrunk = (
@@ -184,6 +191,8 @@ def _sentences(
         f"the noise is {100 * gap.noise_floor:.1f} %."
     )
     contributes = f"contributes, but {100 * share:.0f} % of the disagreement stays unexplained"
+    if level > FOUND_LEVEL:
+        contributes += f", {level:.1f} times the noise"
     if len(added) > MOST_AT_ONCE:
         contributes = (
             f"together explain all but {100 * share:.0f} % of the disagreement, but so many may imitate an effect that "

@@ -27,7 +27,9 @@ _WIDER, _MOST_TIMES = 4.0, 3
 _N_SCANNED = 32
 """Values of a time, a width or a gap that are tried over its whole prior."""
 _N_POINTS = 8
-_N_STARTS = 256
+_N_STARTS = 1024
+_SPARSE = 4
+"""An effect with so many parameters has a grid too coarse to start from where the model is bent."""
 
 
 def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
@@ -59,6 +61,8 @@ def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
 def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -> tuple[Fit, ...]:
     """Fits again, best first, the leading ones from draws of their whole priors on growing windows.
 
+    So are those of effects with many parameters at every place: the race may have led none of them anywhere.
+
     Parameters
     ----------
     fits : sequence of Fit
@@ -68,12 +72,14 @@ def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -
     n_threads : int
         Threads for the solves.
     """
-    return _again(fits, lambda fit: _searched(fit, rng, n_threads))
+    many = tuple(fit for fit in fits if len(fit.hypothesis.symbols) >= _SPARSE and len(fit.hypothesis.storeys) < 2)
+    return _again(fits, lambda fit: _searched(fit, rng, n_threads), also=many)
 
 
-def _again(fits: Sequence[Fit], look: Callable[[Fit], Fit]) -> tuple[Fit, ...]:
-    """Fits, best first, after another look at the leading ones."""
-    seen = {id(fit): look(fit) for fit in leading(fits)}
+def _again(fits: Sequence[Fit], look: Callable[[Fit], Fit], also: Sequence[Fit] = ()) -> tuple[Fit, ...]:
+    """Fits, best first, after another look at the leading ones, and at others."""
+    wanted = {id(fit): fit for fit in (*leading(fits), *also)}
+    seen = {key: look(fit) for key, fit in wanted.items()}
     return tuple(sorted((seen.get(id(fit), fit) for fit in fits), key=lambda fit: -fit.log_likelihood))
 
 

@@ -7,43 +7,32 @@ mode when it starts from the prior. Where the first fails its check the second t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from numbers import Integral
-from pathlib import Path
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 
 from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.base import require_parameters, require_usable
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
 from bwbn_bayes.inference.bridge import bridge
-from bwbn_bayes.inference.importance import (
-    PARETO_LIMIT,
-    WeightedDraws,
-    sample_importance,
-)
+from bwbn_bayes.inference.history import History, Listener
+from bwbn_bayes.inference.importance import PARETO_LIMIT, WeightedDraws, sample_importance
 from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise, require_noise
-from bwbn_bayes.inference.modes import Mode, WindowFacts, distinct, find_modes, polish
+from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
 from bwbn_bayes.inference.residuals import residual_checks
 from bwbn_bayes.inference.scale_of_z import Section, section_of
+from bwbn_bayes.inference.settings import METHODS, Settings
 from bwbn_bayes.inference.summary import Draws, build_result
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, fewest_particles, require_particles, sample
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.results import Check, Result, StageFacts
+from bwbn_bayes.results import Check, Result
 from bwbn_bayes.structures.structure import Structure
-
-Method = Literal["importance", "tmcmc", "smc", "nuts", "ga", "ipv"]
-METHODS: tuple[Method, ...] = ("importance", "tmcmc", "smc", "nuts")
-"""Roads to a posterior; :mod:`bwbn_bayes.baselines.methods` adds ``ga`` and ``ipv``, which give none."""
-Listener = Callable[[str, StageFacts | None], None]
-"""Called with what is being done and, after each step of it, that step's facts."""
 
 N_ATTEMPTS = 3
 _PILOT = 800
@@ -55,73 +44,6 @@ _N_REFINED = 3
 """Times that a proposal whose weights turn out to have a heavy tail is bettered and drawn from anew."""
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it runs with this fraction of the draws asked for: each costs it some hundred solves."""
-
-
-_CHOICES = {"method": get_args(Method), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
-_LEAST = {"seed": 0, "particles": 1}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """Options of one run.
-
-    Parameters
-    ----------
-    method : {"importance", "tmcmc", "smc", "nuts", "ga", "ipv"}
-        The road to the posterior, of which smc and nuts are PyMC's; the last two are baselines without a posterior.
-    engine : str
-        Name of the engine.
-    seed : int
-        The run is a function of it.
-    particles : int
-        Effective draws wanted (importance, which weighs at least 2,000) or particles (TMCMC).
-    variant : {"default", "plain"}
-        TMCMC as calibrated, or as published; SMC with the batched kernel, or with PyMC's own.
-    fallback : bool
-        Whether TMCMC takes over where importance sampling fails its check; if not, its draws stand with the check
-        failed, unless their weights have no tail to judge by.
-    sampler : {"pymc", "nutpie"}
-        Whose NUTS.
-    checkpoint : Path, optional
-        Name (without suffix) under which TMCMC keeps each stage and from which it goes on where a run was cut off.
-    """
-
-    method: Method = "importance"
-    engine: str = "lanes"
-    seed: int = 1
-    particles: int = 5000
-    variant: Literal["default", "plain"] = "default"
-    fallback: bool = True
-    sampler: Literal["pymc", "nutpie"] = "pymc"
-    checkpoint: Path | None = None
-
-    def __post_init__(self) -> None:
-        for name, choices in _CHOICES.items():
-            given = getattr(self, name)
-            if given not in choices:
-                raise UserError(f"Settings: {name} {given!r} is not known: choose one of {', '.join(choices)}")
-        for name, least in _LEAST.items():
-            given = getattr(self, name)
-            if not isinstance(given, Integral) or given < least:
-                raise UserError(f"Settings: {name} is {given!r}, it must be a whole number from {least} on")
-            object.__setattr__(self, name, int(given))
-
-
-@dataclass
-class _History:
-    """Collects the steps of a run and tells the listener."""
-
-    listener: Listener | None
-    began: float
-    stages: list[StageFacts]
-
-    def say(self, text: str, facts: StageFacts | None = None) -> None:
-        """Announce, and keep the facts if there are any."""
-        if facts is not None:
-            facts = replace(facts, stage=len(self.stages), elapsed_s=time.perf_counter() - self.began)
-            self.stages.append(facts)
-        if self.listener is not None:
-            self.listener(text, facts)
 
 
 def identify(
@@ -174,7 +96,7 @@ def identify(
     if settings.method == "tmcmc":
         require_particles(settings.particles, model.space.n_dim)
     began = time.perf_counter()
-    history = _History(listener, began, [])
+    history = History(listener, began, [])
     posterior = Posterior(
         model=model,
         record=record,
@@ -213,7 +135,7 @@ def identify_from(
         Posterior, checks and facts.
     """
     settings = settings or Settings()
-    history = _History(listener, time.perf_counter(), [])
+    history = History(listener, time.perf_counter(), [])
     fitted = _Fitted(*_finish(posterior, points))
     return _sampled(fitted, settings, np.random.default_rng(settings.seed), history, name, assumptions)
 
@@ -237,7 +159,7 @@ def _sampled(
     fitted: _Fitted,
     settings: Settings,
     rng: np.random.Generator,
-    history: _History,
+    history: History,
     name: str,
     assumptions: Sequence[str],
 ) -> Result:
@@ -288,7 +210,7 @@ def _sampled(
 
 
 def _by_importance(
-    target: Posterior, modes: tuple[Mode, ...], settings: Settings, rng: np.random.Generator, history: _History
+    target: Posterior, modes: tuple[Mode, ...], settings: Settings, rng: np.random.Generator, history: History
 ) -> tuple[_Sampled, NestedLaplace | None]:
     """Importance sampling, with the sheet that it laid; no draws where the weights' tail is too heavy."""
     weighted, nested = _importance(target, modes, rng, settings.particles, history)
@@ -299,7 +221,7 @@ def _by_importance(
 
 
 def _by_bridge(
-    target: Posterior, modes: tuple[Mode, ...], nested: NestedLaplace | None, settings: Settings, history: _History
+    target: Posterior, modes: tuple[Mode, ...], nested: NestedLaplace | None, settings: Settings, history: History
 ) -> _Sampled:
     """TMCMC from the inflated approximation at the modes."""
     history.say("sampling by transitional MCMC from the inflated approximation at the mode")
@@ -310,14 +232,14 @@ def _by_bridge(
         n_particles=settings.particles,
         rng_seed=settings.seed,
         variant=settings.variant,
-        progress=lambda facts: _tell_stage(history, "bridge", facts),
+        progress=lambda facts: history.tell_stage("bridge", facts),
         checkpoint=settings.checkpoint,
     )
     return _Sampled(Draws.of_cloud(cloud), {"tmcmc (bridge)": (cloud.log_evidence, cloud.log_evidence_se)}, ())
 
 
 def _beside_the_published_road(
-    bridged: _Sampled, posterior: Posterior, settings: Settings, history: _History
+    bridged: _Sampled, posterior: Posterior, settings: Settings, history: History
 ) -> _Sampled:
     """The bridge's draws, with the evidence of the road from the prior beside its own."""
     road = _from_prior(posterior, settings, history)
@@ -326,7 +248,7 @@ def _beside_the_published_road(
     return bridged._replace(evidences=evidences, checks=(*bridged.checks, _roads_check(own, road.log_evidence)))
 
 
-def _by_pymc(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, history: _History) -> _Sampled:
+def _by_pymc(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, history: History) -> _Sampled:
     """PyMC's SMC or NUTS."""
     # Imported here: PyMC takes seconds to load, which the other roads need not pay.
     from bwbn_bayes.inference.pymc.roads import sample_road
@@ -346,7 +268,7 @@ def _by_pymc(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, 
 
 
 def _fit(
-    posterior: Posterior, streams: Sequence[np.random.SeedSequence], history: _History
+    posterior: Posterior, streams: Sequence[np.random.SeedSequence], history: History
 ) -> tuple[Posterior, tuple[Mode, ...], Discretisation | None, tuple[Check, ...]]:
     """Modes at the final scheme; searched again from new and more starts while the residual is not noise."""
     modes: tuple[Mode, ...] = ()
@@ -356,7 +278,7 @@ def _fit(
             "finding the mode" if attempt == 0 else "the residual is not noise: searching again from more starts"
         )
         found = find_modes(
-            posterior, rng, n_starts=1024 * 4**attempt, progress=lambda facts: _tell_window(history, posterior, facts)
+            posterior, rng, n_starts=1024 * 4**attempt, progress=lambda facts: history.tell_window(posterior, facts)
         )
         points = np.array([mode.point for mode in (*found, *modes)])
         view, modes, discretisation, checks = _finish(posterior, points)
@@ -384,25 +306,8 @@ def _modes_on(section: Section, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
     return distinct(*polish(section, points, n_iterations=20))
 
 
-def _tell_window(history: _History, posterior: Posterior, facts: WindowFacts) -> None:
-    duration = posterior.record.duration
-    history.say(
-        f"fitted the first {facts.end:.0f} s of {duration:.0f} s",
-        StageFacts(
-            stage=0,
-            tempering_parameter=facts.end / duration,
-            acceptance=float("nan"),
-            effective_sample_size=float("nan"),
-            n_solves=facts.n_solves,
-            log_evidence=float("nan"),
-            elapsed_s=0.0,
-            label=f"least squares on 0 to {facts.end:.1f} s, {facts.n_candidates} candidates",
-        ),
-    )
-
-
 def _importance(
-    posterior: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator, effective: int, history: _History
+    posterior: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator, effective: int, history: History
 ) -> tuple[WeightedDraws, NestedLaplace | None]:
     """Importance sampling from the modes, or from the sheet through them where they alone cover the posterior badly."""
     sheet, effective = Sheet(posterior, modes, rng), max(effective, _LEAST_EFFECTIVE)
@@ -412,7 +317,7 @@ def _importance(
     if poor and n_refined:
         _lay(sheet, history)
     history.say("sampling the posterior by importance")
-    tell = partial(_tell_draws, history, posterior, effective)
+    tell = partial(history.tell_draws, posterior, effective)
     weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, progress=tell)
     for _ in range(n_refined):
         if weighted.pareto_k <= PARETO_LIMIT:
@@ -425,28 +330,12 @@ def _importance(
     return weighted, sheet.nested
 
 
-def _lay(sheet: Sheet, history: _History) -> None:
+def _lay(sheet: Sheet, history: History) -> None:
     history.say("the posterior is bent: laying a sheet through it")
     sheet.lay()
 
 
-def _tell_draws(history: _History, posterior: Posterior, effective: int, reached: float, n_draws: int) -> None:
-    history.say(
-        f"{reached:.0f} of {effective} effective draws",
-        StageFacts(
-            stage=0,
-            tempering_parameter=1.0,
-            acceptance=float("nan"),
-            effective_sample_size=reached,
-            n_solves=posterior.solves.total,
-            log_evidence=float("nan"),
-            elapsed_s=0.0,
-            label=f"importance sampling, {n_draws} draws",
-        ),
-    )
-
-
-def _from_prior(posterior: Posterior, settings: Settings, history: _History) -> TmcmcResult:
+def _from_prior(posterior: Posterior, settings: Settings, history: History) -> TmcmcResult:
     """The published road: from the prior, one Metropolis step a stage, a tenth of the particles, the coarse scheme.
 
     Its evidence is known to fall short on long records; it is printed beside the bridge's, not used.
@@ -459,12 +348,8 @@ def _from_prior(posterior: Posterior, settings: Settings, history: _History) -> 
         n_particles=fewest,
         rng_seed=settings.seed,
         variant="plain",
-        progress=lambda facts: _tell_stage(history, "from the prior", facts),
+        progress=lambda facts: history.tell_stage("from the prior", facts),
     )
-
-
-def _tell_stage(history: _History, label: str, facts: StageFacts) -> None:
-    history.say(f"TMCMC, {label}", replace(facts, label=f"TMCMC, {label}"))
 
 
 def _roads_check(bridged: float, from_prior: float) -> Check:

@@ -17,8 +17,8 @@ from bwbn_bayes.baselines.methods import identify
 from bwbn_bayes.engines.base import masses
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.simulation import simulate
-from bwbn_bayes.inference.identify import Settings
 from bwbn_bayes.inference.likelihood import KnownNoise
+from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import path_correlation, processor_name
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.noise import add_noise

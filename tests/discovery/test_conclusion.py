@@ -41,6 +41,8 @@ def test_the_share_counts_what_exceeds_the_noise() -> None:
         (1, 1.4, False, "effects_found"),
         (2, 1.4, False, "effects_found"),
         (3, 1.0, True, "partly_explained"),
+        (2, 1.6, True, "effects_found"),
+        (2, 1.6, False, "unexplained"),
         (1, 1.8, True, "effects_found"),
         (1, 1.8, False, "partly_explained"),
         (1, 2.5, True, "partly_explained"),
@@ -51,6 +53,14 @@ def test_verdict(n_added: int, ratio: float, noise: bool, verdict: str) -> None:
     present = fitted((ratio, 1.0), noise=noise)
     assert _verdict(GIVEN, present, effects(n_added)) == verdict
     assert is_explained(GIVEN, present, effects(n_added)) == (verdict in ("effects_found", "no_missing_effect"))
+
+
+def test_most_of_a_large_gap_is_not_enough() -> None:
+    """Of 24 times the noise, 4 times is left: 2.6 % of the energy, and not the right law."""
+    given = fitted((24.0,))
+    assert unexplained_share(given, fitted((4.0,))) < 0.03
+    assert _verdict(given, fitted((4.0,)), effects(1)) == "partly_explained"
+    assert _verdict(given, fitted((1.4,)), effects(1)) == "effects_found"
 
 
 def step(number: int, *, passes: bool) -> Step:
@@ -90,21 +100,24 @@ def test_what_the_record_cannot_tell_apart_stands_in_the_headline() -> None:
     )
     decision = SimpleNamespace(equivalent=("gap_impact",), equivalent_places=((1,),))
     one = Added(candidate=cast(Any, SimpleNamespace(hypothesis=hypothesis)), decision=cast(Any, decision), moments={})
-    before = cast(Any, SimpleNamespace(spots=()))
-    bar = SimpleNamespace(nrmse=0.1)
-    first, _ = _sentences("effects_found", (one,), 0.0, before, Gap(noise_floor=0.01, before=bar, after=bar))  # type: ignore[arg-type]
+    before = cast(Any, SimpleNamespace(spots=(), residual_to_noise=np.array([9.0, 1.0])))
+    bar = cast(Any, SimpleNamespace(nrmse=0.1))
+    gap = Gap(noise_floor=0.01, before=bar, after=bar)
+    first, _ = _sentences("effects_found", (one,), 0.0, before, before, gap)
     assert first == (
         "The model lacks slip_lock, storey 2 (or gap_impact or the same at storey 1: the record cannot tell): "
         "the joint slips."
     )
+    first, _ = _sentences("partly_explained", (one,), 0.06, before, before, gap)
+    assert first.endswith(" contributes, but 6 % of the disagreement stays unexplained, 9.0 times the noise.")
 
 
 def test_noise_that_rises_and_falls_is_no_place_of_disagreement() -> None:
     spot = SimpleNamespace(channel="acceleration_1", sentence="storey 1, 0 to 9 s: residual 2.0 times the noise")
-    before = cast(Any, SimpleNamespace(spots=(spot,)))
+    before = cast(Any, SimpleNamespace(spots=(spot,), residual_to_noise=np.array([2.0])))
     bar = cast(Any, SimpleNamespace(nrmse=0.1))
     gap = Gap(noise_floor=0.01, before=bar, after=bar)
-    assert _sentences("no_missing_effect", (), 0.0, before, gap) == (
+    assert _sentences("no_missing_effect", (), 0.0, before, before, gap) == (
         "The model as given explains the record: what it leaves is noise.",
     )
-    assert len(_sentences("unexplained", (), 1.0, before, gap)) == 2
+    assert len(_sentences("unexplained", (), 1.0, before, before, gap)) == 2

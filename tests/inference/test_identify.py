@@ -22,11 +22,12 @@ from bwbn_bayes import (
     identify,
 )
 from bwbn_bayes.engines.base import require_usable
-from bwbn_bayes.inference.identify import METHODS, identify_from
+from bwbn_bayes.inference.identify import identify_from
 from bwbn_bayes.inference.importance import Mixture, WeightedDraws, sample_importance
 from bwbn_bayes.inference.likelihood import Noise, Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.nested_laplace import NestedLaplace
+from bwbn_bayes.inference.settings import METHODS
 from bwbn_bayes.inference.tmcmc.target import Target
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Floats

@@ -26,10 +26,11 @@ from bwbn_bayes import (
     Uniform,
     simulate,
 )
-from bwbn_bayes.inference.identify import Settings, identify
+from bwbn_bayes.inference.identify import identify
 from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.likelihood import Posterior, SampledNoise
 from bwbn_bayes.inference.scale_of_z import Section, section_of
+from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.parameters import Floats, HalfNormal, Value
 from bwbn_bayes.records.excitation import el_centro
 

@@ -88,7 +88,8 @@ class FolientePinching(Effect):
         return (
             cls(
                 zeta_s=HalfNormal(0.5).truncated(0.0, 1.0),
-                p=LogNormal(3.0 / scales.energy, 1.2).truncated(0.1 / scales.energy, 100.0 / scales.energy),
+                # The largest of them: a pinch that is there from the start.
+                p=LogNormal(10.0 / scales.energy, 2.3).truncated(0.1 / scales.energy, 1e4 / scales.energy),
                 q=Uniform(-0.2, 0.8),
                 psi_0=Uniform(0.03 * z, 1.0 * z),
                 delta_psi=Uniform(0.0, 1.0 * z / scales.energy),
@@ -100,8 +101,9 @@ class FolientePinching(Effect):
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         return {
             "zeta_s": (0.5,),
-            "p": (1.0 / scales.energy, 10.0 / scales.energy),
-            "q": (0.05, 0.35),
+            "p": tuple(rate / scales.energy for rate in (1.0, 10.0, 1e3)),
+            # z_u, which q multiplies, is beyond all bounds where the base's fit ends at beta + gamma = 0.
+            "q": (0.0, 0.35),
             "psi_0": (0.15 * scales.hysteretic_displacement, 0.5 * scales.hysteretic_displacement),
             "delta_psi": (0.1 * scales.hysteretic_displacement / scales.energy,),
             "lambda_": (0.25,),

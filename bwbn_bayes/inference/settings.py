@@ -1,0 +1,63 @@
+"""Options of one identification."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Integral
+from pathlib import Path
+from typing import Literal, get_args
+
+from bwbn_bayes.errors import UserError
+
+Method = Literal["importance", "tmcmc", "smc", "nuts", "ga", "ipv"]
+METHODS: tuple[Method, ...] = ("importance", "tmcmc", "smc", "nuts")
+"""Roads to a posterior; :mod:`bwbn_bayes.baselines.methods` adds ``ga`` and ``ipv``, which give none."""
+
+_CHOICES = {"method": get_args(Method), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
+_LEAST = {"seed": 0, "particles": 1}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Options of one run.
+
+    Parameters
+    ----------
+    method : {"importance", "tmcmc", "smc", "nuts", "ga", "ipv"}
+        The road to the posterior, of which smc and nuts are PyMC's; the last two are baselines without a posterior.
+    engine : str
+        Name of the engine.
+    seed : int
+        The run is a function of it.
+    particles : int
+        Effective draws wanted (importance, which weighs at least 2,000) or particles (TMCMC).
+    variant : {"default", "plain"}
+        TMCMC as calibrated, or as published; SMC with the batched kernel, or with PyMC's own.
+    fallback : bool
+        Whether TMCMC takes over where importance sampling fails its check; if not, its draws stand with the check
+        failed, unless their weights have no tail to judge by.
+    sampler : {"pymc", "nutpie"}
+        Whose NUTS.
+    checkpoint : Path, optional
+        Name (without suffix) under which TMCMC keeps each stage and from which it goes on where a run was cut off.
+    """
+
+    method: Method = "importance"
+    engine: str = "lanes"
+    seed: int = 1
+    particles: int = 5000
+    variant: Literal["default", "plain"] = "default"
+    fallback: bool = True
+    sampler: Literal["pymc", "nutpie"] = "pymc"
+    checkpoint: Path | None = None
+
+    def __post_init__(self) -> None:
+        for name, choices in _CHOICES.items():
+            given = getattr(self, name)
+            if given not in choices:
+                raise UserError(f"Settings: {name} {given!r} is not known: choose one of {', '.join(choices)}")
+        for name, least in _LEAST.items():
+            given = getattr(self, name)
+            if not isinstance(given, Integral) or given < least:
+                raise UserError(f"Settings: {name} is {given!r}, it must be a whole number from {least} on")
+            object.__setattr__(self, name, int(given))

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
-from bwbn_bayes.discovery.conclusion import conclude, is_explained, unexplained_share, what_stayed
+from bwbn_bayes.discovery.conclusion import MOST_AT_ONCE, conclude, is_explained, unexplained_share, what_stayed
 from bwbn_bayes.discovery.evidence import bridged_evidence, laplace_evidence, present_evidence, sampled_evidence
 from bwbn_bayes.discovery.held_out import set_apart
 from bwbn_bayes.discovery.name import THRESHOLD, Decision, decide, worth_fitting
@@ -108,8 +108,10 @@ def discover(
     for spot in given.disagreement.spots[:2]:
         run.say(spot.sentence)
     _compile_ahead(given, run)
-    present, added = _prune(*_grow(given, run), run)
-    present, added, run = _look_again(given, present, added, run)
+    grown = _grow(_Grown(given, (), False), run, most=MOST_AT_ONCE)
+    grown, run = _look_again(given, grown, run)
+    grown = _grow(grown, run, most=run.settings.most_effects)
+    present, added = _prune(grown.present, grown.added, run)
     return conclude(given, present, added, apart, name, assumptions, run)
 
 
@@ -137,10 +139,21 @@ def _compile_ahead(given: Present, run: Run) -> None:
     precompile(laws, driven=given.posterior.model.excitation_kind == "displacement")
 
 
-def _grow(present: Present, run: Run, fits: tuple[Fit, ...] | None = None) -> tuple[Present, tuple[Added, ...]]:
-    """Add effects one by one until none passes; the fits of the first round may be known already."""
-    added: list[Added] = []
-    while len(added) < run.settings.most_effects:
+class _Grown(NamedTuple):
+    """A model as it grew."""
+
+    present: Present
+    added: tuple[Added, ...]
+    ended: bool
+    """Whether nothing is left that could be added."""
+
+
+def _grow(so_far: _Grown, run: Run, *, most: int, fits: tuple[Fit, ...] | None = None) -> _Grown:
+    """Add effects one by one until none passes or there are so many; the fits of the next round may be known."""
+    present, added, ended = so_far
+    if ended:
+        return so_far
+    while len(added) < min(most, run.settings.most_effects):
         if fits is None:
             fits = _fit_hypotheses(present, run)
         if not run.steps:
@@ -160,7 +173,7 @@ def _grow(present: Present, run: Run, fits: tuple[Fit, ...] | None = None) -> tu
         )
         run.say(sentence)
         if chosen is None or decision is None:
-            break
+            return _Grown(present, added, True)
         fit = next(fit for fit in fits if fit.hypothesis is chosen.hypothesis)
         posterior = present.posterior.with_model(chosen.hypothesis.improved)
         modes = settled(posterior, fit.modes[:N_CANDIDATES], run.rng)
@@ -169,32 +182,29 @@ def _grow(present: Present, run: Run, fits: tuple[Fit, ...] | None = None) -> tu
         if left > MOST_LEFT and not improved.is_noise:
             run.withdraw(what_stayed(left), decision)
             run.say(run.steps[-1].sentence)
-            break
-        added.append(
-            Added(candidate=chosen, decision=decision, moments={}, separation=_separation(fit, fits, decision))
-        )
+            return _Grown(present, added, True)
+        separation = _separation(fit, fits, decision)
+        added = (*added, Added(candidate=chosen, decision=decision, moments={}, separation=separation))
         present, fits = improved, None
-    return present, tuple(added)
+    return _Grown(present, added, False)
 
 
-def _look_again(
-    given: Present, present: Present, added: tuple[Added, ...], run: Run
-) -> tuple[Present, tuple[Added, ...], Run]:
+def _look_again(given: Present, grown: _Grown, run: Run) -> tuple[_Grown, Run]:
     """Where much stays unexplained, fit the leading hypotheses of the first round from all over their priors.
 
     Starts near the fits of a model that lacks an effect can all be far from the truth.
     """
-    if is_explained(given, present, added) or not run.first_fits:
-        return present, added, run
+    if is_explained(given, grown.present, grown.added) or not run.first_fits:
+        return grown, run
     run.say("much stays unexplained: fitting the leading hypotheses from all over their priors")
     fits = searched(run.first_fits, run.rng, n_threads=run.settings.n_workers)
     if fits[0].log_likelihood < run.first_fits[0].log_likelihood + THRESHOLD:
-        return present, added, run
+        return grown, run
     again = replace(run, steps=[], considered=run.first_considered)
-    other, others = _prune(*_grow(given, again, fits), again)
-    if unexplained_share(given, other) < unexplained_share(given, present):
-        return other, others, again
-    return present, added, run
+    other = _grow(_Grown(given, (), False), again, most=MOST_AT_ONCE, fits=fits)
+    if unexplained_share(given, other.present) < unexplained_share(given, grown.present):
+        return other, again
+    return grown, run
 
 
 def _separation(fit: Fit, fits: Sequence[Fit], decision: Decision) -> tuple[str, ...]:

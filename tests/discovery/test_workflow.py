@@ -77,7 +77,13 @@ def test_the_second_search_weighs_against_the_first_rounds_hypotheses(monkeypatc
     monkeypatch.setattr(workflow, "is_explained", lambda *_: False)
     monkeypatch.setattr(workflow, "searched", lambda *_, **__: (SimpleNamespace(log_likelihood=99.0),))
     monkeypatch.setattr(workflow, "unexplained_share", lambda *_: 1.0)
-    monkeypatch.setattr(workflow, "_grow", lambda given, again, _: (weighed.append(again.considered), (given, ()))[1])
+
+    def grow(so_far: Any, again: Run, **_: object) -> Any:
+        weighed.append(again.considered)
+        return so_far
+
+    monkeypatch.setattr(workflow, "_grow", grow)
     present: Any = SimpleNamespace()
-    assert workflow._look_again(present, present, (), run) == (present, (), run)
+    grown = workflow._Grown(present, (), True)
+    assert workflow._look_again(present, grown, run) == (grown, run)
     assert weighed == [first]

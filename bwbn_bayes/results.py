@@ -39,6 +39,8 @@ from typing import Any
 
 import xarray as xr
 
+from bwbn_bayes.errors import UserError
+
 SCHEMA = 1
 
 
@@ -179,17 +181,28 @@ class Result:
     tree: xr.DataTree
     facts: Facts
 
-    def save(self, path: Path) -> None:
+    def save(self, path: Path | str) -> None:
         """Write arrays and facts to one netCDF file."""
         tree = self.tree.copy()
         tree.attrs["facts"] = json.dumps(asdict(self.facts))
         tree.to_netcdf(path, engine="h5netcdf")
 
     @classmethod
-    def load(cls, path: Path) -> Result:
-        """Read what :meth:`save` wrote."""
-        tree = xr.open_datatree(path, engine="h5netcdf").load()
-        raw = json.loads(tree.attrs.pop("facts"))
+    def load(cls, path: Path | str) -> Result:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        UserError
+            If there is no such file, or another than a saved result.
+        """
+        try:
+            tree = xr.open_datatree(path, engine="h5netcdf").load()
+            raw = json.loads(tree.attrs.pop("facts"))
+        except FileNotFoundError:
+            raise UserError(f"result file {path} does not exist: give the path of a saved result.nc") from None
+        except (OSError, KeyError, ValueError) as error:
+            raise UserError(f"{path} is no saved result: give a result.nc that Result.save wrote") from error
         facts = Facts(
             **{
                 **raw,

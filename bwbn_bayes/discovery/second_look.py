@@ -27,7 +27,9 @@ _WIDER, _MOST_TIMES = 4.0, 3
 _N_SCANNED = 32
 """Values of a time, a width or a gap that are tried over its whole prior."""
 _N_POINTS = 8
-_N_STARTS = 1024
+_N_STARTS, _N_FIRST = 1024, 64
+"""Draws of a whole prior, and how many of the best are fitted to the first window: with a quarter of them a hidden
+pinch was found in seven searches of ten only."""
 _SPARSE = 4
 """An effect with so many parameters has a grid too coarse to start from where the model is bent."""
 
@@ -136,7 +138,7 @@ def _rescanned(fit: Fit, n_threads: int) -> Fit:
 
 def _searched(fit: Fit, rng: np.random.Generator, n_threads: int) -> Fit:
     try:
-        modes = find_modes(on_threads(fit.posterior, n_threads), rng, n_starts=_N_STARTS)
+        modes = find_modes(on_threads(fit.posterior, n_threads), rng, n_starts=_N_STARTS, n_first=_N_FIRST)
     except UserError:  # no draw of its prior can be solved: what the race found stays
         return fit
     return _fitted(fit, np.concatenate([np.array([mode.point for mode in modes]), fit.best(_N_POINTS)]), n_threads)

@@ -66,7 +66,12 @@ def first_window(posterior: Posterior) -> float:
 
 
 def find_modes(
-    posterior: Posterior, rng: np.random.Generator, *, n_starts: int = 1024, progress: Progress | None = None
+    posterior: Posterior,
+    rng: np.random.Generator,
+    *,
+    n_starts: int = 1024,
+    n_first: int = N_CANDIDATES,
+    progress: Progress | None = None,
 ) -> tuple[Mode, ...]:
     """Local optima of the posterior, best first.
 
@@ -78,6 +83,8 @@ def find_modes(
         Random stream.
     n_starts : int
         Prior draws on the first window.
+    n_first : int
+        The best of them, which are polished there.
     progress : callable, optional
         Called after every window.
     """
@@ -85,7 +92,7 @@ def find_modes(
     points = posterior.sample_prior(rng, n_starts)
     for number, end in enumerate(ends):
         view = posterior.until(end)
-        points = _best(view, points, N_CANDIDATES)
+        points = _best(view, points, n_first if number == 0 else N_CANDIDATES)
         points, local = polish(view, points, n_iterations=30 if number == len(ends) - 1 else 12)
         modes = distinct(points, local)
         if not modes:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from inference_cases import climbed, posterior_of, recorded, sdof_model, true_point, with_free_a
 from pymc_cases import TRUTH, small_model, small_record
 
@@ -159,6 +160,16 @@ def test_a_result_saves_and_loads(result: Result, tmp_path: Path) -> None:
     loaded = Result.load(tmp_path / "result.nc")
     np.testing.assert_equal(asdict(loaded.facts), asdict(result.facts))  # equal where both are NaN
     assert loaded.tree.identical(result.tree)
+
+
+def test_what_is_no_saved_result_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="does not exist: give the path of a saved"):
+        Result.load(tmp_path / "result.nc")
+    (tmp_path / "text.nc").write_text("no netCDF")
+    xr.Dataset({"a": 1.0}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    for name in ("text.nc", "other.nc"):
+        with pytest.raises(UserError, match=f"{name} is no saved result"):
+            Result.load(str(tmp_path / name))
 
 
 def test_the_same_seed_repeats_and_another_agrees(result: Result) -> None:

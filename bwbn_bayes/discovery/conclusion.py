@@ -53,10 +53,12 @@ def conclude(
         What the model as given takes for granted.
     run : Run
     """
-    verdict = _verdict(given, present, added)
-    if verdict == "unexplained":
-        run.withdraw(what_stayed(unexplained_share(given, present)))
+    ahead = None if held_out is None else _gap(given, present, held_out.record, held_out.first, run)
+    verdict = _verdict(given, present, added, ahead)
+    if verdict == "unexplained" and added:
+        run.withdraw(_why_withdrawn(unexplained_share(given, present), ahead))
         added, present = (), given
+        ahead = None if held_out is None else _gap(given, given, held_out.record, held_out.first, run)
     share = 0.0 if verdict == "no_missing_effect" else unexplained_share(given, present)
     before, after = given.disagreement, present.disagreement
     rest = None
@@ -66,9 +68,7 @@ def conclude(
     run.say("looking for the smallest effects that this record could have shown")
     limits = _limits(present, run)
     posterior, record = present.posterior, present.posterior.record
-    gap = _gap(given, present, record, 0, run)
-    if held_out is not None:
-        gap = replace(gap, held_out=_gap(given, present, held_out.record, held_out.first, run))
+    gap = replace(_gap(given, present, record, 0, run), held_out=ahead)
     elapsed = run.elapsed
     run.say("sampling the posterior of the final model")
     result = identify_from(
@@ -132,19 +132,30 @@ def what_stayed(share: float) -> str:
     return f"{100 * share:.0f} % of the disagreement stayed"
 
 
+def _why_withdrawn(share: float, ahead: Gap | None) -> str:
+    if share <= FOUND_SHARE and ahead is not None and not ahead.is_closed:
+        return f"so many effects, and they miss the held-out record by {ahead.left:.1f} times its noise"
+    return what_stayed(share)
+
+
 def is_explained(given: Present, present: Present, added: tuple[Added, ...]) -> bool:
-    """Whether nothing of note stays unexplained."""
-    return _verdict(given, present, added) in ("effects_found", "no_missing_effect")
+    """Whether nothing of note stays unexplained of the record that was fitted."""
+    return _verdict(given, present, added, None) in ("effects_found", "no_missing_effect")
 
 
-def _verdict(given: Present, present: Present, added: tuple[Added, ...]) -> Verdict:
+def _verdict(given: Present, present: Present, added: tuple[Added, ...], ahead: Gap | None) -> Verdict:
+    """The verdict, with the gap on held-out data if there are any: what imitates the record does not foresee others."""
     noise, share = present.is_noise, unexplained_share(given, present)
     if not added:
         return "no_missing_effect" if noise else "unexplained"
+    foresees = ahead is None or ahead.is_closed
     # Steady noise can hide that much is left of a small disagreement; only where nothing of note is left is it found.
     near = share <= FOUND_SHARE and float(np.max(present.disagreement.residual_to_noise)) <= FOUND_LEVEL
-    if (near or present.is_quiet or (noise and share <= PARTLY_SHARE)) and len(added) <= MOST_AT_ONCE:
+    explains = near or present.is_quiet or (noise and share <= PARTLY_SHARE)
+    if len(added) <= MOST_AT_ONCE and explains and foresees:
         return "effects_found"
+    if len(added) > MOST_AT_ONCE and not foresees:
+        return "unexplained"
     # Several that leave so much together only imitate what the catalogue lacks.
     most = PARTLY_SHARE if len(added) == 1 else FOUND_SHARE
     return "partly_explained" if noise or share <= most else "unexplained"
@@ -193,6 +204,8 @@ def _sentences(
     contributes = f"contributes, but {100 * share:.0f} % of the disagreement stays unexplained"
     if level > FOUND_LEVEL:
         contributes += f", {level:.1f} times the noise"
+    elif gap.held_out is not None and not gap.held_out.is_closed:
+        contributes = f"contributes, but the held-out record is missed by {gap.held_out.left:.1f} times its noise"
     if len(added) > MOST_AT_ONCE:
         contributes = (
             f"together explain all but {100 * share:.0f} % of the disagreement, but so many may imitate an effect that "

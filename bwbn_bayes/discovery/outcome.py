@@ -17,6 +17,8 @@ from bwbn_bayes.results import Result, finite
 from bwbn_bayes.structures.structure import Structure
 
 SCHEMA = 1
+CLOSED = 1.25
+"""Error over noise up to which a gap counts as closed."""
 Verdict = Literal["effects_found", "partly_explained", "no_missing_effect", "unexplained"]
 
 
@@ -86,6 +88,16 @@ class Gap:
     before: Prediction
     after: Prediction
     held_out: Gap | None = None
+
+    @property
+    def left(self) -> float:
+        """The error after, over the noise."""
+        return self.after.nrmse / self.noise_floor
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the error after is that of the noise, within a quarter or two standard errors."""
+        return self.left <= CLOSED or self.after.nrmse - 2.0 * self.after.nrmse_se <= self.noise_floor
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """The loop: fit, look where it disagrees, weigh every effect, add the one that is named, until nothing is left to name.
 
-Selection sees the training record alone; what is held out is predicted once, at the end, before and after.
+Selection sees the training record alone; what is held out is predicted at the end, before and after, for the verdict.
 """
 
 from __future__ import annotations

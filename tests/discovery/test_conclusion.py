@@ -1,5 +1,6 @@
 """The verdict: what counts as found, as contributing, and as unexplained."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -51,7 +52,7 @@ def test_the_share_counts_what_exceeds_the_noise() -> None:
 )
 def test_verdict(n_added: int, ratio: float, noise: bool, verdict: str) -> None:
     present = fitted((ratio, 1.0), noise=noise)
-    assert _verdict(GIVEN, present, effects(n_added)) == verdict
+    assert _verdict(GIVEN, present, effects(n_added), None) == verdict
     assert is_explained(GIVEN, present, effects(n_added)) == (verdict in ("effects_found", "no_missing_effect"))
 
 
@@ -59,8 +60,39 @@ def test_most_of_a_large_gap_is_not_enough() -> None:
     """Of 24 times the noise, 4 times is left: 2.6 % of the energy, and not the right law."""
     given = fitted((24.0,))
     assert unexplained_share(given, fitted((4.0,))) < 0.03
-    assert _verdict(given, fitted((4.0,)), effects(1)) == "partly_explained"
-    assert _verdict(given, fitted((1.4,)), effects(1)) == "effects_found"
+    assert _verdict(given, fitted((4.0,)), effects(1), None) == "partly_explained"
+    assert _verdict(given, fitted((1.4,)), effects(1), None) == "effects_found"
+
+
+def bar(nrmse: float, se: float = 0.0) -> Any:
+    return SimpleNamespace(nrmse=nrmse, nrmse_se=se)
+
+
+def missing(after: float, se: float = 0.0) -> Gap:
+    return Gap(noise_floor=0.01, before=bar(0.1), after=bar(after, se))
+
+
+def test_a_gap_is_closed_within_a_quarter_of_the_noise_or_two_standard_errors() -> None:
+    assert missing(0.0125).is_closed
+    assert not missing(0.0126).is_closed
+    assert missing(0.02, se=0.005).is_closed
+    assert not missing(0.02, se=0.004).is_closed
+
+
+@pytest.mark.parametrize(
+    ("n_added", "after", "verdict"),
+    [
+        (0, 0.05, "no_missing_effect"),
+        (1, 0.011, "effects_found"),
+        (1, 0.02, "partly_explained"),
+        (2, 0.02, "partly_explained"),
+        (3, 0.011, "partly_explained"),
+        (3, 0.02, "unexplained"),
+    ],
+)
+def test_what_imitates_the_record_does_not_foresee_others(n_added: int, after: float, verdict: str) -> None:
+    """The fit leaves noise; the verdict turns on the held-out record."""
+    assert _verdict(GIVEN, fitted((1.0, 1.0), noise=True), effects(n_added), missing(after)) == verdict
 
 
 def step(number: int, *, passes: bool) -> Step:
@@ -101,8 +133,7 @@ def test_what_the_record_cannot_tell_apart_stands_in_the_headline() -> None:
     decision = SimpleNamespace(equivalent=("gap_impact",), equivalent_places=((1,),))
     one = Added(candidate=cast(Any, SimpleNamespace(hypothesis=hypothesis)), decision=cast(Any, decision), moments={})
     before = cast(Any, SimpleNamespace(spots=(), residual_to_noise=np.array([9.0, 1.0])))
-    bar = cast(Any, SimpleNamespace(nrmse=0.1))
-    gap = Gap(noise_floor=0.01, before=bar, after=bar)
+    gap = missing(0.1)
     first, _ = _sentences("effects_found", (one,), 0.0, before, before, gap)
     assert first == (
         "The model lacks slip_lock, storey 2 (or gap_impact or the same at storey 1: the record cannot tell): "
@@ -110,13 +141,15 @@ def test_what_the_record_cannot_tell_apart_stands_in_the_headline() -> None:
     )
     first, _ = _sentences("partly_explained", (one,), 0.06, before, before, gap)
     assert first.endswith(" contributes, but 6 % of the disagreement stays unexplained, 9.0 times the noise.")
+    after: Any = SimpleNamespace(residual_to_noise=np.array([1.1, 1.0]))
+    first, *_ = _sentences("partly_explained", (one,), 0.0, before, after, replace(gap, held_out=missing(0.02)))
+    assert first.endswith(" contributes, but the held-out record is missed by 2.0 times its noise.")
 
 
 def test_noise_that_rises_and_falls_is_no_place_of_disagreement() -> None:
     spot = SimpleNamespace(channel="acceleration_1", sentence="storey 1, 0 to 9 s: residual 2.0 times the noise")
     before = cast(Any, SimpleNamespace(spots=(spot,), residual_to_noise=np.array([2.0])))
-    bar = cast(Any, SimpleNamespace(nrmse=0.1))
-    gap = Gap(noise_floor=0.01, before=bar, after=bar)
+    gap = missing(0.1)
     assert _sentences("no_missing_effect", (), 0.0, before, before, gap) == (
         "The model as given explains the record: what it leaves is noise.",
     )

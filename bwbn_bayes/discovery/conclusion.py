@@ -201,16 +201,16 @@ def _sentences(
         f"The error of fit falls from {100 * gap.before.nrmse:.1f} % to {100 * gap.after.nrmse:.1f} % of the signal; "
         f"the noise is {100 * gap.noise_floor:.1f} %."
     )
-    contributes = f"contributes, but {100 * share:.0f} % of the disagreement stays unexplained"
-    if level > FOUND_LEVEL:
-        contributes += f", {level:.1f} times the noise"
-    elif gap.held_out is not None and not gap.held_out.is_closed:
-        contributes = f"contributes, but the held-out record is missed by {gap.held_out.left:.1f} times its noise"
+    contributes = f"{'contributes' if len(added) == 1 else 'contribute'}, but "
     if len(added) > MOST_AT_ONCE:
         contributes = (
             f"together explain all but {100 * share:.0f} % of the disagreement, but so many may imitate an effect that "
             "the catalogue does not hold"
         )
+    elif level <= FOUND_LEVEL and gap.held_out is not None and not gap.held_out.is_closed:
+        contributes += f"the held-out record is missed by {gap.held_out.left:.1f} times its noise"
+    else:
+        contributes += f"{100 * share:.0f} % of the disagreement stays unexplained, {level:.1f} times the noise"
     first = {
         "effects_found": f"The model lacks {labels}{meaning}.",
         "partly_explained": f"{labels} {contributes}.",

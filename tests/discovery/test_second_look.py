@@ -1,11 +1,14 @@
 """A size that its prior holds back, and a fit to which no start led: both are found on the second look."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from bwbn_bayes.discovery import second_look
 from bwbn_bayes.discovery.candidates import Hypothesis, scales_of
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.second_look import leading, rescanned, searched, widened
@@ -117,6 +120,23 @@ def test_a_fit_to_which_no_start_led_is_found(present: Posterior, base_points: F
     assert second.log_likelihood >= ahead.log_likelihood - 0.1
     assert abs(first.log_likelihood - log_likelihood_of_truth(present, clean)) < 0.5 * (5.0 + 4.0 * np.sqrt(10.0))
     assert abs(size_of(first)[0] - SIZE) < 4.0 * size_of(first)[1]
+
+
+def test_effects_of_many_parameters_are_searched_for_wherever_they_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Foliente's pinch: no grid covers it, so that the race may have led it nowhere at any storey."""
+
+    def fit(log_likelihood: float, n_symbols: int, name: str, *storeys: int) -> Fit:
+        hypothesis = SimpleNamespace(symbols=tuple(f"{name}{n}" for n in range(n_symbols)), storeys=storeys)
+        return cast(Fit, SimpleNamespace(hypothesis=hypothesis, log_likelihood=log_likelihood))
+
+    ahead = [fit(90.0 - n, 1, f"effect {n} ", 1) for n in range(10)]
+    behind = [fit(3.0 - n, 6, "pinch ", n) for n in (1, 2, 3)]
+    everywhere = fit(-1.0, 6, "pinch ", 1, 2, 3)
+    looked: list[Fit] = []
+    monkeypatch.setattr(second_look, "_searched", lambda own, *_: (looked.append(own), own)[1])
+    found = searched([*ahead, *behind, everywhere], np.random.default_rng(1), n_threads=1)
+    assert list(found) == [*ahead, *behind, everywhere]
+    assert looked == [*ahead[:6], *behind]
 
 
 def test_the_leading_fits_are_the_best_of_each_form(present: Posterior, base_points: Floats) -> None:

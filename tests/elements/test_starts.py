@@ -82,6 +82,15 @@ def test_the_pinch_identifies_all_its_parameters():
     assert set(form.start_grid(SCALES)) == {p.symbol for p in FolientePinching.parameters}
 
 
+def test_a_pinch_may_be_there_from_the_start_and_in_the_middle():
+    """With p = 1e3 / E a hundredth of the work done brings it out; q = 0 needs no z_u, which the base may not have."""
+    (form,) = FolientePinching.default_prior(SCALES)
+    grid = form.start_grid(SCALES)
+    assert max(grid["p"]) * SCALES.energy == pytest.approx(1e3)
+    assert form.p.support[1] > max(grid["p"])
+    assert 0.0 in grid["q"]
+
+
 @pytest.mark.parametrize(
     ("parameter", "offset", "sentence"),
     [("n", -0.4, "n \\+ n_offset"), ("alpha", 0.97, "alpha \\+ alpha_offset"), ("gamma", -95.0, "gamma_offset")],

@@ -37,6 +37,8 @@ _SPARSE = 4
 def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
     """Fits again, best first, the leading ones under wider priors where their sizes lie in a prior's far tail.
 
+    So are they at every other place: a size held back there may be why another place leads.
+
     Parameters
     ----------
     fits : sequence of Fit
@@ -44,7 +46,9 @@ def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
     n_threads : int
         Threads for the solves.
     """
-    return _again(fits, lambda fit: _widened(fit, n_threads))
+    forms = {fit.hypothesis.symbols for fit in leading(fits)}
+    elsewhere = tuple(fit for fit in fits if fit.hypothesis.symbols in forms)
+    return _again(fits, lambda fit: _widened(fit, n_threads), also=elsewhere)
 
 
 def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:

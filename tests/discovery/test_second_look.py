@@ -122,16 +122,26 @@ def test_a_fit_to_which_no_start_led_is_found(present: Posterior, base_points: F
     assert abs(size_of(first)[0] - SIZE) < 4.0 * size_of(first)[1]
 
 
+def stand_in(log_likelihood: float, n_symbols: int, name: str, *storeys: int) -> Fit:
+    """What the order of fits is made of."""
+    hypothesis = SimpleNamespace(symbols=tuple(f"{name}{n}" for n in range(n_symbols)), storeys=storeys)
+    return cast(Fit, SimpleNamespace(hypothesis=hypothesis, log_likelihood=log_likelihood))
+
+
+def test_every_place_of_every_leading_form_may_be_held_back_by_its_prior(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a pinch led, an offset of gamma was widened at the wrong storey only."""
+    pinch, wrong, right = stand_in(9.0, 6, "pinch", 1), stand_in(5.0, 1, "gamma", 1), stand_in(2.0, 1, "gamma", 2)
+    monkeypatch.setattr(second_look, "_widened", lambda own, _: stand_in(8.4, 1, "gamma", 2) if own is right else own)
+    found = widened([pinch, wrong, right], n_threads=1)
+    assert [fit.log_likelihood for fit in found] == [9.0, 8.4, 5.0]
+
+
 def test_effects_of_many_parameters_are_searched_for_wherever_they_stand(monkeypatch: pytest.MonkeyPatch) -> None:
     """Foliente's pinch: no grid covers it, so that the race may have led it nowhere at any storey."""
 
-    def fit(log_likelihood: float, n_symbols: int, name: str, *storeys: int) -> Fit:
-        hypothesis = SimpleNamespace(symbols=tuple(f"{name}{n}" for n in range(n_symbols)), storeys=storeys)
-        return cast(Fit, SimpleNamespace(hypothesis=hypothesis, log_likelihood=log_likelihood))
-
-    ahead = [fit(90.0 - n, 1, f"effect {n} ", 1) for n in range(10)]
-    behind = [fit(3.0 - n, 6, "pinch ", n) for n in (1, 2, 3)]
-    everywhere = fit(-1.0, 6, "pinch ", 1, 2, 3)
+    ahead = [stand_in(90.0 - n, 1, f"effect {n} ", 1) for n in range(10)]
+    behind = [stand_in(3.0 - n, 6, "pinch ", n) for n in (1, 2, 3)]
+    everywhere = stand_in(-1.0, 6, "pinch ", 1, 2, 3)
     looked: list[Fit] = []
     monkeypatch.setattr(second_look, "_searched", lambda own, *_: (looked.append(own), own)[1])
     found = searched([*ahead, *behind, everywhere], np.random.default_rng(1), n_threads=1)

@@ -58,7 +58,7 @@ def conclude(
     if verdict == "unexplained" and added:
         run.withdraw(_why_withdrawn(unexplained_share(given, present), ahead))
         added, present = (), given
-        ahead = None if held_out is None else _gap(given, given, held_out.record, held_out.first, run)
+        ahead = ahead and replace(ahead, after=ahead.before)
     share = 0.0 if verdict == "no_missing_effect" else unexplained_share(given, present)
     before, after = given.disagreement, present.disagreement
     rest = None
@@ -109,7 +109,8 @@ def conclude(
 
 def _gap(given: Present, present: Present, record: Record, first: int, run: Run) -> Gap:
     """Before and after on a record, from its sample ``first`` on."""
-    before, after = (predict(one.posterior, one.best, record, run.rng, first=first) for one in (given, present))
+    before = predict(given.posterior, given.best, record, run.rng, first=first)
+    after = before if present is given else predict(present.posterior, present.best, record, run.rng, first=first)
     return Gap(noise_floor=floor_of(record, first=first), before=before, after=after)
 
 
@@ -132,9 +133,19 @@ def what_stayed(share: float) -> str:
     return f"{100 * share:.0f} % of the disagreement stayed"
 
 
+def _missed_by(ahead: Gap | None) -> float:
+    """Error on held-out data over their noise; zero where it is that of the noise, or there are no such data."""
+    return 0.0 if ahead is None or ahead.is_closed else ahead.left
+
+
+def _level(left: Disagreement) -> float:
+    """Residual to noise of the channel that is missed most."""
+    return float(np.max(left.residual_to_noise))
+
+
 def _why_withdrawn(share: float, ahead: Gap | None) -> str:
-    if share <= FOUND_SHARE and ahead is not None and not ahead.is_closed:
-        return f"so many effects, and they miss the held-out record by {ahead.left:.1f} times its noise"
+    if share <= FOUND_SHARE and (missed := _missed_by(ahead)):
+        return f"so many effects, and they miss the held-out record by {missed:.1f} times its noise"
     return what_stayed(share)
 
 
@@ -148,13 +159,12 @@ def _verdict(given: Present, present: Present, added: tuple[Added, ...], ahead: 
     noise, share = present.is_noise, unexplained_share(given, present)
     if not added:
         return "no_missing_effect" if noise else "unexplained"
-    foresees = ahead is None or ahead.is_closed
     # Steady noise can hide that much is left of a small disagreement; only where nothing of note is left is it found.
-    near = share <= FOUND_SHARE and float(np.max(present.disagreement.residual_to_noise)) <= FOUND_LEVEL
+    near = share <= FOUND_SHARE and _level(present.disagreement) <= FOUND_LEVEL
     explains = near or present.is_quiet or (noise and share <= PARTLY_SHARE)
-    if len(added) <= MOST_AT_ONCE and explains and foresees:
+    if len(added) <= MOST_AT_ONCE and explains and not _missed_by(ahead):
         return "effects_found"
-    if len(added) > MOST_AT_ONCE and not foresees:
+    if len(added) > MOST_AT_ONCE and _missed_by(ahead):
         return "unexplained"
     # Several that leave so much together only imitate what the catalogue lacks.
     most = PARTLY_SHARE if len(added) == 1 else FOUND_SHARE
@@ -194,7 +204,7 @@ def _histories(present: Present) -> dict[str, Floats]:
 def _sentences(
     verdict: Verdict, added: tuple[Added, ...], share: float, before: Disagreement, after: Disagreement, gap: Gap
 ) -> tuple[str, ...]:
-    level = float(np.max(after.residual_to_noise))
+    level = _level(after)
     labels = ", then ".join(map(_named, added))
     meaning = f": {added[0].candidate.hypothesis.effect.summary}" if len(added) == 1 else ""
     shrunk = (
@@ -207,8 +217,8 @@ def _sentences(
             f"together explain all but {100 * share:.0f} % of the disagreement, but so many may imitate an effect that "
             "the catalogue does not hold"
         )
-    elif level <= FOUND_LEVEL and gap.held_out is not None and not gap.held_out.is_closed:
-        contributes += f"the held-out record is missed by {gap.held_out.left:.1f} times its noise"
+    elif level <= FOUND_LEVEL and (missed := _missed_by(gap.held_out)):
+        contributes += f"the held-out record is missed by {missed:.1f} times its noise"
     else:
         contributes += f"{100 * share:.0f} % of the disagreement stays unexplained, {level:.1f} times the noise"
     first = {

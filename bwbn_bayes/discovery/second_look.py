@@ -46,9 +46,8 @@ def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
     n_threads : int
         Threads for the solves.
     """
-    forms = {fit.hypothesis.symbols for fit in leading(fits)}
-    elsewhere = tuple(fit for fit in fits if fit.hypothesis.symbols in forms)
-    return _again(fits, lambda fit: _widened(fit, n_threads), also=elsewhere)
+    everywhere = [fit for form in _leading_forms(fits) for fit in form]
+    return _again(fits, everywhere, lambda fit: _widened(fit, n_threads))
 
 
 def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
@@ -61,7 +60,7 @@ def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
     n_threads : int
         Threads for the solves.
     """
-    return _again(fits, lambda fit: _rescanned(fit, n_threads))
+    return _again(fits, leading(fits), lambda fit: _rescanned(fit, n_threads))
 
 
 def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -> tuple[Fit, ...]:
@@ -78,24 +77,28 @@ def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -
     n_threads : int
         Threads for the solves.
     """
-    many = tuple(fit for fit in fits if len(fit.hypothesis.symbols) >= _SPARSE and len(fit.hypothesis.storeys) < 2)
-    return _again(fits, lambda fit: _searched(fit, rng, n_threads), also=many)
+    many = [fit for fit in fits if len(fit.hypothesis.symbols) >= _SPARSE and len(fit.hypothesis.storeys) < 2]
+    return _again(fits, (*leading(fits), *many), lambda fit: _searched(fit, rng, n_threads))
 
 
-def _again(fits: Sequence[Fit], look: Callable[[Fit], Fit], also: Sequence[Fit] = ()) -> tuple[Fit, ...]:
-    """Fits, best first, after another look at the leading ones, and at others."""
-    wanted = {id(fit): fit for fit in (*leading(fits), *also)}
-    seen = {key: look(fit) for key, fit in wanted.items()}
+def _again(fits: Sequence[Fit], wanted: Sequence[Fit], look: Callable[[Fit], Fit]) -> tuple[Fit, ...]:
+    """Fits, best first, after another look at some of them, once at each."""
+    seen = {key: look(fit) for key, fit in {id(fit): fit for fit in wanted}.items()}
     return tuple(sorted((seen.get(id(fit), fit) for fit in fits), key=lambda fit: -fit.log_likelihood))
 
 
 def leading(fits: Sequence[Fit]) -> tuple[Fit, ...]:
     """The best fit of each of the leading forms, and of the first of them the fits at every place."""
+    first, *others = _leading_forms(fits)
+    return (*first, *(other[0] for other in others))
+
+
+def _leading_forms(fits: Sequence[Fit]) -> list[list[Fit]]:
+    """The fits of each of the leading forms, best first."""
     forms: dict[tuple[str, ...], list[Fit]] = {}
     for fit in fits:
         forms.setdefault(fit.hypothesis.symbols, []).append(fit)
-    first, *others = list(forms.values())[:_LEADING]
-    return (*first, *(other[0] for other in others))
+    return list(forms.values())[:_LEADING]
 
 
 def _beyond(fit: Fit) -> tuple[str, ...]:

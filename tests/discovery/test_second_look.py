@@ -138,7 +138,6 @@ def test_every_place_of_every_leading_form_may_be_held_back_by_its_prior(monkeyp
 
 def test_effects_of_many_parameters_are_searched_for_wherever_they_stand(monkeypatch: pytest.MonkeyPatch) -> None:
     """Foliente's pinch: no grid covers it, so that the race may have led it nowhere at any storey."""
-
     ahead = [stand_in(90.0 - n, 1, f"effect {n} ", 1) for n in range(10)]
     behind = [stand_in(3.0 - n, 6, "pinch ", n) for n in (1, 2, 3)]
     everywhere = stand_in(-1.0, 6, "pinch ", 1, 2, 3)

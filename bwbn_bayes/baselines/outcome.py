@@ -26,7 +26,7 @@ from bwbn_bayes.inference.summary import (
     true_histories,
 )
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.noise import model_free_noise_sd
+from bwbn_bayes.records.noise import noise_sds
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check, Equation, Facts, ParameterFacts, Result, StageFacts
 from bwbn_bayes.structures.equations import structure_equations
@@ -169,7 +169,7 @@ def forces_result(
     floors = range(1, model.n_storeys + 1)
     accelerations = record.select([f"acceleration_{floor}" for floor in floors])
     signals = np.diff(fit.forces, axis=0, append=np.zeros((1, record.n_times))) / mass[:, None]
-    noise_sd = {channel: model_free_noise_sd(signal) for channel, signal in accelerations.channels.items()}
+    noise_sd = dict(zip(accelerations.channels, noise_sds(accelerations).tolist(), strict=True))
     checks = _force_checks(fit)
     facts = Facts(
         method="ipv",

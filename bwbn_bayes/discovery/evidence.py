@@ -22,7 +22,7 @@ from bwbn_bayes.inference.importance import (
 )
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.residuals import coloured_noise, residual_of
+from bwbn_bayes.inference.residuals import coloured_noise, counted, residual_of
 from bwbn_bayes.parameters import Floats
 
 PRIOR_WIDTHS: Mapping[str, float] = {"ten times narrower": 0.1, "ten times wider": 10.0}
@@ -109,7 +109,7 @@ def _at_modes(posterior: Posterior, modes: tuple[Mode, ...], hypothesis: Hypothe
     covariance = np.linalg.inv(best.information + 12.0 * np.eye(len(best.point)))
     values = posterior.space.from_unit(best.point[None])
     sds = np.sqrt(np.diag(covariance)) * posterior.space.unit_scale(values)[0]
-    gain = sum(coloured_noise(rest).gain for rest in residual_of(posterior, best.point))
+    gain = sum(coloured_noise(rest).gain for rest in counted(posterior.record, residual_of(posterior, best.point)))
     return Evidence(
         log_likelihood=best.log_likelihood,
         log_evidence=laplace_log_evidence(modes) - posterior.space.log_admissible_mass,

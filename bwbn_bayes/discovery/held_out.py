@@ -9,7 +9,7 @@ import numpy as np
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.residuals import noise_floor
+from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -180,7 +180,7 @@ def predict(
     measured = record.measured[:, first:]
     trained = np.sqrt(posterior.misfit(point[None])[0] / posterior.record.n_times)
     level = dict(zip(posterior.record.channels, trained, strict=True))
-    sd = np.array([level.get(name, noise_floor(record.channels[name])) for name in channels])
+    sd = np.array([level.get(name, floor) for name, floor in zip(channels, noise_floors(record), strict=True)])
     error = (measured - predicted) ** 2
     mean_square = np.mean(np.square(measured), axis=1)
     n_counted = error.shape[1]
@@ -198,5 +198,5 @@ def predict(
 
 def floor_of(record: Record, *, first: int = 0) -> float:
     """The same error for a perfect model: each channel's model-free noise level over its rms from ``first`` on."""
-    squares = [noise_floor(signal) ** 2 / np.mean(np.square(signal[first:])) for signal in record.channels.values()]
-    return float(np.sqrt(np.mean(squares)))
+    mean_square = np.mean(np.square(record.measured[:, first:]), axis=1)
+    return float(np.sqrt(np.mean(np.square(noise_floors(record)) / mean_square)))

@@ -20,7 +20,7 @@ from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.residuals import is_quiet, leaves_noise, residual_of
+from bwbn_bayes.inference.residuals import leaves_noise, leaves_quiet
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.structures.structure import Structure
 
@@ -79,8 +79,7 @@ class Present:
     @cached_property
     def is_quiet(self) -> bool:
         """Whether nothing of note is left, so that a score tells what a hypothesis could gain."""
-        signals = self.posterior.record.channels.values()
-        return all(map(is_quiet, residual_of(self.posterior, self.best), signals))
+        return leaves_quiet(self.posterior, self.best)
 
 
 @dataclass

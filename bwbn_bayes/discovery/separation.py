@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from bwbn_bayes.discovery.race import Fit
-from bwbn_bayes.inference.residuals import noise_floor
+from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 
@@ -29,7 +29,7 @@ def separating_experiment(first: Fit, second: Fit, period: float) -> str:
         First period of a building. [s]
     """
     record = first.posterior.record
-    noise = np.array([noise_floor(signal) for signal in record.channels.values()])[:, None]
+    noise = noise_floors(record)[:, None]
     names = first.hypothesis.name, second.hypothesis.name
     best, ratio = "", 0.0
     for description, experiment in _experiments(record, period).items():

@@ -13,7 +13,7 @@ from bwbn_bayes.baselines.network import NetworkSettings, train
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate
 from bwbn_bayes.discovery.where import missing_forces, storey_in_words
 from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.residuals import noise_floor, residual_of, whiteness_probability
+from bwbn_bayes.inference.residuals import noise_floors, residual_of, whiteness_probability
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Booleans, Floats
 
@@ -140,7 +140,7 @@ def unexplained(
         Starts the network's centres.
     """
     residual = residual_of(posterior, point)
-    noise = np.array([noise_floor(signal) for signal in posterior.record.channels.values()])
+    noise = noise_floors(posterior.record)
     values, _ = posterior.split(point[None])
     rows = {k: h[0] for k, h in observe(posterior.engine, posterior.model, values, posterior.record).items()}
     forces = tuple(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.residuals import noise_floor, residual_of
+from bwbn_bayes.inference.residuals import counted, noise_floors, residual_of
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -128,7 +128,7 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
     record = posterior.record
     channels = tuple(record.channels)
     residual = residual_of(posterior, point)
-    noise = np.array([noise_floor(signal) for signal in record.channels.values()])
+    noise = noise_floors(record)
     edges = np.linspace(0.0, record.duration, N_WINDOWS + 1)
     by_window = _windowed(residual / noise[:, None])
     values, _ = posterior.split(point[None])
@@ -149,7 +149,7 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
         by_condition=by_condition,
         spots=(),
     )
-    return replace(seen, spots=_spots(seen, posterior.model, record.n_times // N_WINDOWS))
+    return replace(seen, spots=_spots(seen, posterior.model, counted(record, residual).shape[1] // N_WINDOWS))
 
 
 def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> list[tuple[int, Floats, float]]:
@@ -231,7 +231,7 @@ def _bins(history: Floats) -> NDArray[np.int64]:
 
 
 def _spots(seen: Disagreement, model: Structure, n_samples: int) -> tuple[Spot, ...]:
-    """Runs of windows, of so many samples each, that stand above the noise."""
+    """Runs of windows, of so many independent samples each, that stand above the noise."""
     rows = seen.rows(model)
     largest = max(float(np.max(row.ratios)) for row in rows)
     chance = float(np.sqrt(chi2.isf(_CHANCE / (len(rows) * N_WINDOWS), n_samples) / n_samples))

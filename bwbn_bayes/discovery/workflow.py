@@ -37,6 +37,7 @@ from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
 from bwbn_bayes.inference.residuals import leaves_noise
 from bwbn_bayes.records.noise import LEAST_NOISE, with_least_noise
+from bwbn_bayes.records.noise_band import noise_band
 from bwbn_bayes.records.record import MIN_TIMES, Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -103,6 +104,12 @@ def discover(
         run.note(
             f"The record has no noise to speak of: white noise of {100.0 * LEAST_NOISE:g} % of the rms was added, "
             "since the error of solving and rounding would be taken for a missing effect."
+        )
+    band = noise_band(record)
+    if band is not None:
+        run.note(
+            f"The noise ends at {0.5 * band.share / record.time_step:.3g} Hz, as behind a filter: "
+            f"{band.correlation_samples:.2g} samples count as one."
         )
     given = _fit_given(model, record, run)
     for spot in given.disagreement.spots[:2]:

@@ -17,6 +17,7 @@ from scipy.special import gammaln
 from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Floats, FreeParameter, ParameterSpace, Prior
+from bwbn_bayes.records.noise_band import noise_band
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -82,31 +83,38 @@ class IntegratedNoise:
         Shape of the inverse-gamma prior of each channel's variance.
     scale : tuple of float
         Its scale, one per channel, in squared units of the channel.
+    correlation_samples : float
+        Samples that count as one. Behind a filter that ends the noise at a share of half the sampling rate it is one
+        over that share: to a motion within the band the likelihood is then that of the noise as it is.
     """
 
     shape: float
     scale: tuple[float, ...]
+    correlation_samples: float = 1.0
 
     @property
     def parameters(self) -> tuple[FreeParameter, ...]:
         return ()
 
     def log_likelihood(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
-        scale, end = np.asarray(self.scale), self.shape + 0.5 * n_times
-        constant = self.shape * np.log(scale) - gammaln(self.shape) + gammaln(end) - 0.5 * n_times * _LOG_2PI
-        return np.sum(constant - end * np.log(scale + 0.5 * misfit), axis=1)
+        scale, counted = np.asarray(self.scale), n_times / self.correlation_samples
+        end = self.shape + 0.5 * counted
+        constant = self.shape * np.log(scale) - gammaln(self.shape) + gammaln(end) - 0.5 * counted * _LOG_2PI
+        return np.sum(constant - end * np.log(scale + 0.5 * misfit / self.correlation_samples), axis=1)
 
     def precision(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
-        return (2.0 * self.shape + n_times) / (2.0 * np.asarray(self.scale) + misfit)
+        as_one = self.correlation_samples
+        return (2.0 * as_one * self.shape + n_times) / (2.0 * as_one * np.asarray(self.scale) + misfit) / as_one
 
     def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: int, values: Floats) -> Floats:
-        rate = np.asarray(self.scale) + 0.5 * misfit
-        return np.sqrt(rate / rng.gamma(self.shape + 0.5 * n_times, size=misfit.shape))
+        rate = np.asarray(self.scale) + 0.5 * misfit / self.correlation_samples
+        return np.sqrt(rate / rng.gamma(self.shape + 0.5 * n_times / self.correlation_samples, size=misfit.shape))
 
     def describe(self) -> str:
         scales = ", ".join(f"{scale:.3g}" for scale in self.scale)
         prior = f"inverse-gamma priors of shape {self.shape:g} and scales {scales}"
-        return f"Noise variances are integrated out under {prior}."
+        filtered = f" A filter has correlated the noise: {self.correlation_samples:.3g} samples count as one."
+        return f"Noise variances are integrated out under {prior}.{filtered if self.correlation_samples > 1.0 else ''}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,12 +163,15 @@ def require_noise(noise: Noise, record: Record) -> None:
         raise UserError(f"{kind}: {len(scales)} scales for {len(channels)} channels: give one for each")
     if not all(0.0 < scale < np.inf for scale in scales) or (isinstance(noise, IntegratedNoise) and noise.shape <= 0.0):
         raise UserError(f"{kind}: every scale must be a positive number, not {', '.join(map(str, scales))}")
+    if isinstance(noise, IntegratedNoise) and not 1.0 <= noise.correlation_samples < np.inf:
+        raise UserError(f"{kind}: correlation_samples is {noise.correlation_samples}: it must be a number from 1 up")
 
 
 def default_noise(record: Record) -> IntegratedNoise:
     """Inverse-gamma priors of shape 1 whose scale is the square of 3 % of each channel's rms.
 
-    They depend on the training record alone, so that they are the same in every compared model.
+    Where a filter ends the noise (:func:`~bwbn_bayes.records.noise_band.noise_band`), several samples count as one.
+    All this depends on the training record alone, so that it is the same in every compared model.
     """
     scales = []
     for name, signal in record.channels.items():
@@ -168,7 +179,9 @@ def default_noise(record: Record) -> IntegratedNoise:
         if mean_square == 0.0:
             raise UserError(f"channel {name} of record {record.name!r} is zero throughout: drop it or mend the record")
         scales.append(0.03**2 * mean_square)
-    return IntegratedNoise(shape=1.0, scale=tuple(scales))
+    band = noise_band(record)
+    correlation = 1.0 if band is None else band.correlation_samples
+    return IntegratedNoise(shape=1.0, scale=tuple(scales), correlation_samples=correlation)
 
 
 @dataclass

@@ -13,7 +13,9 @@ from scipy.stats import chi2, f, f_oneway, levene, ttest_1samp
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.noise import LEAST_NOISE, model_free_noise_sd
+from bwbn_bayes.records.noise import LEAST_NOISE, noise_sds
+from bwbn_bayes.records.noise_band import noise_band
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check
 
 N_LAGS = 20
@@ -126,15 +128,6 @@ def _unawareness(innovations: Floats, motion: Floats) -> float:
     return float(min(f_oneway(*groups).pvalue, levene(*groups, center="mean").pvalue))
 
 
-def is_quiet(residual: Floats, signal: Floats) -> bool:
-    """Whether a residual ``(n_times,)`` of a channel is white, steady and no louder than its model-free noise level.
-
-    Stricter than :func:`is_noise`: nothing of note is left, and first-order scores can be believed.
-    """
-    ratio = _level(residual) / noise_floor(signal)
-    return ratio < QUIET_RATIO and min(whiteness_probability(residual), _steadiness(residual)) > QUIET_PROBABILITY
-
-
 def _steadiness(residual: Floats, correlation_samples: float = 1.0) -> float:
     """Probability of stretches as unequal in strength if the residual were equally strong throughout.
 
@@ -151,6 +144,28 @@ def residual_of(posterior: Posterior, point: Floats) -> Floats:
     return np.asarray(record.measured - _modelled(posterior, point))
 
 
+def counted(record: Record, residual: Floats) -> Floats:
+    """Residuals ``(n_channels, n_times)`` at a rate at which the record's noise is white, ``(n_channels, n_counted)``.
+
+    Where a filter ends the noise that is twice its band (:func:`~bwbn_bayes.records.noise_band.noise_band`), else the
+    record's own.
+    """
+    band = noise_band(record)
+    return residual if band is None else band.thinned(residual)
+
+
+def leaves_quiet(posterior: Posterior, point: Floats) -> bool:
+    """Whether what a fit leaves of every channel is white, steady and no louder than its model-free noise level.
+
+    Stricter than :func:`leaves_noise`: nothing of note is left, and first-order scores can be believed.
+    """
+    residual = residual_of(posterior, point)
+    if max(map(_level, residual / noise_floors(posterior.record)[:, None])) >= QUIET_RATIO:
+        return False
+    rests = counted(posterior.record, residual)
+    return all(min(whiteness_probability(rest), _steadiness(rest)) > QUIET_PROBABILITY for rest in rests)
+
+
 def leaves_noise(posterior: Posterior, point: Floats) -> bool:
     """Whether what a fit at a point ``(n_dim,)`` of the unit cube leaves of every channel :func:`is_noise`.
 
@@ -163,7 +178,9 @@ def leaves_noise(posterior: Posterior, point: Floats) -> bool:
     posterior.solves.total += 1
     rows = observe(posterior.engine, posterior.model, values, record)
     motions = np.concatenate([modelled, *(rows[kind][0] for kind in _MOTIONS)])
-    return all(is_noise(rest, motions) for rest in record.measured - modelled)
+    band = noise_band(record)
+    motions = motions if band is None else band.at_thinned(motions)
+    return all(is_noise(rest, motions) for rest in counted(record, record.measured - modelled))
 
 
 def _modelled(posterior: Posterior, point: Floats) -> Floats:
@@ -178,9 +195,9 @@ def _level(residual: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(residual))))
 
 
-def noise_floor(signal: Floats) -> float:
-    """Model-free noise level of a channel; at least a thousandth of its rms, where a record has no noise."""
-    return max(model_free_noise_sd(signal), LEAST_NOISE * float(np.std(signal)))
+def noise_floors(record: Record) -> Floats:
+    """Model-free noise level of each channel ``(n_channels,)``; at least a thousandth of its rms, were it less."""
+    return np.maximum(noise_sds(record), LEAST_NOISE * np.std(record.measured, axis=1))
 
 
 def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
@@ -191,11 +208,11 @@ def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     sentence says whether it could be noise (:func:`is_noise`), which a small missing effect can look like.
     """
     record = posterior.record
-    residual = dict(zip(record.channels, residual_of(posterior, point), strict=True))
-    ratios = {name: _level(rest) / noise_floor(record.channels[name]) for name, rest in residual.items()}
+    residual = residual_of(posterior, point)
+    ratios = dict(zip(record.channels, map(_level, residual / noise_floors(record)[:, None]), strict=True))
     white = {
         name: whiteness_probability(rest) if _level(rest) > LEAST_NOISE * np.std(record.channels[name]) else 1.0
-        for name, rest in residual.items()
+        for name, rest in zip(record.channels, counted(record, residual), strict=True)
     }
     loudest, reddest = max(ratios, key=lambda name: ratios[name]), min(white, key=lambda name: white[name])
     is_white = white[reddest] > LEAST_PROBABILITY

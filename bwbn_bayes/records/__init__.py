@@ -7,7 +7,8 @@ from bwbn_bayes.records.excitation import (
     ground_motion_density,
     sine,
 )
-from bwbn_bayes.records.noise import add_noise, model_free_noise_sd
+from bwbn_bayes.records.noise import add_noise, model_free_noise_sd, noise_sds
+from bwbn_bayes.records.noise_band import NoiseBand, noise_band
 from bwbn_bayes.records.readers import (
     as_dataset,
     read_at2,
@@ -22,6 +23,7 @@ from bwbn_bayes.records.record import Record, si_unit
 
 __all__ = [
     "Envelope",
+    "NoiseBand",
     "Record",
     "add_noise",
     "as_dataset",
@@ -29,6 +31,8 @@ __all__ = [
     "filtered_noise",
     "ground_motion_density",
     "model_free_noise_sd",
+    "noise_band",
+    "noise_sds",
     "read_at2",
     "read_csv",
     "read_netcdf",

@@ -10,6 +10,7 @@ from scipy import stats
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.noise_band import noise_band
 from bwbn_bayes.records.record import Record
 
 MAX_DIFFERENCE_ORDER = 16
@@ -83,7 +84,7 @@ def with_least_noise(record: Record, rng: np.random.Generator) -> Record:
         The same record where no channel needs it.
     """
     least = {name: LEAST_NOISE * float(np.sqrt(np.mean(np.square(y)))) for name, y in record.channels.items()}
-    silent = [name for name, y in record.channels.items() if model_free_noise_sd(y) < least[name]]
+    silent = [name for name, sd in zip(record.channels, noise_sds(record), strict=True) if sd < least[name]]
     if not silent:
         return record
     noise = {name: least[name] * rng.standard_normal(record.n_times) for name in silent}
@@ -93,6 +94,17 @@ def with_least_noise(record: Record, rng: np.random.Generator) -> Record:
         noise_sd={**record.noise_sd, **{n: float(np.hypot(least[n], record.noise_sd.get(n, 0.0))) for n in silent}},
         provenance={**record.provenance, "noise": f"white, {LEAST_NOISE:g} of the rms, added to {', '.join(silent)}"},
     )
+
+
+def noise_sds(record: Record) -> Floats:
+    """Noise level of each channel ``(n_channels,)`` without a model: that of its band where a filter ends the noise.
+
+    See :func:`~bwbn_bayes.records.noise_band.noise_band`, and :func:`model_free_noise_sd` for white noise.
+    """
+    band = noise_band(record)
+    if band is not None:
+        return band.sds
+    return np.array([model_free_noise_sd(signal) for signal in record.channels.values()])
 
 
 def model_free_noise_sd(signal: Floats) -> float:
@@ -107,7 +119,8 @@ def model_free_noise_sd(signal: Floats) -> float:
     It is an upper bound in principle: whatever the highest order (16, less for short signals) cannot tell from noise
     counts as noise. Signal above about a quarter of the sampling rate, or kinks larger than the noise closer together
     than some 15 samples, raise it. It sees the noise density near half the sampling rate: noise that an anti-aliasing
-    filter has coloured is underestimated, and the resolution of a digitiser below its last bit is not seen.
+    filter has coloured is underestimated (:func:`noise_sds` looks below the filter), and the resolution of a digitiser
+    below its last bit is not seen.
 
     Parameters
     ----------

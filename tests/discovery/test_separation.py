@@ -13,7 +13,7 @@ from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
-from bwbn_bayes.inference.residuals import noise_floor
+from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.parameters import Floats, Normal, PerStorey, Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.record import Record
@@ -58,7 +58,7 @@ def fit(model: Structure, record: Record, effect: Effect, floor: int, value: flo
 
 def distance(record: Record, difference: Floats) -> float:
     """Root mean square of a difference ``(2, n_times)`` over the noise of each channel."""
-    noise = np.array([[noise_floor(record.channels[name])] for name in CHANNELS])
+    noise = noise_floors(record.select(CHANNELS))[:, None]
     return float(np.sqrt(np.mean(np.square(difference / noise))))
 
 

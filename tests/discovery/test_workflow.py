@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from bwbn_bayes.discovery import workflow
 from bwbn_bayes.discovery.race import Fit, race
@@ -15,7 +16,7 @@ from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, Sensor
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.parameters import Uniform
-from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.records.excitation import Envelope, el_centro, filtered_noise
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
@@ -45,6 +46,22 @@ def test_without_hypotheses_a_disagreement_stays_unexplained(record: Record, eff
     assert found.improved is found.model
     assert [step.decision for step in found.steps] == [None]
     assert found.result.facts.assumptions[0] == found.assumptions[0] == "The base is rigid."
+
+
+def test_filtered_noise_is_noise() -> None:
+    """Behind a filter at 0.4 of half the sampling rate; the model lacks nothing."""
+    rng = np.random.default_rng(1)
+    ground = filtered_noise(rng, 15.0, 0.01, peak=3.0, ground_frequency_hz=2.0, envelope=Envelope())
+    values = MODEL.draws({"k": 60.0, "c": 0.4})
+    clean = Reference().simulate(MODEL, values, ground, ("acceleration_1",)).values[0, 0]
+    white = rng.standard_normal(len(clean) + 500)
+    noise = signal.sosfilt(signal.butter(8, 0.4, output="sos"), white)[500:]
+    record = ground.with_channels({"acceleration_1": clean + 0.03 * np.std(clean) * noise / np.std(noise)})
+    found = discover(MODEL, record, settings=DiscoverySettings(particles=100, effects=(CubicStiffness,)))
+    assert found.verdict == "no_missing_effect"
+    assert found.after.residual_to_noise == pytest.approx([1.0], abs=0.15)
+    assert found.sentences[-1].startswith("The noise ends at 2")
+    assert found.sentences[-1].endswith("samples count as one.")
 
 
 def test_a_hypothesis_that_cannot_be_solved_is_left_out_and_told(

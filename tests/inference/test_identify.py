@@ -325,9 +325,10 @@ def test_a_sensor_given_twice_is_a_user_error(record: Record) -> None:
         (KnownNoise(sd=(0.1, 0.1)), "2 scales for 1 channels"),
         (KnownNoise(sd=(0.0,)), "must be a positive number"),
         (IntegratedNoise(shape=0.0, scale=(1.0,)), "must be a positive number"),
+        (IntegratedNoise(shape=1.0, scale=(1.0,), correlation_samples=0.5), "must be a number from 1 up"),
         (SampledNoise(channels=("acceleration_2",), priors=(HalfNormal(1.0),)), "acceleration_1, in this order"),
     ],
-    ids=["too many", "zero", "no shape", "another channel"],
+    ids=["too many", "zero", "no shape", "more than one each", "another channel"],
 )
 def test_noise_that_is_not_the_record_s_is_a_user_error(record: Record, noise: Noise, message: str) -> None:
     with pytest.raises(UserError, match=message):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from inference_cases import posterior_of, recorded, sdof_model, true_point
-from scipy import integrate, stats
+from scipy import integrate, signal, stats
 
 from bwbn_bayes import BoucWen, HalfNormal, IntegratedNoise, KnownNoise, LogNormal, Record, SampledNoise, UserError
 from bwbn_bayes.engines.lanes import Lanes
@@ -20,7 +20,8 @@ VALUES = np.random.default_rng(2).uniform(0.2, 3.0, (5, 2))
 KNOWN = KnownNoise(sd=(0.3, 2.5))
 INTEGRATED = IntegratedNoise(shape=2.5, scale=(0.2, 6.0))
 SAMPLED = SampledNoise(channels=("acceleration_1", "acceleration_2"), priors=(HalfNormal(1.0), LogNormal(1.0, 0.5)))
-NOISES = [KNOWN, INTEGRATED, SAMPLED]
+FILTERED = replace(INTEGRATED, correlation_samples=2.5)
+NOISES = [KNOWN, INTEGRATED, FILTERED, SAMPLED]
 
 
 def test_known_noise() -> None:
@@ -50,7 +51,44 @@ def test_integrated_noise_is_the_quadrature_over_its_prior() -> None:
     np.testing.assert_allclose(INTEGRATED.log_likelihood(MISFIT, N_TIMES, VALUES), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("noise", NOISES, ids=lambda noise: type(noise).__name__)
+def test_where_samples_count_together_there_are_fewer_of_them() -> None:
+    """Residuals that each stand twice, two counting as one, say what each of them says once."""
+    twice = replace(INTEGRATED, correlation_samples=2.0)
+    once = INTEGRATED.log_likelihood(MISFIT, N_TIMES, VALUES)
+    np.testing.assert_allclose(twice.log_likelihood(2.0 * MISFIT, 2 * N_TIMES, VALUES), once, rtol=1e-12)
+    drawn = [
+        noise.draw_sd(np.random.default_rng(1), factor * MISFIT, factor * N_TIMES, VALUES)
+        for noise, factor in ((INTEGRATED, 1), (twice, 2))
+    ]
+    np.testing.assert_allclose(drawn[0], drawn[1], rtol=1e-12)
+
+
+def test_the_likelihood_of_filtered_noise_is_calibrated(record: Record) -> None:
+    """At the truth the slopes scatter as the information says: their squared length has a chi-square's mean.
+
+    Sixty draws of noise behind a filter at 0.4 of half the sampling rate; samples counted one by one would give 2.4
+    times that mean.
+    """
+    model, rng = sdof_model(), np.random.default_rng(7)
+    posterior = posterior_of(model, record)
+    point = true_point(model, record)[None]
+    values, _ = posterior.split(point)
+    clean = posterior.engine.simulate(model, values, record).values[0, 0]
+    sos = signal.butter(8, 0.4, output="sos")
+    # One over the filter's equivalent noise bandwidth: the mean of its squared gain.
+    as_one = 1.0 / float(np.mean(np.square(np.abs(signal.freqz_sos(sos, 4096)[1]))))
+    lengths = []
+    for _ in range(60):
+        noise = signal.sosfilt(sos, rng.standard_normal(record.n_times + 500))[500:]
+        noisy = record.with_channels({"acceleration_1": clean + 0.03 * np.std(clean) * noise / np.std(noise)})
+        filtered = replace(default_noise(noisy), correlation_samples=as_one)
+        local = replace(posterior, record=noisy, noise=filtered).linearise(point)
+        lengths.append(local.gradient[0] @ np.linalg.solve(local.information[0], local.gradient[0]))
+    error = np.sqrt(2.0 * model.space.n_dim / len(lengths))
+    assert abs(np.mean(lengths) - model.space.n_dim) < 4.0 * error
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=["known", "integrated", "filtered", "sampled"])
 def test_precision_is_the_slope_in_the_misfit(noise: Noise) -> None:
     precision = noise.precision(MISFIT, N_TIMES, VALUES)
     for channel in range(2):
@@ -83,10 +121,13 @@ def test_known_and_sampled_noise_draw_what_they_hold() -> None:
 
 def test_default_noise_scale_is_three_percent_of_the_rms(record: Record) -> None:
     noise = default_noise(record)
-    signal = record.channels["acceleration_1"]
+    measured = record.channels["acceleration_1"]
     assert noise.shape == 1.0
-    assert noise.scale == pytest.approx((0.03**2 * np.mean(signal**2),))
+    assert noise.scale == pytest.approx((0.03**2 * np.mean(measured**2),))
     assert f"{noise.scale[0]:.3g}" in noise.describe()
+    assert noise.correlation_samples == 1.0
+    assert "filter" not in noise.describe()
+    assert "2.5 samples count as one" in FILTERED.describe()
 
 
 def test_a_dead_channel_is_refused(record: Record) -> None:

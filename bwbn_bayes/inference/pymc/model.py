@@ -252,9 +252,9 @@ def noise_log_likelihood(
 ) -> pt.TensorVariable:
     """Symbolic twin of the noise models' log likelihood, from squared residuals ``(n_channels,)``."""
     if isinstance(noise, IntegratedNoise):
-        scale, end = np.asarray(noise.scale), noise.shape + 0.5 * n_times
+        scale, end = np.asarray(noise.scale), noise.shape + 0.5 * n_times / noise.correlation_samples
         constant = noise.log_likelihood(np.zeros((1, len(scale))), n_times, np.zeros((1, 0)))[0]
-        return constant - end * pt.sum(pt.log1p(0.5 * misfit / scale), axis=-1)
+        return constant - end * pt.sum(pt.log1p(0.5 * misfit / (noise.correlation_samples * scale)), axis=-1)
     variance = np.square(noise.sd) if isinstance(noise, KnownNoise) else pt.square(noise_sd)
     return -0.5 * pt.sum(misfit / variance + n_times * (pt.log(variance) + _LOG_2PI), axis=-1)
 

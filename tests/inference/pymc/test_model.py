@@ -85,9 +85,10 @@ def test_sampled_noise_with_priors_of_several_kinds_has_starts() -> None:
 def test_noise_twins_agree_with_the_noise_models() -> None:
     misfit, n_times = np.array([[3.0, 0.5]]), 400
     integrated = IntegratedNoise(shape=1.5, scale=(0.2, 0.7))
+    filtered = IntegratedNoise(shape=1.5, scale=(0.2, 0.7), correlation_samples=2.5)
     known = KnownNoise(sd=(0.1, 0.4))
     none = np.zeros((1, 0))
-    for noise in (integrated, known):
+    for noise in (integrated, filtered, known):
         got = noise_log_likelihood(noise, misfit[0], n_times)
         assert float(got.eval()) == pytest.approx(noise.log_likelihood(misfit, n_times, none)[0], rel=1e-12)
 

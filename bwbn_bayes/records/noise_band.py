@@ -1,0 +1,147 @@
+"""Where a filter ends the noise of a record, and how strong the noise is below that.
+
+An anti-aliasing filter leaves no noise near half the sampling rate: an estimate taken there is far too low, and
+successive samples of the noise are correlated. Below the filter's corner the noise shows as a flat stretch of the
+spectrum that is as strong in quiet times as in strong motion; what a structure does comes and goes, and falls with
+frequency. A logger has one corner for all of its channels.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import resample, spectrogram
+from scipy.stats import norm
+
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+
+_LEAST_SEGMENT, _MOST_SEGMENT = 64, 512
+_SEGMENTS = 16
+"""Segments that a channel is cut into, at least, but for the overlap."""
+_WIDTH, _LEAST_BINS = 0.1, 8
+"""Width of the flat stretch, as a share of half the sampling rate, and in bins."""
+_SLOPE = 1.0
+"""Change of its level from end to end that counts as flat, beyond one and a half standard errors. [dB]"""
+_DROP = 10.0
+"""By how much the level near half the sampling rate lies below it, at least. [dB]"""
+_SAME_LEVEL = 1.5
+"""Stretches so close to the highest one are of one plateau. [dB]"""
+_MOST_POWER = 0.3
+"""Share of a channel's power from which on the stretch is no noise."""
+_ONE_CORNER = 0.2
+"""Relative distance of a channel's band from the median up to which they are of one filter."""
+_CORRELATION = 1.5
+"""Neighbouring bins of a Hann window that count as one."""
+
+
+class NoiseBand(NamedTuple):
+    """Noise that a filter has confined to the lower part of the spectrum."""
+
+    share: float
+    """Of half the sampling rate: how far noise of the plateau's density would reach."""
+    sds: Floats
+    """Standard deviation of one sample of each channel, ``(n_channels,)``. [unit of the channel]"""
+
+    @property
+    def correlation_samples(self) -> float:
+        """Samples that say as much about a slow motion as one would if the noise were white."""
+        return 1.0 / self.share
+
+    def thinned(self, residuals: Floats) -> Floats:
+        """Residuals ``(..., n_times)`` at twice the rate of the band, where noise is white, ``(..., n_counted)``."""
+        return np.asarray(resample(residuals, self._n_counted(residuals), axis=-1))
+
+    def at_thinned(self, motions: Floats) -> Floats:
+        """Histories ``(..., n_times)`` at the samples nearest to the thinned ones."""
+        nearest = np.round(np.arange(n := self._n_counted(motions)) * motions.shape[-1] / n).astype(np.int64)
+        return np.asarray(motions[..., nearest])
+
+    def _n_counted(self, histories: Floats) -> int:
+        return round(self.share * len(histories.T))
+
+
+@lru_cache(maxsize=16)
+def noise_band(record: Record) -> NoiseBand | None:
+    """The band of a record's noise, or None where nothing speaks for a filter.
+
+    In each channel the highest stretch of the spectrum counts that is flat, lies 10 dB above the level near half the
+    sampling rate, is equally strong throughout the record and holds no more than 30 % of the power. There is a filter
+    where every channel has such a stretch, and all end at about one frequency.
+
+    Parameters
+    ----------
+    record : Record
+        With channels; too short to tell below some 500 samples.
+
+    References
+    ----------
+    .. [1] P. D. Welch, "The use of fast Fourier transform for the estimation of power spectra", IEEE Transactions on
+       Audio and Electroacoustics 15(2), 1967, doi:10.1109/TAU.1967.1161901.
+    """
+    found = [_band_of(signal) for signal in record.channels.values()]
+    bands = np.array([band for band in found if band is not None]).reshape(-1, 2)
+    if not len(found) or len(bands) < len(found):
+        return None
+    share = float(np.median(bands[:, 0]))
+    if np.max(np.abs(bands[:, 0] - share)) > _ONE_CORNER * share:
+        return None
+    return NoiseBand(share=share, sds=bands[:, 1])
+
+
+def _band_of(signal: Floats) -> tuple[float, float] | None:
+    """Share of half the sampling rate and standard deviation of a channel's noise, if it looks filtered."""
+    n = _segment(len(signal))
+    if n == 0:
+        return None
+    _, _, power = spectrogram(signal, nperseg=n, noverlap=n // 2, window="hann", detrend="linear")
+    density = np.mean(power, axis=1)
+    n_bins = len(density) - 1
+    if not np.all(density[1:n_bins] > 0.0):
+        return None
+    level = 10.0 * np.log10(density[1:n_bins])
+    width = max(round(_WIDTH * n_bins), _LEAST_BINS)
+    flat = [
+        (10.0 * float(np.log10(np.mean(density[first : first + width]))), first + width)
+        for first in range(1, n_bins - width)
+        if _is_flat(level[first - 1 : first - 1 + width], power.shape[1]) and _is_steady(power[first : first + width])
+    ]
+    if not flat:
+        return None
+    highest = max(height for height, _ in flat)
+    end = max(end for height, end in flat if height > highest - _SAME_LEVEL)
+    if highest - float(np.mean(level[-max(n_bins // 20, 3) :])) < _DROP:
+        return None
+    plateau = float(np.mean(density[end - width : end]))
+    noise = plateau * (end - width) + float(np.sum(density[end - width :]))
+    if noise > _MOST_POWER * float(np.sum(density)):
+        return None
+    return min(noise / (plateau * n_bins), 1.0), float(np.sqrt(noise / n))
+
+
+def _segment(n_times: int) -> int:
+    """Length of the segments: the largest power of two that leaves enough of them; zero where none does."""
+    longest = n_times // (_SEGMENTS // 2)
+    return min(1 << (longest.bit_length() - 1), _MOST_SEGMENT) if longest >= _LEAST_SEGMENT else 0
+
+
+def _is_flat(level: Floats, n_segments: int) -> bool:
+    """Whether the levels [dB] of successive bins have neither slope nor scatter beyond that of noise."""
+    scatter = 10.0 / np.log(10.0) / np.sqrt(0.5 * n_segments)  # segments overlap by half
+    place = np.linspace(-0.5, 0.5, len(level))
+    slope = float(place @ level / (place @ place))
+    error = scatter / float(np.sqrt(place @ place))
+    return bool(abs(slope) < _SLOPE + 1.5 * error and np.std(level - slope * place) < 2.0 * scatter)
+
+
+def _is_steady(power: Floats) -> bool:
+    """Whether power ``(n_bins, n_segments)`` summed over the bins scatters from segment to segment as noise does.
+
+    The logarithm of such a sum scatters by one over the square root of the independent bins.
+    """
+    n_bins, n_segments = power.shape
+    first, ninth = np.log(np.quantile(np.sum(power, axis=0), (0.1, 0.9)))
+    expected = 2.0 * norm.ppf(0.9) * np.sqrt(_CORRELATION / n_bins)
+    return bool(ninth - first < expected * (1.0 + 2.5 / np.sqrt(n_segments)))

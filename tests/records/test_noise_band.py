@@ -1,0 +1,112 @@
+"""The band of filtered noise: found behind every kind of filter, and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from bwbn_bayes import simulate
+from bwbn_bayes.parameters import Floats, Uniform
+from bwbn_bayes.records import Envelope, Record, filtered_noise, noise_band, noise_sds
+from bwbn_bayes.structures.model_file import load_model_file
+
+Filter = Callable[[float], Floats]
+FILTERS: dict[str, Filter] = {
+    "Butterworth of order 4": lambda corner: signal.butter(4, corner, output="sos"),
+    "Butterworth of order 8": lambda corner: signal.butter(8, corner, output="sos"),
+    "Chebyshev": lambda corner: signal.cheby2(8, 60.0, 1.25 * corner, output="sos"),
+}
+
+
+@cache
+def clean(time_step: float = 0.01) -> Record:
+    """Three storeys under an earthquake, 31 s."""
+    model = load_model_file(Path(__file__).parents[2] / "models" / "plain_three_storey.py").model
+    ground = filtered_noise(
+        np.random.default_rng(1), 31.0, time_step, peak=3.0, ground_frequency_hz=2.0, envelope=Envelope()
+    )
+    values = {}
+    for parameter in model.space.parameters:
+        assert isinstance(parameter.prior, Uniform)
+        values[parameter.name] = 0.5 * (parameter.prior.lower + parameter.prior.upper)
+    return simulate(model, ground, values)
+
+
+def with_noise(record: Record, snr_db: float, sos: Floats | None, seed: int) -> tuple[Record, Floats]:
+    """The record with white or filtered noise, and its standard deviations ``(n_channels,)``."""
+    noise = np.random.default_rng(seed).standard_normal((len(record.channels), record.n_times + 1000))
+    noise = noise if sos is None else signal.sosfilt(sos, noise, axis=1)
+    noise = noise[:, 1000:] / np.std(noise[:, 1000:], axis=1, keepdims=True)
+    sds = np.std(record.measured, axis=1) * 10.0 ** (-snr_db / 20.0)
+    noisy = dict(zip(record.channels, record.measured + sds[:, None] * noise, strict=True))
+    return record.with_channels(noisy), sds
+
+
+@pytest.mark.parametrize("kind", FILTERS)
+@pytest.mark.parametrize("corner", [0.35, 0.5, 0.75])
+@pytest.mark.parametrize("snr_db", [20.0, 30.0, 40.0])
+def test_the_band_of_filtered_noise_is_found(kind: str, corner: float, snr_db: float) -> None:
+    """Its share is the filter's equivalent noise bandwidth: the mean of the squared gain, which is one at rest."""
+    sos = FILTERS[kind](corner)
+    record, sds = with_noise(clean(), snr_db, sos, seed=int(100 * corner + snr_db))
+    band = noise_band(record)
+    assert band is not None
+    bandwidth = np.mean(np.square(np.abs(signal.freqz_sos(sos, 4096)[1])))
+    assert band.share == pytest.approx(bandwidth, rel=0.12)
+    assert band.correlation_samples == pytest.approx(1.0 / band.share)
+    assert np.all(np.abs(band.sds / sds - 1.0) < 0.25)
+    np.testing.assert_array_equal(noise_sds(record), band.sds)
+
+
+@pytest.mark.parametrize("snr_db", [10.0, 30.0, 60.0])
+def test_white_noise_has_no_band(snr_db: float) -> None:
+    for seed in range(20):
+        record, sds = with_noise(clean(0.02), snr_db, None, seed)
+        assert noise_band(record) is None
+        assert np.all(np.abs(noise_sds(record) / sds - 1.0) < 0.25)
+
+
+def test_noise_with_a_memory_has_no_band() -> None:
+    for memory in (0.3, 0.8):
+        autoregression = signal.tf2sos([1.0], [1.0, -memory])
+        for seed in range(10):
+            assert noise_band(with_noise(clean(0.02), 30.0, autoregression, seed)[0]) is None
+
+
+def test_a_motion_without_noise_has_no_band() -> None:
+    assert noise_band(clean()) is None
+    assert noise_band(clean(0.02)) is None
+
+
+def test_one_filter_is_asked_for_all_channels() -> None:
+    filtered, _ = with_noise(clean(), 30.0, FILTERS["Butterworth of order 4"](0.4), seed=3)
+    white, _ = with_noise(clean(), 30.0, None, seed=3)
+    mixed = filtered.with_channels({**filtered.channels, "acceleration_2": white.channels["acceleration_2"]})
+    assert noise_band(filtered) is not None
+    assert noise_band(mixed) is None
+
+
+def test_a_short_record_tells_nothing() -> None:
+    record, _ = with_noise(clean(), 30.0, FILTERS["Butterworth of order 4"](0.4), seed=3)
+    assert noise_band(record.until(4.0)) is None
+
+
+def test_thinned_noise_is_white() -> None:
+    """At twice the band's rate, with the same level; a motion is taken at the same instants."""
+    record, sds = with_noise(clean(), 30.0, FILTERS["Butterworth of order 8"](0.4), seed=5)
+    band = noise_band(record)
+    assert band is not None
+    noise = record.measured - clean().measured
+    thinned = band.thinned(noise)
+    assert thinned.shape == (3, round(band.share * record.n_times))
+    assert np.all(np.abs(np.std(thinned, axis=1) / sds - 1.0) < 0.1)
+    # Filtered noise has a correlation of 0.7 from one sample to the next.
+    assert np.all(np.abs([np.corrcoef(row[1:], row[:-1])[0, 1] for row in thinned]) < 0.15)
+    times = band.at_thinned(record.times)
+    assert times.shape == (thinned.shape[1],)
+    assert np.max(np.abs(np.diff(times) - record.time_step / band.share)) < record.time_step

@@ -317,6 +317,8 @@ def _prune(present: Present, added: tuple[Added, ...], run: Run) -> tuple[Presen
         columns = [names.index(name) for name in model.space.names]
         points, local = polish(posterior, np.array([m.point[columns] for m in present.modes[:16]]), n_iterations=30)
         modes = distinct(points, local)
+        if not modes:  # without it, nothing can be solved where the record leads
+            continue
         without = present_evidence(posterior, modes, run.rng, 1000)
         if own.total - without.total < THRESHOLD:
             run.withdraw("a later effect makes it superfluous", superfluous.decision)

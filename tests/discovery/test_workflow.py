@@ -1,5 +1,6 @@
 """The loop where there is nothing to weigh: a disagreement and no hypothesis about it, or none that can be solved."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,8 +15,10 @@ from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorLag
 from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
-from bwbn_bayes.parameters import Uniform
+from bwbn_bayes.inference.likelihood import Linearisation, Posterior, default_noise
+from bwbn_bayes.parameters import Floats, Uniform
 from bwbn_bayes.records.excitation import Envelope, el_centro, filtered_noise
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -104,3 +107,28 @@ def test_the_second_search_weighs_against_the_first_rounds_hypotheses(monkeypatc
     grown = workflow._Grown(present, (), True)
     assert workflow._look_again(present, grown, run) == (grown, run)
     assert weighed == [first]
+
+
+def test_an_effect_without_which_nothing_can_be_solved_is_needed(
+    record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a damper that holds a storey which snaps through."""
+    effects = (QuadraticDamping(c2=Uniform(0, 1)), CubicStiffness(k3=Uniform(0, 1e5)))
+    model = MODEL.with_effect(effects[0]).with_effect(effects[1])
+    posterior = Posterior(model=model, record=record, engine=Lanes(), noise=default_noise(record))
+    modes = tuple(SimpleNamespace(point=point) for point in posterior.sample_prior(np.random.default_rng(1), 2))
+    present: Any = SimpleNamespace(posterior=posterior, modes=modes)
+    added: Any = tuple(
+        SimpleNamespace(candidate=SimpleNamespace(hypothesis=SimpleNamespace(effect=effect, storeys=())))
+        for effect in effects
+    )
+    run = Run(DiscoverySettings(), np.random.default_rng(1), None)
+    run.steps = [SimpleNamespace(model=MODEL)]  # type: ignore[list-item]
+
+    def fail(view: Posterior, points: Floats, **_: object) -> tuple[Floats, Linearisation]:
+        local = view.linearise(points)
+        return points, replace(local, log_likelihood=np.full(len(points), -np.inf))
+
+    monkeypatch.setattr(workflow, "polish", fail)
+    monkeypatch.setattr(workflow, "present_evidence", lambda *_: SimpleNamespace(total=0.0))
+    assert workflow._prune(present, added, run) == (present, added)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,17 +23,28 @@ from bwbn_bayes.records.record import Record
 
 FOUND_SHARE, PARTLY_SHARE = 0.1, 0.25
 """Unexplained share up to which effects count as found, and one alone as contributing."""
-FOUND_LEVEL = 1.5
-"""Residual to noise up to which effects that leave no noise count as found: most of a large gap can be gone and yet
-what is left be several times the noise, which a law of the same kind leaves that is not the right one."""
+FOUND_LEVEL, NEAR_LEVEL = 1.15, 1.5
+"""Residual to noise up to which effects that leave no noise count as found, and one alone as contributing whatever came
+after it: most of a large gap can be gone and yet what is left be several times the noise, which a law of the same kind
+leaves that is not the right one."""
 MOST_AT_ONCE = 2
 """With more, they are as likely to imitate together one that the catalogue lacks: they count as contributing."""
 
 
+class Grown(NamedTuple):
+    """A model as it grew."""
+
+    present: Present
+    added: tuple[Added, ...]
+    first: Present | None
+    """With the first effect alone."""
+    ended: bool
+    """Whether nothing is left that could be added."""
+
+
 def conclude(
     given: Present,
-    present: Present,
-    added: tuple[Added, ...],
+    grown: Grown,
     held_out: HeldOut | None,
     name: str,
     assumptions: Sequence[str],
@@ -42,23 +54,26 @@ def conclude(
 
     Parameters
     ----------
-    given, present : Present
-        The model as given, and with what was added.
-    added : tuple of Added
+    given : Present
+        The model as given.
+    grown : Grown
+        What became of it.
     held_out : HeldOut or None
-        Predicted here, once.
+        Predicted here, and nowhere before.
     name : str
         The model's name in reports.
     assumptions : sequence of str
         What the model as given takes for granted.
     run : Run
     """
-    ahead = None if held_out is None else _gap(given, present, held_out.record, held_out.first, run)
-    verdict = _verdict(given, present, added, ahead)
-    if verdict == "unexplained" and added:
-        run.withdraw(_why_withdrawn(unexplained_share(given, present), ahead))
-        added, present = (), given
-        ahead = ahead and replace(ahead, after=ahead.before)
+    ahead = None if held_out is None else _gap(given, grown.present, held_out.record, held_out.first, run)
+    verdict, present, added = _what_stays(given, grown, ahead)
+    if withdrawn := grown.added[len(added) :]:
+        why = _why_withdrawn(unexplained_share(given, grown.present), grown.added, ahead)
+        for one in withdrawn:
+            run.withdraw(why, one.decision)
+        if held_out is not None:
+            ahead = _gap(given, present, held_out.record, held_out.first, run)
     share = 0.0 if verdict == "no_missing_effect" else unexplained_share(given, present)
     before, after = given.disagreement, present.disagreement
     rest = None
@@ -143,7 +158,20 @@ def _level(left: Disagreement) -> float:
     return float(np.max(left.residual_to_noise))
 
 
-def _why_withdrawn(share: float, ahead: Gap | None) -> str:
+def _is_near(given: Present, present: Present, level: float) -> bool:
+    """Whether little is left of the disagreement, and no more than so many times the noise."""
+    return unexplained_share(given, present) <= FOUND_SHARE and _level(present.disagreement) <= level
+
+
+def _imitated(added: Sequence[Added]) -> str:
+    """The effect of which two forms act at one place, if one does: neither is then the right one."""
+    places = [(one.candidate.hypothesis.name, one.candidate.hypothesis.storeys) for one in added]
+    return next((name for n, (name, storeys) in enumerate(places) if (name, storeys) in places[:n]), "")
+
+
+def _why_withdrawn(share: float, added: Sequence[Added], ahead: Gap | None) -> str:
+    if len(added) > MOST_AT_ONCE and (name := _imitated(added)):
+        return f"so many effects, two of them forms of {name} at one place, can only imitate another"
     if share <= FOUND_SHARE and (missed := _missed_by(ahead)):
         return f"so many effects, and they miss the held-out record by {missed:.1f} times its noise"
     return what_stayed(share)
@@ -154,17 +182,29 @@ def is_explained(given: Present, present: Present, added: tuple[Added, ...]) -> 
     return _verdict(given, present, added, None) in ("effects_found", "no_missing_effect")
 
 
+def _what_stays(given: Present, grown: Grown, ahead: Gap | None) -> tuple[Verdict, Present, tuple[Added, ...]]:
+    """The verdict, with what stays added where all of it together is withdrawn: the first effect, or nothing.
+
+    The first alone stays where it comes near: what followed imitates the rest of its own law.
+    """
+    verdict = _verdict(given, grown.present, grown.added, ahead)
+    if verdict != "unexplained" or not grown.added:
+        return verdict, grown.present, grown.added
+    if len(grown.added) > 1 and grown.first is not None and _is_near(given, grown.first, NEAR_LEVEL):
+        return "partly_explained", grown.first, grown.added[:1]
+    return verdict, given, ()
+
+
 def _verdict(given: Present, present: Present, added: tuple[Added, ...], ahead: Gap | None) -> Verdict:
     """The verdict, with the gap on held-out data if there are any: what imitates the record does not foresee others."""
     noise, share = present.is_noise, unexplained_share(given, present)
     if not added:
         return "no_missing_effect" if noise else "unexplained"
     # Steady noise can hide that much is left of a small disagreement; only where nothing of note is left is it found.
-    near = share <= FOUND_SHARE and _level(present.disagreement) <= FOUND_LEVEL
-    explains = near or present.is_quiet or (noise and share <= PARTLY_SHARE)
+    explains = _is_near(given, present, FOUND_LEVEL) or present.is_quiet or (noise and share <= PARTLY_SHARE)
     if len(added) <= MOST_AT_ONCE and explains and not _missed_by(ahead):
         return "effects_found"
-    if len(added) > MOST_AT_ONCE and _missed_by(ahead):
+    if len(added) > MOST_AT_ONCE and (_missed_by(ahead) or _imitated(added)):
         return "unexplained"
     # Several that leave so much together only imitate what the catalogue lacks.
     most = PARTLY_SHARE if len(added) == 1 else FOUND_SHARE

@@ -112,11 +112,10 @@ class Run:
         self.notes.append(text)
         self.say(text)
 
-    def withdraw(self, why: str, decision: Decision | None = None) -> None:
-        """Say of the step with a decision, or of all, that the effect it named did not stay, and why."""
+    def withdraw(self, why: str, decision: Decision) -> None:
+        """Say of the step with a decision that the effect it named did not stay, and why."""
         for number, step in enumerate(self.steps):
-            own = step.decision
-            if own is not None and own.passes and not step.withdrawn and (decision is None or decision is own):
+            if step.decision is decision:
                 self.steps[number] = replace(step, sentence=f"{step.sentence} It is withdrawn: {why}.", withdrawn=True)
 
     @property

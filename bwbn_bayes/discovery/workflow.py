@@ -7,12 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
-from bwbn_bayes.discovery.conclusion import MOST_AT_ONCE, conclude, is_explained, unexplained_share, what_stayed
+from bwbn_bayes.discovery.conclusion import (
+    MOST_AT_ONCE,
+    Grown,
+    conclude,
+    is_explained,
+    unexplained_share,
+    what_stayed,
+)
 from bwbn_bayes.discovery.evidence import bridged_evidence, laplace_evidence, present_evidence, sampled_evidence
 from bwbn_bayes.discovery.held_out import set_apart
 from bwbn_bayes.discovery.name import THRESHOLD, Decision, decide, worth_fitting
@@ -115,11 +122,10 @@ def discover(
     for spot in given.disagreement.spots[:2]:
         run.say(spot.sentence)
     _compile_ahead(given, run)
-    grown = _grow(_Grown(given, (), False), run, most=MOST_AT_ONCE)
+    grown = _grow(Grown(given, (), None, False), run, most=MOST_AT_ONCE)
     grown, run = _look_again(given, grown, run)
-    grown = _grow(grown, run, most=run.settings.most_effects)
-    present, added = _prune(grown.present, grown.added, run)
-    return conclude(given, present, added, apart, name, assumptions, run)
+    grown = _prune(_grow(grown, run, most=run.settings.most_effects), run)
+    return conclude(given, grown, apart, name, assumptions, run)
 
 
 def _fit_given(model: Structure, record: Record, run: Run) -> Present:
@@ -146,18 +152,9 @@ def _compile_ahead(given: Present, run: Run) -> None:
     precompile(laws, driven=given.posterior.model.excitation_kind == "displacement")
 
 
-class _Grown(NamedTuple):
-    """A model as it grew."""
-
-    present: Present
-    added: tuple[Added, ...]
-    ended: bool
-    """Whether nothing is left that could be added."""
-
-
-def _grow(so_far: _Grown, run: Run, *, most: int, fits: tuple[Fit, ...] | None = None) -> _Grown:
+def _grow(so_far: Grown, run: Run, *, most: int, fits: tuple[Fit, ...] | None = None) -> Grown:
     """Add effects one by one until none passes or there are so many; the fits of the next round may be known."""
-    present, added, ended = so_far
+    present, added, first, ended = so_far
     if ended:
         return so_far
     while len(added) < min(most, run.settings.most_effects):
@@ -180,7 +177,7 @@ def _grow(so_far: _Grown, run: Run, *, most: int, fits: tuple[Fit, ...] | None =
         )
         run.say(sentence)
         if chosen is None or decision is None:
-            return _Grown(present, added, True)
+            return Grown(present, added, first, True)
         fit = next(fit for fit in fits if fit.hypothesis is chosen.hypothesis)
         posterior = present.posterior.with_model(chosen.hypothesis.improved)
         modes = settled(posterior, fit.modes[:N_CANDIDATES], run.rng)
@@ -189,14 +186,15 @@ def _grow(so_far: _Grown, run: Run, *, most: int, fits: tuple[Fit, ...] | None =
         if left > MOST_LEFT and not improved.is_noise:
             run.withdraw(what_stayed(left), decision)
             run.say(run.steps[-1].sentence)
-            return _Grown(present, added, True)
+            return Grown(present, added, first, True)
         separation = _separation(fit, fits, decision)
         added = (*added, Added(candidate=chosen, decision=decision, moments={}, separation=separation))
         present, fits = improved, None
-    return _Grown(present, added, False)
+        first = first or present
+    return Grown(present, added, first, False)
 
 
-def _look_again(given: Present, grown: _Grown, run: Run) -> tuple[_Grown, Run]:
+def _look_again(given: Present, grown: Grown, run: Run) -> tuple[Grown, Run]:
     """Where much stays unexplained, fit the leading hypotheses of the first round from all over their priors.
 
     Starts near the fits of a model that lacks an effect can all be far from the truth.
@@ -208,7 +206,7 @@ def _look_again(given: Present, grown: _Grown, run: Run) -> tuple[_Grown, Run]:
     if fits[0].log_likelihood < run.first_fits[0].log_likelihood + THRESHOLD:
         return grown, run
     again = replace(run, steps=[], considered=run.first_considered)
-    other = _grow(_Grown(given, (), False), again, most=MOST_AT_ONCE, fits=fits)
+    other = _grow(Grown(given, (), None, False), again, most=MOST_AT_ONCE, fits=fits)
     if unexplained_share(given, other.present) < unexplained_share(given, grown.present):
         return other, again
     return grown, run
@@ -300,10 +298,11 @@ def _threaded(fit: Fit, run: Run) -> Fit:
     return replace(fit, posterior=on_threads(fit.posterior, run.settings.n_workers))
 
 
-def _prune(present: Present, added: tuple[Added, ...], run: Run) -> tuple[Present, tuple[Added, ...]]:
+def _prune(grown: Grown, run: Run) -> Grown:
     """Drop an effect that a later one has made superfluous."""
+    present, added = grown.present, grown.added
     if len(added) < 2:
-        return present, added
+        return grown
     run.say("checking whether each effect is still needed")
     own = present_evidence(present.posterior, present.modes, run.rng, 1000)
     for superfluous in added[:-1]:
@@ -324,5 +323,6 @@ def _prune(present: Present, added: tuple[Added, ...], run: Run) -> tuple[Presen
             run.withdraw("a later effect makes it superfluous", superfluous.decision)
             run.say(f"{superfluous.candidate.hypothesis.label} is no longer needed")
             smaller = Present(posterior=posterior, modes=modes, starts=points[:3])
-            return _prune(smaller, kept, run)
-    return present, added
+            first = None if superfluous is added[0] else grown.first
+            return _prune(grown._replace(present=smaller, added=kept, first=first), run)
+    return grown

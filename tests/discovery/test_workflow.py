@@ -9,6 +9,7 @@ import pytest
 from scipy import signal
 
 from bwbn_bayes.discovery import workflow
+from bwbn_bayes.discovery.conclusion import Grown
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
 from bwbn_bayes.discovery.workflow import discover
@@ -104,7 +105,7 @@ def test_the_second_search_weighs_against_the_first_rounds_hypotheses(monkeypatc
 
     monkeypatch.setattr(workflow, "_grow", grow)
     present: Any = SimpleNamespace()
-    grown = workflow._Grown(present, (), True)
+    grown = Grown(present, (), None, True)
     assert workflow._look_again(present, grown, run) == (grown, run)
     assert weighed == [first]
 
@@ -131,4 +132,5 @@ def test_an_effect_without_which_nothing_can_be_solved_is_needed(
 
     monkeypatch.setattr(workflow, "polish", fail)
     monkeypatch.setattr(workflow, "present_evidence", lambda *_: SimpleNamespace(total=0.0))
-    assert workflow._prune(present, added, run) == (present, added)
+    grown = Grown(present, added, None, False)
+    assert workflow._prune(grown, run) == grown

@@ -13,11 +13,14 @@ from bwbn_bayes.inference.residuals import (
     LEAST_PROBABILITY,
     coloured_noise,
     is_noise,
+    leaves_noise,
+    leaves_quiet,
     residual_checks,
     residual_of,
     whiteness_probability,
 )
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records import Envelope, filtered_noise
 
 
 def test_whiteness_is_uniform_under_white_noise() -> None:
@@ -54,6 +57,24 @@ def test_both_checks_pass_at_the_fit_of_every_seed() -> None:
         record = recorded(seed)
         posterior = posterior_of(sdof_model(), record)
         assert all(c.passed for c in residual_checks(posterior, true_point(sdof_model(), record)))
+
+
+def test_both_checks_pass_at_the_truth_behind_a_filter() -> None:
+    """Judged by the samples as they are, the residual would be hundreds of times its level, and coloured."""
+    model, rng = sdof_model(), np.random.default_rng(4)
+    ground = filtered_noise(rng, 20.0, 0.01, peak=3.0, ground_frequency_hz=2.0, envelope=Envelope())
+    clean = simulate(model, ground, SDOF.truth)
+    measured = clean.channels["acceleration_1"]
+    noise = signal.sosfilt(signal.butter(8, 0.4, output="sos"), rng.standard_normal(len(measured) + 500))[500:]
+    noisy = measured + 0.03 * np.std(measured) * noise / np.std(noise)
+    record = clean.with_channels({"acceleration_1": noisy}, truth=SDOF.truth)
+    posterior, point = posterior_of(model, record), true_point(model, record)
+    level, white = residual_checks(posterior, point)
+    assert level.passed
+    assert white.passed
+    assert leaves_noise(posterior, point)
+    assert leaves_quiet(posterior, point)
+    assert whiteness_probability(residual_of(posterior, point)[0]) < 1e-50
 
 
 def test_an_offset_is_no_noise(record: Record) -> None:

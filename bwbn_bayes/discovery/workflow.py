@@ -43,8 +43,8 @@ from bwbn_bayes.inference.accuracy import LADDER
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
 from bwbn_bayes.inference.residuals import leaves_noise
+from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.noise import LEAST_NOISE, with_least_noise
-from bwbn_bayes.records.noise_band import noise_band
 from bwbn_bayes.records.record import MIN_TIMES, Record
 from bwbn_bayes.structures.structure import Structure
 

@@ -17,7 +17,7 @@ from scipy.special import gammaln
 from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Floats, FreeParameter, ParameterSpace, Prior
-from bwbn_bayes.records.noise_band import noise_band
+from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -170,7 +170,7 @@ def require_noise(noise: Noise, record: Record) -> None:
 def default_noise(record: Record) -> IntegratedNoise:
     """Inverse-gamma priors of shape 1 whose scale is the square of 3 % of each channel's rms.
 
-    Where a filter ends the noise (:func:`~bwbn_bayes.records.noise_band.noise_band`), several samples count as one.
+    Where a filter ends the noise (:func:`~bwbn_bayes.records.band.noise_band`), several samples count as one.
     All this depends on the training record alone, so that it is the same in every compared model.
     """
     scales = []

@@ -13,8 +13,8 @@ from scipy.stats import chi2, f, f_oneway, levene, ttest_1samp
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.noise import LEAST_NOISE, noise_sds
-from bwbn_bayes.records.noise_band import noise_band
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check
 
@@ -147,7 +147,7 @@ def residual_of(posterior: Posterior, point: Floats) -> Floats:
 def counted(record: Record, residual: Floats) -> Floats:
     """Residuals ``(n_channels, n_times)`` at a rate at which the record's noise is white, ``(n_channels, n_counted)``.
 
-    Where a filter ends the noise that is twice its band (:func:`~bwbn_bayes.records.noise_band.noise_band`), else the
+    Where a filter ends the noise that is twice its band (:func:`~bwbn_bayes.records.band.noise_band`), else the
     record's own.
     """
     band = noise_band(record)

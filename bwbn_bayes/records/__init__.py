@@ -1,5 +1,6 @@
 """Records: what was measured, its files, excitations and noise."""
 
+from bwbn_bayes.records.band import NoiseBand, noise_band
 from bwbn_bayes.records.excitation import (
     Envelope,
     el_centro,
@@ -8,7 +9,6 @@ from bwbn_bayes.records.excitation import (
     sine,
 )
 from bwbn_bayes.records.noise import add_noise, model_free_noise_sd, noise_sds
-from bwbn_bayes.records.noise_band import NoiseBand, noise_band
 from bwbn_bayes.records.readers import (
     as_dataset,
     read_at2,

@@ -10,7 +10,7 @@ from scipy import stats
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.noise_band import noise_band
+from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.record import Record
 
 MAX_DIFFERENCE_ORDER = 16
@@ -99,7 +99,7 @@ def with_least_noise(record: Record, rng: np.random.Generator) -> Record:
 def noise_sds(record: Record) -> Floats:
     """Noise level of each channel ``(n_channels,)`` without a model: that of its band where a filter ends the noise.
 
-    See :func:`~bwbn_bayes.records.noise_band.noise_band`, and :func:`model_free_noise_sd` for white noise.
+    See :func:`~bwbn_bayes.records.band.noise_band`, and :func:`model_free_noise_sd` for white noise.
     """
     band = noise_band(record)
     if band is not None:

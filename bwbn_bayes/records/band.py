@@ -33,6 +33,8 @@ _MOST_POWER = 0.3
 """Share of a channel's power from which on the stretch is no noise."""
 _ONE_CORNER = 0.2
 """Relative distance of a channel's band from the median up to which they are of one filter."""
+_BELOW = 0.9
+"""Of the band, where the filter does not act yet."""
 _CORRELATION = 1.5
 """Neighbouring bins of a Hann window that count as one."""
 
@@ -67,9 +69,10 @@ class NoiseBand(NamedTuple):
 def noise_band(record: Record) -> NoiseBand | None:
     """The band of a record's noise, or None where nothing speaks for a filter.
 
-    In each channel the highest stretch of the spectrum counts that is flat, lies 10 dB above the level near half the
-    sampling rate, is equally strong throughout the record and holds no more than 30 % of the power. There is a filter
-    where every channel has such a stretch, and all end at about one frequency.
+    The highest stretch of a channel's spectrum counts that is flat, lies 10 dB above the level near half the sampling
+    rate, is equally strong throughout the record and holds no more than 30 % of the power. There is a filter where at
+    least one channel has such a stretch, all that do end at about one frequency, and the others fall by as much above
+    it: where their motion hides the noise, its level is that of their quiet times.
 
     Parameters
     ----------
@@ -80,45 +83,70 @@ def noise_band(record: Record) -> NoiseBand | None:
     ----------
     .. [1] P. D. Welch, "The use of fast Fourier transform for the estimation of power spectra", IEEE Transactions on
        Audio and Electroacoustics 15(2), 1967, doi:10.1109/TAU.1967.1161901.
+    .. [2] R. Martin, "Noise power spectral density estimation based on optimal smoothing and minimum statistics", IEEE
+       Transactions on Speech and Audio Processing 9(5), 2001, doi:10.1109/89.928915 (the idea, for quiet times).
     """
-    found = [_band_of(signal) for signal in record.channels.values()]
-    bands = np.array([band for band in found if band is not None]).reshape(-1, 2)
-    if not len(found) or len(bands) < len(found):
-        return None
-    share = float(np.median(bands[:, 0]))
-    if np.max(np.abs(bands[:, 0] - share)) > _ONE_CORNER * share:
-        return None
-    return NoiseBand(share=share, sds=bands[:, 1])
-
-
-def _band_of(signal: Floats) -> tuple[float, float] | None:
-    """Share of half the sampling rate and standard deviation of a channel's noise, if it looks filtered."""
-    n = _segment(len(signal))
+    n = _segment(record.n_times)
     if n == 0:
         return None
-    _, _, power = spectrogram(signal, nperseg=n, noverlap=n // 2, window="hann", detrend="linear")
-    density = np.mean(power, axis=1)
-    n_bins = len(density) - 1
-    if not np.all(density[1:n_bins] > 0.0):
+    powers = [
+        spectrogram(signal, nperseg=n, noverlap=n // 2, window="hann", detrend="linear")[2]
+        for signal in record.channels.values()
+    ]
+    if not all(np.all(power[1:-1] > 0.0) for power in powers):
         return None
-    level = 10.0 * np.log10(density[1:n_bins])
-    width = max(round(_WIDTH * n_bins), _LEAST_BINS)
+    bands = [_band_of(power) for power in powers]
+    shares = np.array([band[0] for band in bands if band is not None])
+    share = float(np.median(shares)) if len(shares) else 0.0
+    if not len(shares) or np.max(np.abs(shares - share)) > _ONE_CORNER * share:
+        return None
+    sds = [band[1] if band else _quiet_sd(power, share) for band, power in zip(bands, powers, strict=True)]
+    return NoiseBand(share=share, sds=np.array(sds)) if all(sds) else None
+
+
+def _band_of(power: Floats) -> tuple[float, float] | None:
+    """Share of half the sampling rate and standard deviation of a channel's noise, if it looks filtered."""
+    density, n_bins = np.mean(power, axis=1), len(power) - 1
+    level, width = _in_db(density), _width(n_bins)
     flat = [
-        (10.0 * float(np.log10(np.mean(density[first : first + width]))), first + width)
+        (float(_in_db(np.mean(density[first : first + width]))), first + width)
         for first in range(1, n_bins - width)
-        if _is_flat(level[first - 1 : first - 1 + width], power.shape[1]) and _is_steady(power[first : first + width])
+        if _is_flat(level[first : first + width], power.shape[1]) and _is_steady(power[first : first + width])
     ]
     if not flat:
         return None
     highest = max(height for height, _ in flat)
     end = max(end for height, end in flat if height > highest - _SAME_LEVEL)
-    if highest - float(np.mean(level[-max(n_bins // 20, 3) :])) < _DROP:
-        return None
     plateau = float(np.mean(density[end - width : end]))
     noise = plateau * (end - width) + float(np.sum(density[end - width :]))
-    if noise > _MOST_POWER * float(np.sum(density)):
+    if highest - _top(density) < _DROP or noise > _MOST_POWER * float(np.sum(density)):
         return None
-    return min(noise / (plateau * n_bins), 1.0), float(np.sqrt(noise / n))
+    return min(noise / (plateau * n_bins), 1.0), float(np.sqrt(0.5 * noise / n_bins))
+
+
+def _quiet_sd(power: Floats, share: float) -> float:
+    """Standard deviation of a channel's noise from its quiet times just below a corner; zero where none falls there."""
+    n_bins = len(power) - 1
+    width, end = _width(n_bins), round(_BELOW * share * n_bins)
+    stretch = power[max(end - width, 1) : end]
+    if not len(stretch) or float(_in_db(np.mean(stretch))) - _top(np.mean(power, axis=1)) < _DROP:
+        return 0.0
+    # The first decile of noise lies so far below its mean.
+    quiet = np.quantile(np.log(np.mean(stretch, axis=0)), 0.1) + norm.ppf(0.9) * np.sqrt(_CORRELATION / len(stretch))
+    return float(np.sqrt(0.5 * share * np.exp(quiet)))
+
+
+def _width(n_bins: int) -> int:
+    return max(round(_WIDTH * n_bins), _LEAST_BINS)
+
+
+def _top(density: Floats) -> float:
+    """Level near half the sampling rate, in decibels."""
+    return float(np.mean(_in_db(density[-1 - max(len(density) // 20, 3) : -1])))
+
+
+def _in_db(density: Floats | float) -> Floats:
+    return np.asarray(10.0 * np.log10(np.maximum(density, 1e-300)))
 
 
 def _segment(n_times: int) -> int:

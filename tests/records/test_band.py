@@ -91,6 +91,22 @@ def test_one_filter_is_asked_for_all_channels() -> None:
     assert noise_band(mixed) is None
 
 
+def test_a_channel_that_hides_its_noise_shows_it_in_quiet_times() -> None:
+    """Jolts that come and go, louder than the noise at every frequency, before the same filter."""
+    sos = FILTERS["Butterworth of order 8"](0.4)
+    record, sds = with_noise(clean(), 30.0, sos, seed=6)
+    rng = np.random.default_rng(8)
+    jolts = 40.0 * sds[2] * rng.standard_normal(record.n_times) * (rng.random(record.n_times) < 0.03)
+    jolts[(record.times < 5.0) | (record.times > 20.0)] = 0.0
+    shaken = record.channels["acceleration_3"] + signal.sosfilt(sos, jolts)
+    band = noise_band(record.with_channels({**record.channels, "acceleration_3": shaken}))
+    alone = noise_band(record.with_channels({"acceleration_3": shaken}))
+    assert alone is None
+    assert band is not None
+    assert band.share == pytest.approx(0.4, rel=0.12)
+    assert np.all(np.abs(band.sds / sds - 1.0) < 0.3)
+
+
 def test_a_short_record_tells_nothing() -> None:
     record, _ = with_noise(clean(), 30.0, FILTERS["Butterworth of order 4"](0.4), seed=3)
     assert noise_band(record.until(4.0)) is None

@@ -164,9 +164,13 @@ def _is_near(given: Present, present: Present, level: float) -> bool:
 
 
 def _imitated(added: Sequence[Added]) -> str:
-    """The effect of which two forms act at one place, if one does: neither is then the right one."""
-    places = [(one.candidate.hypothesis.name, one.candidate.hypothesis.storeys) for one in added]
-    return next((name for n, (name, storeys) in enumerate(places) if (name, storeys) in places[:n]), "")
+    """The effect of which two forms act at one place, if one does: neither is then the right one.
+
+    Changes of two parameters of one storey are no forms of each other.
+    """
+    hypotheses = [one.candidate.hypothesis for one in added]
+    acts = [(h.name, h.storeys, getattr(h.effect, "parameter", "")) for h in hypotheses]
+    return next((act[0] for n, act in enumerate(acts) if act in acts[:n]), "")
 
 
 def _why_withdrawn(share: float, added: Sequence[Added], ahead: Gap | None) -> str:
@@ -260,7 +264,8 @@ def _sentences(
     elif level <= FOUND_LEVEL and (missed := _missed_by(gap.held_out)):
         contributes += f"the held-out record is missed by {missed:.1f} times its noise"
     else:
-        contributes += f"{100 * share:.0f} % of the disagreement stays unexplained, {level:.1f} times the noise"
+        stays = f"{100 * share:.0f} %" if share >= 0.005 else "less than 1 %"
+        contributes += f"{stays} of the disagreement stays unexplained, {level:.1f} times the noise"
     first = {
         "effects_found": f"The model lacks {labels}{meaning}.",
         "partly_explained": f"{labels} {contributes}.",

@@ -29,7 +29,7 @@ def fitted(ratios: tuple[float, ...], *, noise: bool = False, quiet: bool = Fals
 
 def effects(n: int, names: str = "abcd") -> tuple[Added, ...]:
     """Effects by one letter each, all at storey 1."""
-    hypotheses = (SimpleNamespace(name=name, storeys=(1,)) for name in names[:n])
+    hypotheses = (SimpleNamespace(name=name, storeys=(1,), effect=SimpleNamespace()) for name in names[:n])
     return cast(tuple[Added, ...], tuple(SimpleNamespace(candidate=SimpleNamespace(hypothesis=h)) for h in hypotheses))
 
 
@@ -128,6 +128,10 @@ def test_two_forms_of_one_effect_at_one_place_are_an_imitation() -> None:
     reason = "so many effects, two of them forms of a at one place, can only imitate another"
     assert _why_withdrawn(0.0, effects(3, "aba"), None) == reason
     assert _why_withdrawn(0.3, effects(2, "aa"), None) == what_stayed(0.3)
+    gamma, other, n = effects(3, "aba")
+    for one, parameter in ((gamma, "gamma"), (n, "n")):
+        one.candidate.hypothesis.effect.parameter = parameter  # type: ignore[attr-defined]
+    assert _verdict(GIVEN, noise, (gamma, other, n), None) == "partly_explained"
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from bwbn_bayes.discovery.run import Present, Run, hypotheses_of, score_all
 from bwbn_bayes.discovery.unexplained import unexplained
 from bwbn_bayes.discovery.where import Disagreement
 from bwbn_bayes.inference.identify import identify_from
+from bwbn_bayes.inference.residuals import LARGEST_RATIO
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
@@ -23,7 +24,7 @@ from bwbn_bayes.records.record import Record
 
 FOUND_SHARE, PARTLY_SHARE = 0.1, 0.25
 """Unexplained share up to which effects count as found, and one alone as contributing."""
-FOUND_LEVEL, NEAR_LEVEL = 1.15, 1.5
+FOUND_LEVEL, NEAR_LEVEL = LARGEST_RATIO, 1.5
 """Residual to noise up to which effects that leave no noise count as found, and one alone as contributing whatever came
 after it: most of a large gap can be gone and yet what is left be several times the noise, which a law of the same kind
 leaves that is not the right one."""

@@ -50,8 +50,9 @@ def test_the_share_counts_what_exceeds_the_noise() -> None:
     [
         (0, 3.0, False, "unexplained"),
         (0, 1.0, True, "no_missing_effect"),
-        (1, 1.1, False, "effects_found"),
-        (2, 1.1, False, "effects_found"),
+        (1, 1.2, False, "effects_found"),
+        (2, 1.2, False, "effects_found"),
+        (1, 1.3, False, "partly_explained"),
         (1, 1.4, False, "partly_explained"),
         (2, 1.4, False, "partly_explained"),
         (3, 1.0, True, "partly_explained"),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis
-from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
+from bwbn_bayes.discovery.held_out import HeldOut, Prediction, floor_of, predict
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate, log_prior_odds
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, Step, Verdict
 from bwbn_bayes.discovery.run import Present, Run, hypotheses_of, score_all
@@ -73,8 +73,9 @@ def conclude(
         why = _why_withdrawn(unexplained_share(given, grown.present), grown.added, ahead)
         for one in withdrawn:
             run.withdraw(why, one.decision)
-        if held_out is not None:
-            ahead = _gap(given, present, held_out.record, held_out.first, run)
+        if held_out is not None and ahead is not None:
+            predicted = _after(given, present, ahead.before, held_out.record, held_out.first, run)
+            ahead = replace(ahead, after=predicted)
     share = 0.0 if verdict == "no_missing_effect" else unexplained_share(given, present)
     before, after = given.disagreement, present.disagreement
     rest = None
@@ -126,8 +127,13 @@ def conclude(
 def _gap(given: Present, present: Present, record: Record, first: int, run: Run) -> Gap:
     """Before and after on a record, from its sample ``first`` on."""
     before = predict(given.posterior, given.best, record, run.rng, first=first)
-    after = before if present is given else predict(present.posterior, present.best, record, run.rng, first=first)
+    after = _after(given, present, before, record, first, run)
     return Gap(noise_floor=floor_of(record, first=first), before=before, after=after)
+
+
+def _after(given: Present, present: Present, before: Prediction, record: Record, first: int, run: Run) -> Prediction:
+    """What the present model predicts of a record, of which the given model's prediction is known."""
+    return before if present is given else predict(present.posterior, present.best, record, run.rng, first=first)
 
 
 def _weighed_against(present: Present, steps: Sequence[Step]) -> tuple[Candidate, ...]:

@@ -160,7 +160,7 @@ def leaves_quiet(posterior: Posterior, point: Floats) -> bool:
     Stricter than :func:`leaves_noise`: nothing of note is left, and first-order scores can be believed.
     """
     residual = residual_of(posterior, point)
-    if max(map(_level, residual / noise_floors(posterior.record)[:, None])) >= QUIET_RATIO:
+    if max(_to_noise(posterior.record, residual)) >= QUIET_RATIO:
         return False
     rests = counted(posterior.record, residual)
     return all(min(whiteness_probability(rest), _steadiness(rest)) > QUIET_PROBABILITY for rest in rests)
@@ -200,6 +200,11 @@ def noise_floors(record: Record) -> Floats:
     return np.maximum(noise_sds(record), LEAST_NOISE * np.std(record.measured, axis=1))
 
 
+def _to_noise(record: Record, residual: Floats) -> list[float]:
+    """Level of each channel's residual ``(n_channels, n_times)`` over its model-free noise level."""
+    return [_level(rest) / floor for rest, floor in zip(residual, noise_floors(record).tolist(), strict=True)]
+
+
 def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     """Noise level and whiteness of the residual at a point ``(n_dim,)`` of the unit cube, worst channel of each.
 
@@ -209,7 +214,7 @@ def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     """
     record = posterior.record
     residual = residual_of(posterior, point)
-    ratios = dict(zip(record.channels, map(_level, residual / noise_floors(record)[:, None]), strict=True))
+    ratios = dict(zip(record.channels, _to_noise(record, residual), strict=True))
     white = {
         name: whiteness_probability(rest) if _level(rest) > LEAST_NOISE * np.std(record.channels[name]) else 1.0
         for name, rest in zip(record.channels, counted(record, residual), strict=True)

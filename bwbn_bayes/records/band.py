@@ -58,7 +58,8 @@ class NoiseBand(NamedTuple):
 
     def at_thinned(self, motions: Floats) -> Floats:
         """Histories ``(..., n_times)`` at the samples nearest to the thinned ones."""
-        nearest = np.round(np.arange(n := self._n_counted(motions)) * motions.shape[-1] / n).astype(np.int64)
+        n = self._n_counted(motions)
+        nearest = np.round(np.arange(n) * motions.shape[-1] / n).astype(np.int64)
         return np.asarray(motions[..., nearest])
 
     def _n_counted(self, histories: Floats) -> int:

@@ -1,5 +1,6 @@
 """The verdict: what counts as found, as contributing, and as unexplained."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -27,9 +28,11 @@ def fitted(ratios: tuple[float, ...], *, noise: bool = False, quiet: bool = Fals
     return cast(Present, SimpleNamespace(disagreement=disagreement, is_noise=noise, is_quiet=quiet))
 
 
-def effects(n: int, names: str = "abcd") -> tuple[Added, ...]:
-    """Effects by one letter each, all at storey 1."""
-    hypotheses = (SimpleNamespace(name=name, storeys=(1,), effect=SimpleNamespace()) for name in names[:n])
+def effects(n: int, names: str = "abcd", parameters: Mapping[int, str] | None = None) -> tuple[Added, ...]:
+    """Effects by one letter each, all at storey 1; some, by their number, change a parameter."""
+    changed = parameters or {}
+    laws = [SimpleNamespace(parameter=changed[i]) if i in changed else SimpleNamespace() for i in range(n)]
+    hypotheses = (SimpleNamespace(name=names[i], storeys=(1,), effect=laws[i]) for i in range(n))
     return cast(tuple[Added, ...], tuple(SimpleNamespace(candidate=SimpleNamespace(hypothesis=h)) for h in hypotheses))
 
 
@@ -129,10 +132,8 @@ def test_two_forms_of_one_effect_at_one_place_are_an_imitation() -> None:
     reason = "so many effects, two of them forms of a at one place, can only imitate another"
     assert _why_withdrawn(0.0, effects(3, "aba"), None) == reason
     assert _why_withdrawn(0.3, effects(2, "aa"), None) == what_stayed(0.3)
-    gamma, other, n = effects(3, "aba")
-    for one, parameter in ((gamma, "gamma"), (n, "n")):
-        one.candidate.hypothesis.effect.parameter = parameter  # type: ignore[attr-defined]
-    assert _verdict(GIVEN, noise, (gamma, other, n), None) == "partly_explained"
+    assert _verdict(GIVEN, noise, effects(3, "aba", {0: "gamma", 2: "n"}), None) == "partly_explained"
+    assert _verdict(GIVEN, noise, effects(3, "aba", {0: "n", 2: "n"}), None) == "unexplained"
 
 
 @pytest.mark.parametrize(

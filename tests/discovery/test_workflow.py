@@ -124,7 +124,8 @@ def test_an_effect_without_which_nothing_can_be_solved_is_needed(
         for effect in effects
     )
     run = Run(DiscoverySettings(), np.random.default_rng(1), None)
-    run.steps = [SimpleNamespace(model=MODEL)]  # type: ignore[list-item]
+    steps: Any = [SimpleNamespace(model=MODEL)]
+    run.steps = steps
 
     def fail(view: Posterior, points: Floats, **_: object) -> tuple[Floats, Linearisation]:
         local = view.linearise(points)

@@ -38,6 +38,7 @@ from bwbn_bayes.discovery.run import (
 from bwbn_bayes.discovery.second_look import rescanned, searched, widened
 from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.suitable import require_suitable
+from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.inference.accuracy import LADDER
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -56,8 +57,6 @@ MOST_SAMPLED = 12
 """The best of them, so many at most."""
 MOST_LEFT = 0.85
 """An effect that leaves a larger share of the disagreement, and no noise, is beside the point: it is not added."""
-FEW = 6
-"""Hypotheses of a later round that are fitted under the one law of all."""
 
 
 def discover(
@@ -121,6 +120,7 @@ def discover(
     given = _fit_given(model, record, run)
     for spot in given.disagreement.spots[:2]:
         run.say(spot.sentence)
+    run.considered = hypotheses_of(given, run, MOST_CARRIED)
     _compile_ahead(given, run)
     grown = _grow(Grown(given, (), None, False), run, most=MOST_AT_ONCE)
     grown, run = _look_again(given, grown, run)
@@ -144,11 +144,11 @@ def _fit_given(model: Structure, record: Record, run: Run) -> Present:
 
 
 def _compile_ahead(given: Present, run: Run) -> None:
-    """Compile, beside the first round, the law of the later ones and the last of the first round's own."""
-    laws = []
-    for most_carried in (MOST_CARRIED, np.inf):
-        sharing = [h for h in hypotheses_of(given, run, most_carried) if h.carried]
-        laws += [hypothesis.model.law for hypothesis in sharing[-1:]]
+    """Compile, beside the first round, the law under which later ones are scored and the last of the first's own."""
+    laws: dict[StoreyLaw, bool] = {}
+    for sharing, with_tangents in ((run.considered, True), (sharing_laws(run.considered, np.inf), False)):
+        for hypothesis in [h for h in sharing if h.carried][-1:]:
+            laws.setdefault(hypothesis.model.law, with_tangents)
     precompile(laws, driven=given.posterior.model.excitation_kind == "displacement")
 
 
@@ -222,15 +222,16 @@ def _fit_hypotheses(present: Present, run: Run) -> tuple[Fit, ...]:
     """Fit every effect at every place that could improve the present model, best first; none where none could."""
     posterior = present.posterior
     first = not run.steps
-    # Later models differ from run to run: one law for all of them, compiled once, scores them.
-    every = run.considered = hypotheses_of(present, run, MOST_CARRIED if first else np.inf)
+    if not first:  # Later models differ from run to run: one law for all of them, compiled once, scores them.
+        run.considered = hypotheses_of(present, run, np.inf)
+    every = run.considered
     if present.is_quiet or not first:
         run.say(f"scoring {len(every)} hypotheses")
         run.scored = (posterior.model, score_all(present, every, run))
         every = worth_fitting(run.scored[1], quiet=present.is_quiet)[: len(every) if first else MOST_LATER]
     if not every:
         return ()
-    if not first and len(every) > FEW:
+    if not first:
         every = _under_smaller_laws(present, every)
     run.say(f"fitting {len(every)} hypotheses")
     fits = race(
@@ -260,7 +261,9 @@ def _under_smaller_laws(present: Present, every: Sequence[Hypothesis]) -> tuple[
     """The same hypotheses in groups of few effects: solves take a fifth of the time, which pays for compiling."""
     grouped = sharing_laws(every, MOST_CARRIED)
     laws = tuple(dict.fromkeys(hypothesis.model.law for hypothesis in grouped))
-    precompile(laws[len(laws) // 2 :], driven=present.posterior.model.excitation_kind == "displacement")
+    precompile(
+        dict.fromkeys(laws[len(laws) // 2 :], True), driven=present.posterior.model.excitation_kind == "displacement"
+    )
     return grouped
 
 

@@ -26,7 +26,8 @@ from bwbn_bayes.elements.law import (
 )
 from bwbn_bayes.engines.codegen import INPUT_NAMES, INVERSE_MASS, LawPrograms, Part, Program, print_expression
 from bwbn_bayes.engines.lane_template import (
-    ADVANCE,
+    COMMON,
+    MARCH,
     MATHEMATICS,
     ON_BASE,
     ON_BASE_TANGENT,
@@ -38,6 +39,7 @@ from bwbn_bayes.engines.lane_template import (
 from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
 
 LANES = 16
+WITH_TANGENTS = "_with_tangents"
 FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, nogil=True, cache=True'
 
 
@@ -155,8 +157,6 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         "turn": _turn(law, place),
         "limit": _indent(_limit(law, place), 4),
         "next_event": _indent(_next_event(law, place), 3),
-        "strike": _indent(_strike(law, place), 2),
-        "drive": _indent(_drive(place), 2) if driven else "",
     }
     stages = STAGE.format(
         law=_indent(_law(law, programs, place, with_slopes=False), 3),
@@ -166,7 +166,16 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         tangent_base=_base(law, programs, place, fields, with_slopes=True),
         **fields,
     )
-    return MATHEMATICS.format(**fields) + PREPARE.format(**fields) + stages + ADVANCE.format(**fields)
+    marches = [
+        MARCH.format(
+            tangents=suffix,
+            strike=_indent(_strike(law, place, suffix), 2),
+            drive=_indent(_drive(place, suffix), 2) if driven else "",
+            **fields,
+        )
+        for suffix in ("", WITH_TANGENTS)
+    ]
+    return "".join([MATHEMATICS.format(**fields), PREPARE.format(**fields), stages, COMMON.format(**fields), *marches])
 
 
 _HEAD = (
@@ -420,7 +429,7 @@ def _next_event(law: StoreyLaw, place: LaneLayout) -> list[str]:
     return lines
 
 
-def _strike(law: StoreyLaw, place: LaneLayout) -> list[str]:
+def _strike(law: StoreyLaw, place: LaneLayout, suffix: str) -> list[str]:
     lines = []
     for number, column in enumerate(law.event_parameters):
         lines += [
@@ -431,13 +440,13 @@ def _strike(law: StoreyLaw, place: LaneLayout) -> list[str]:
             "    flipped[l] = 1.0 if pending and until_then <= until else 0.0",
             "    due += flipped[l]",
             "if due > 0.0:",
-            f"    flip(n_storeys, n_directions, i, {number}, {place.n_states + column}, step, flipped, ground, seed,",
-            "         column, active, w, t)",
+            f"    flip{suffix}(n_storeys, n_directions, i, {number}, {place.n_states + column}, step, flipped, ground,",
+            "         seed, column, active, w, t)",
         ]
     return lines
 
 
-def _drive(place: LaneLayout) -> list[str]:
+def _drive(place: LaneLayout, suffix: str) -> list[str]:
     """The given displacement and the slope of the segment that begins; the last sample keeps the slope it came with."""
     n = place.n_states
     return [
@@ -447,5 +456,5 @@ def _drive(place: LaneLayout) -> list[str]:
         "    w[BLOCK + LANES + l] = slope",
         f"    w[BLOCK + {2 * n} * LANES + l] = ground_0",
         f"    w[BLOCK + {2 * n + 1} * LANES + l] = slope",
-        "close(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)",
+        f"close{suffix}(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)",
     ]

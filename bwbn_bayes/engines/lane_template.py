@@ -1,6 +1,7 @@
 """The text of a lane kernel that is the same for every law; names in braces are filled by ``lane_source``.
 
 Mathematics, a building's quantities before its first step, a stage of a Runge-Kutta scheme, and the march through time.
+The march stands in a kernel twice, with derivatives (``_with_tangents``) and without: each compiles when first called.
 """
 
 MATHEMATICS = '''\
@@ -163,35 +164,7 @@ ON_BASE_TANGENT = (
 {base_chain}"""
 )
 
-ADVANCE = """
-
-@njit({flags})
-def advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, column, active, w,
-            t):
-    _wide()
-    # One step of every lane's own length, and the rates at its end.
-    for s in range(shares.shape[0]):
-        for l in range(LANES):
-            ground[l] = ground_0 + slope * (position[l] + shares[s] * step[l])
-        if n_directions > 0:
-            stage_with_tangents(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, column, active,
-                                w, t)
-        else:
-            stage(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, column, active, w, t)
-    for l in range(LANES):
-        position[l] += step[l]
-        ground[l] = ground_0 + slope * position[l]
-    close(n_storeys, n_directions, weights[shares.shape[0]], step, ground, seed, column, active, w, t)
-
-
-@njit({flags})
-def close(n_storeys, n_directions, weight, step, ground, seed, column, active, w, t):
-    _wide()
-    if n_directions > 0:
-        stage_with_tangents(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, column, active, w, t)
-    else:
-        stage(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, column, active, w, t)
-
+COMMON = """
 
 @njit({flags})
 def plan(n_storeys, dt, substeps, resolution, length, w):
@@ -236,47 +209,6 @@ def next_event(n_storeys, w):
         for l in range(LANES):
 {next_event}
     return found
-
-
-@njit({flags})
-def strike(n_storeys, n_directions, until, position, step, flipped, ground, seed, column, active, w, t):
-    # Events that are due happen one by one; each adds (rate before - rate after) d time / d parameter to the tangents.
-    for i in range(n_storeys):
-        a = i * BLOCK
-{strike}
-
-
-@njit({flags})
-def flip(n_storeys, n_directions, storey, event, time, step, flipped, ground, seed, column, active, w, t):
-    for l in range(LANES):
-        step[l] = 0.0
-    for i in range({n_blocks}):
-        a = (i + 1) * BLOCK
-        for r in range({n_states} * LANES):
-            w[a + {before} * LANES + r] = w[a + {n_states} * LANES + r]
-    a = (storey + 1) * BLOCK + ({happened} + event) * LANES
-    for l in range(LANES):
-        w[a + l] += flipped[l]
-    prepare(n_storeys, w)
-    close(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
-    for k in range(n_directions):
-        moved = seed[(k * n_storeys + storey) * LANES:]
-        hit = 0.0
-        for l in range(LANES):
-            hit += 1.0 if moved[l] == time else 0.0
-        if hit > 0.0:
-            for i in range({n_blocks}):
-                a = (i + 1) * BLOCK
-                o = (k * (n_storeys + 2) + i + 1) * TANGENT_BLOCK
-                for r in range({n_states}):
-                    for l in range(LANES):
-                        m = r * LANES + l
-                        own = flipped[l] if moved[l] == time else 0.0
-                        jump = own * (w[a + {before} * LANES + m] - w[a + {n_states} * LANES + m])
-                        t[o + m] += jump
-                        t[o + {n_states2} * LANES + m] += jump
-    if n_directions > 0:
-        close(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
 
 
 @njit({flags})
@@ -326,11 +258,75 @@ def summarise(n_channels, n_directions, measured, stored, misfit, gram):
         for r in range(value.shape[0]):
             value[r] = stored[j * value.shape[0] + r]
         accumulate(n_channels, n_directions, j, measured, value, misfit, gram)
+"""
+
+MARCH = """
+
+@njit({flags})
+def advance{tangents}(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, column,
+                      active, w, t):
+    _wide()
+    # One step of every lane's own length, and the rates at its end.
+    for s in range(shares.shape[0]):
+        for l in range(LANES):
+            ground[l] = ground_0 + slope * (position[l] + shares[s] * step[l])
+        stage{tangents}(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, column, active, w, t)
+    for l in range(LANES):
+        position[l] += step[l]
+        ground[l] = ground_0 + slope * position[l]
+    close{tangents}(n_storeys, n_directions, weights[shares.shape[0]], step, ground, seed, column, active, w, t)
 
 
 @njit({flags})
-def run(n_storeys, n_directions, dt, excitation, w, t, seed, column, active, shares, weights, substeps, resolution, cut,
-        starts, block, row, coefficient, ground_part, measured, misfit, gram, store, stored):
+def close{tangents}(n_storeys, n_directions, weight, step, ground, seed, column, active, w, t):
+    _wide()
+    stage{tangents}(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, column, active, w, t)
+
+
+@njit({flags})
+def strike{tangents}(n_storeys, n_directions, until, position, step, flipped, ground, seed, column, active, w, t):
+    # Events that are due happen one by one; each adds (rate before - rate after) d time / d parameter to the tangents.
+    for i in range(n_storeys):
+        a = i * BLOCK
+{strike}
+
+
+@njit({flags})
+def flip{tangents}(n_storeys, n_directions, storey, event, time, step, flipped, ground, seed, column, active, w, t):
+    for l in range(LANES):
+        step[l] = 0.0
+    for i in range({n_blocks}):
+        a = (i + 1) * BLOCK
+        for r in range({n_states} * LANES):
+            w[a + {before} * LANES + r] = w[a + {n_states} * LANES + r]
+    a = (storey + 1) * BLOCK + ({happened} + event) * LANES
+    for l in range(LANES):
+        w[a + l] += flipped[l]
+    prepare(n_storeys, w)
+    close{tangents}(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
+    for k in range(n_directions):
+        moved = seed[(k * n_storeys + storey) * LANES:]
+        hit = 0.0
+        for l in range(LANES):
+            hit += 1.0 if moved[l] == time else 0.0
+        if hit > 0.0:
+            for i in range({n_blocks}):
+                a = (i + 1) * BLOCK
+                o = (k * (n_storeys + 2) + i + 1) * TANGENT_BLOCK
+                for r in range({n_states}):
+                    for l in range(LANES):
+                        m = r * LANES + l
+                        own = flipped[l] if moved[l] == time else 0.0
+                        jump = own * (w[a + {before} * LANES + m] - w[a + {n_states} * LANES + m])
+                        t[o + m] += jump
+                        t[o + {n_states2} * LANES + m] += jump
+    if n_directions > 0:
+        close{tangents}(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
+
+
+@njit({flags})
+def run{tangents}(n_storeys, n_directions, dt, excitation, w, t, seed, column, active, shares, weights, substeps,
+                  resolution, cut, starts, block, row, coefficient, ground_part, measured, misfit, gram, store, stored):
     _wide()
     n_times = excitation.shape[0]
     n_channels = ground_part.shape[0]
@@ -343,9 +339,9 @@ def run(n_storeys, n_directions, dt, excitation, w, t, seed, column, active, sha
     for l in range(LANES):
         ground[l] = excitation[0]
     prepare(n_storeys, w)
-    strike(n_storeys, 0, 1e-9 * dt, position, step, flipped, ground, seed, column, active, w, t)
+    strike{tangents}(n_storeys, 0, 1e-9 * dt, position, step, flipped, ground, seed, column, active, w, t)
     event = next_event(n_storeys, w)
-    close(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
+    close{tangents}(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
     for j in range(n_times):
         ground_0 = excitation[j]
         ahead = min(j + 1, n_times - 1)
@@ -367,10 +363,10 @@ def run(n_storeys, n_directions, dt, excitation, w, t, seed, column, active, sha
         arrived = False
         while not arrived:
             arrived = next_step(n_storeys, dt, cut, start, event, position, length, step, w)
-            advance(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, column,
-                    active, w, t)
+            advance{tangents}(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed,
+                              column, active, w, t)
             if event < start + dt * (1.0 + 1e-9):
-                strike(n_storeys, n_directions, start + 1e-9 * dt, position, step, flipped, ground, seed, column,
-                       active, w, t)
+                strike{tangents}(n_storeys, n_directions, start + 1e-9 * dt, position, step, flipped, ground, seed,
+                                 column, active, w, t)
                 event = next_event(n_storeys, w)
 """

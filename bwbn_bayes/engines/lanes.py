@@ -320,7 +320,8 @@ class _Problem:
         kind, storey = np.divmod(self.channels.row, n)
         # The base stands one block below the storeys.
         below = kind == len(OBSERVED_KINDS)
-        self.kernel.run(
+        march = self.kernel.run_with_tangents if d > 0 else self.kernel.run
+        march(
             n,
             d,
             self.time_step,
@@ -413,35 +414,36 @@ def is_compiled(law: StoreyLaw, driven: bool) -> bool:
     return kernel_path("lanes", lane_source(safe, programs, driven=driven)).exists()
 
 
-def compile_law(law: StoreyLaw, driven: bool) -> None:
-    """Compile a law's kernel into the cache, by a run of two samples at rest."""
+def compile_law(law: StoreyLaw, driven: bool, with_tangents: bool) -> None:
+    """Compile a law's kernel into the cache, by runs of two samples at rest."""
     kernel, place = _kernel_of(law, driven)
     none, nowhere = np.zeros(1), np.zeros(1, dtype=np.int64)
     starts = np.array([0, 1], dtype=np.int64)
-    kernel.run(
-        1,
-        0,
-        1.0,
-        np.zeros(2),
-        np.zeros(3 * place.block * LANES),
-        none,
-        nowhere,
-        nowhere,
-        none,
-        _SHARES,
-        _WEIGHTS,
-        1,
-        0.0,
-        True,
-        starts,
-        nowhere + 1,
-        nowhere,
-        none,
-        none,
-        np.zeros((1, 2)),
-        np.zeros(LANES),
-        none,
-        False,
-        none,
-    )
+    for march in (kernel.run, kernel.run_with_tangents) if with_tangents else (kernel.run,):
+        march(
+            1,
+            0,
+            1.0,
+            np.zeros(2),
+            np.zeros(3 * place.block * LANES),
+            none,
+            nowhere,
+            nowhere,
+            none,
+            _SHARES,
+            _WEIGHTS,
+            1,
+            0.0,
+            True,
+            starts,
+            nowhere + 1,
+            nowhere,
+            none,
+            none,
+            np.zeros((1, 2)),
+            np.zeros(LANES),
+            none,
+            False,
+            none,
+        )
     kernel.summarise(1, 0, np.zeros((1, 2)), np.zeros(2 * LANES), np.zeros(LANES), none)

@@ -10,24 +10,24 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.lanes import compile_law, is_compiled
 
 
-def precompile(laws: Sequence[StoreyLaw], *, driven: bool) -> threading.Thread | None:
+def precompile(laws: Mapping[StoreyLaw, bool], *, driven: bool) -> threading.Thread | None:
     """Begin to compile the laws that the cache lacks; the thread that waits for it, None where it lacks none.
 
     Parameters
     ----------
-    laws : sequence of StoreyLaw
-        Compiled in this order.
+    laws : mapping of StoreyLaw to bool
+        Whether a law will be solved with derivatives too; compiled in this order.
     driven : bool
         True for a specimen whose displacement is given, False for a base-excited building.
     """
-    missing = [law for law in dict.fromkeys(laws) if not is_compiled(law, driven)]
+    missing = {law: with_tangents for law, with_tangents in laws.items() if not is_compiled(law, driven)}
     if not missing:
         return None
     with tempfile.NamedTemporaryFile(suffix=".laws", delete=False) as file:
@@ -42,8 +42,8 @@ def precompile(laws: Sequence[StoreyLaw], *, driven: bool) -> threading.Thread |
 def _main(path: Path) -> None:
     laws, driven = pickle.loads(path.read_bytes())
     path.unlink()
-    for law in laws:
-        compile_law(law, driven)
+    for law, with_tangents in laws.items():
+        compile_law(law, driven, with_tangents)
 
 
 if __name__ == "__main__":

@@ -193,13 +193,12 @@ class Failing(Lanes):
 
     gap: float
 
-    def sensitivities(self, model: Structure, draws: Floats, *given: Any, **options: Any) -> tuple[Response, Floats]:
-        response, slopes = super().sensitivities(model, draws, *given, **options)
+    def simulate(self, model: Structure, draws: Floats, *given: Any, **options: Any) -> Response:
+        response = super().simulate(model, draws, *given, **options)
         if "g" not in model.space.names:
-            return response, slopes
+            return response
         failed = draws[:, model.space.names.index("g")] >= self.gap
-        values = np.where(failed[:, None, None], np.nan, response.values)
-        return replace(response, values=values), np.where(failed[:, None, None, None], np.nan, slopes)
+        return replace(response, values=np.where(failed[:, None, None], np.nan, response.values))
 
 
 def test_a_grid_point_that_cannot_be_solved_scores_nothing(clean: Posterior) -> None:

@@ -75,7 +75,8 @@ class Sensors:
                 settings, moves = (f(*local[draw, floor]) for f in functions)
                 gain, bias, lag = settings
                 rows = np.vstack([values[draw, channel] + offset, slopes[draw, :, channel]])
-                late, rate = delayed(rows, lag / self.time_step)
+                is_late = lag != 0.0 or (len(rows) > 1 and any(moves[2::3]))
+                late, rate = delayed(rows, lag / self.time_step) if is_late else (rows, 0.0)
                 values[draw, channel] = gain * late[0] + bias - offset
                 slopes[draw, :, channel] = gain * late[1:]
                 for own, parameter in enumerate(self.index[floor]):
@@ -135,6 +136,8 @@ def delayed(rows: Floats, lag: float) -> tuple[Floats, Floats]:
         Derivative of the first row of ``late`` with respect to the lag, per sample.
     """
     n_times = rows.shape[1]
+    if lag == 0.0 and len(rows) > 1:
+        return rows, delayed(rows[:1], lag)[1]
     late, rate = np.zeros_like(rows), np.zeros(n_times)
     if not np.isfinite(lag):
         return np.full_like(rows, np.nan), np.full(n_times, np.nan)

@@ -121,7 +121,7 @@ class Hypothesis:
         return points[admissible] if np.any(admissible) else points
 
     def neutral_points(self, base_point: Floats, amplitude: str, near: float) -> Floats:
-        """The base point with one amplitude just off neutral, the others neutral, over the grid of the rest.
+        """The base point with one amplitude at neutral or just off it, the others neutral, over the grid of the rest.
 
         Returns
         -------
@@ -134,8 +134,10 @@ class Hypothesis:
         choices = [(self.neutral(name),) if name in self.amplitudes else grid[symbols[name]] for name in self.brought]
         points = self._points(base_point[None], choices)
         column = space.names.index(amplitude)
-        points[:, column] = np.minimum(points[:, column] + near, 1.0 - near)
-        return np.clip(points, 1e-6, 1.0 - 1e-6)
+        moved = np.minimum(points[:, column] + near, 1.0 - near)
+        points = np.clip(points, 1e-6, 1.0 - 1e-6)
+        points[:, column] = moved
+        return points
 
     def _points(self, base_points: Floats, choices: Sequence[Sequence[float]]) -> Floats:
         space = self.model.space

@@ -258,7 +258,7 @@ def _solvable(fits: tuple[Fit, ...], run: Run) -> tuple[Fit, ...]:
 
 
 def _under_smaller_laws(present: Present, every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """The same hypotheses in groups of few effects: solves take a fifth of the time, which pays for compiling."""
+    """The same hypotheses in groups of few effects: derivatives take a tenth of the time, which pays for compiling."""
     grouped = sharing_laws(every, MOST_CARRIED)
     laws = tuple(dict.fromkeys(hypothesis.model.law for hypothesis in grouped))
     precompile(

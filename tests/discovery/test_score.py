@@ -149,6 +149,17 @@ def test_the_detection_limit_is_where_the_bayes_factor_of_a_normal_prior_reaches
     assert Score(nats=0.0, amplitude="a", unit="", smallest=np.inf).named_from(12.0, prior_sd) == np.inf
 
 
+@pytest.mark.parametrize("name", ["cubic_stiffness", "quadratic_damping", "sensor_gain"])
+def test_a_score_starts_where_the_effect_is_not(name: str, clean: Posterior, every: dict[str, Hypothesis]) -> None:
+    """However small an amount the noise would show: far less than what the amplitude is moved by for its slope."""
+    sd = 1e-7
+    quiet = replace(clean, noise=KnownNoise(sd=(sd,)))
+    (at_truth,) = scores(quiet, [every[name]], TRUTH, n_workers=1)
+    hidden = with_effect(every[name], 5.0 * at_truth.smallest).record
+    (score,) = scores(replace(quiet, record=hidden), [every[name]], TRUTH, n_workers=1)
+    assert score.nats == pytest.approx(25.0, rel=0.05)
+
+
 def test_one_sided_amplitudes_gain_on_their_side_only(every: dict[str, Hypothesis], found: dict[str, Score]) -> None:
     """A damper that would have to be negative explains nothing; a spring may be softening."""
     damper, spring = every["quadratic_damping"], every["cubic_stiffness"]

@@ -44,6 +44,13 @@ def test_the_derivative_is_that_of_the_interpolant(lag: float) -> None:
     np.testing.assert_allclose(delayed(rows, lag)[1], (ends[0] - ends[1]) / (2 * step), rtol=0, atol=1e-6)
 
 
+def test_without_a_lag_signals_stay_and_have_a_derivative_in_it() -> None:
+    rows = np.random.default_rng(3).normal(size=(3, 60))
+    late, rate = delayed(rows, 0.0)
+    np.testing.assert_array_equal(late, rows)
+    np.testing.assert_allclose(rate, (delayed(rows, 1e-6)[0][0] - rows[0]) / 1e-6, rtol=1e-5, atol=1e-4)
+
+
 def test_whole_samples_short_records_and_long_lags() -> None:
     rows = np.random.default_rng(2).normal(size=(3, 30))
     np.testing.assert_allclose(delayed(rows, 0.0)[0], rows, rtol=0, atol=1e-12)

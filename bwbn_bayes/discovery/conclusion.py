@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis
-from bwbn_bayes.discovery.held_out import HeldOut, Prediction, floor_of, predict
+from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
 from bwbn_bayes.discovery.name import THRESHOLD, Candidate, log_prior_odds
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, Step, Verdict
 from bwbn_bayes.discovery.run import Present, Run, hypotheses_of, score_all
@@ -30,6 +30,10 @@ after it: most of a large gap can be gone and yet what is left be several times 
 leaves that is not the right one."""
 MOST_AT_ONCE = 2
 """With more, they are as likely to imitate together one that the catalogue lacks: they count as contributing."""
+
+
+Foresight = Callable[[Present], Gap | None]
+"""The gap on held-out data before and after as a function of the model after; None where nothing is held out."""
 
 
 class Grown(NamedTuple):
@@ -67,15 +71,12 @@ def conclude(
         What the model as given takes for granted.
     run : Run
     """
-    ahead = None if held_out is None else _gap(given, grown.present, held_out.record, held_out.first, run)
-    verdict, present, added = _what_stays(given, grown, ahead)
+    foreseen = _foresight(given, held_out, run)
+    verdict, present, added = _what_stays(given, grown, foreseen)
     if withdrawn := grown.added[len(added) :]:
-        why = _why_withdrawn(unexplained_share(given, grown.present), grown.added, ahead)
+        why = _why_withdrawn(unexplained_share(given, grown.present), grown.added, foreseen(grown.present))
         for one in withdrawn:
             run.withdraw(why, one.decision)
-        if held_out is not None and ahead is not None:
-            predicted = _after(given, present, ahead.before, held_out.record, held_out.first, run)
-            ahead = replace(ahead, after=predicted)
     share = 0.0 if verdict == "no_missing_effect" else unexplained_share(given, present)
     before, after = given.disagreement, present.disagreement
     rest = None
@@ -85,7 +86,7 @@ def conclude(
     run.say("looking for the smallest effects that this record could have shown")
     limits = _limits(present, run)
     posterior, record = present.posterior, present.posterior.record
-    gap = replace(_gap(given, present, record, 0, run), held_out=ahead)
+    gap = replace(_gap(given, present, record, 0, run), held_out=foreseen(present))
     elapsed = run.elapsed
     run.say("sampling the posterior of the final model")
     result = identify_from(
@@ -127,13 +128,24 @@ def conclude(
 def _gap(given: Present, present: Present, record: Record, first: int, run: Run) -> Gap:
     """Before and after on a record, from its sample ``first`` on."""
     before = predict(given.posterior, given.best, record, run.rng, first=first)
-    after = _after(given, present, before, record, first, run)
+    after = before if present is given else predict(present.posterior, present.best, record, run.rng, first=first)
     return Gap(noise_floor=floor_of(record, first=first), before=before, after=after)
 
 
-def _after(given: Present, present: Present, before: Prediction, record: Record, first: int, run: Run) -> Prediction:
-    """What the present model predicts of a record, of which the given model's prediction is known."""
-    return before if present is given else predict(present.posterior, present.best, record, run.rng, first=first)
+def _foresight(given: Present, held_out: HeldOut | None, run: Run) -> Foresight:
+    """The gap on held-out data, of which each model is asked once."""
+    if held_out is None:
+        return lambda _: None
+    record, first = held_out.record, held_out.first
+    known = {id(given): _gap(given, given, record, first, run)}
+
+    def foreseen(present: Present) -> Gap:
+        if id(present) not in known:
+            after = predict(present.posterior, present.best, record, run.rng, first=first)
+            known[id(present)] = replace(known[id(given)], after=after)
+        return known[id(present)]
+
+    return foreseen
 
 
 def _weighed_against(present: Present, steps: Sequence[Step]) -> tuple[Candidate, ...]:
@@ -165,6 +177,11 @@ def _level(left: Disagreement) -> float:
     return float(np.max(left.residual_to_noise))
 
 
+def _is_no_better(ahead: Gap | None) -> bool:
+    """Whether held-out data are missed, and by no less than the model as given misses them."""
+    return ahead is not None and not ahead.is_closed and ahead.after.nrmse >= ahead.before.nrmse
+
+
 def _is_near(given: Present, present: Present, level: float) -> bool:
     """Whether little is left of the disagreement, and no more than so many times the noise."""
     return unexplained_share(given, present) <= FOUND_SHARE and _level(present.disagreement) <= level
@@ -183,6 +200,8 @@ def _imitated(added: Sequence[Added]) -> str:
 def _why_withdrawn(share: float, added: Sequence[Added], ahead: Gap | None) -> str:
     if len(added) > MOST_AT_ONCE and (name := _imitated(added)):
         return f"so many effects, two of them forms of {name} at one place, can only imitate another"
+    if _is_no_better(ahead):
+        return f"the held-out record is missed by {_missed_by(ahead):.1f} times its noise, no less than without"
     if share <= FOUND_SHARE and (missed := _missed_by(ahead)):
         return f"so many effects, and they miss the held-out record by {missed:.1f} times its noise"
     return what_stayed(share)
@@ -193,16 +212,17 @@ def is_explained(given: Present, present: Present, added: tuple[Added, ...]) -> 
     return _verdict(given, present, added, None) in ("effects_found", "no_missing_effect")
 
 
-def _what_stays(given: Present, grown: Grown, ahead: Gap | None) -> tuple[Verdict, Present, tuple[Added, ...]]:
+def _what_stays(given: Present, grown: Grown, foreseen: Foresight) -> tuple[Verdict, Present, tuple[Added, ...]]:
     """The verdict, with what stays added where all of it together is withdrawn: the first effect, or nothing.
 
     The first alone stays where it comes near: what followed imitates the rest of its own law.
     """
-    verdict = _verdict(given, grown.present, grown.added, ahead)
+    verdict = _verdict(given, grown.present, grown.added, foreseen(grown.present))
     if verdict != "unexplained" or not grown.added:
         return verdict, grown.present, grown.added
-    if len(grown.added) > 1 and grown.first is not None and _is_near(given, grown.first, NEAR_LEVEL):
-        return "partly_explained", grown.first, grown.added[:1]
+    first = grown.first if len(grown.added) > 1 else None
+    if first is not None and _is_near(given, first, NEAR_LEVEL) and not _is_no_better(foreseen(first)):
+        return "partly_explained", first, grown.added[:1]
     return verdict, given, ()
 
 
@@ -211,6 +231,8 @@ def _verdict(given: Present, present: Present, added: tuple[Added, ...], ahead: 
     noise, share = present.is_noise, unexplained_share(given, present)
     if not added:
         return "no_missing_effect" if noise else "unexplained"
+    if _is_no_better(ahead):
+        return "unexplained"
     # Steady noise can hide that much is left of a small disagreement; only where nothing of note is left is it found.
     explains = _is_near(given, present, FOUND_LEVEL) or present.is_quiet or (noise and share <= PARTLY_SHARE)
     if len(added) <= MOST_AT_ONCE and explains and not _missed_by(ahead):

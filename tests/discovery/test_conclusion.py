@@ -85,8 +85,8 @@ def bar(nrmse: float, se: float = 0.0) -> Any:
     return SimpleNamespace(nrmse=nrmse, nrmse_se=se)
 
 
-def missing(after: float, se: float = 0.0) -> Gap:
-    return Gap(noise_floor=0.01, before=bar(0.1), after=bar(after, se))
+def missing(after: float, se: float = 0.0, before: float = 0.1) -> Gap:
+    return Gap(noise_floor=0.01, before=bar(before), after=bar(after, se))
 
 
 def test_a_gap_is_closed_within_a_quarter_of_the_noise_or_two_standard_errors() -> None:
@@ -105,6 +105,9 @@ def test_a_gap_is_closed_within_a_quarter_of_the_noise_or_two_standard_errors() 
         (2, 0.02, "partly_explained"),
         (3, 0.011, "partly_explained"),
         (3, 0.02, "unexplained"),
+        (1, 0.099, "partly_explained"),
+        (1, 0.1, "unexplained"),
+        (2, 0.2, "unexplained"),
     ],
 )
 def test_what_imitates_the_record_does_not_foresee_others(n_added: int, after: float, verdict: str) -> None:
@@ -145,10 +148,26 @@ def test_the_first_effect_stays_where_it_came_near(n_added: int, level: float, s
     """Several that miss the held-out record are withdrawn, but not a first one that left little more than noise."""
     first = fitted((level, 1.0))
     grown = Grown(first if n_added == 1 else fitted((1.0, 1.0), noise=True), effects(n_added), first, True)
-    verdict, present, added = _what_stays(GIVEN, grown, missing(0.02))
+    verdict, present, added = _what_stays(GIVEN, grown, lambda _: missing(0.02))
     assert verdict == ("partly_explained" if stay else "unexplained")
     assert added == grown.added[:stay]
     assert present is (first if stay else GIVEN)
+
+
+@pytest.mark.parametrize("of_first", [0.05, 0.3])
+def test_what_foresees_no_more_than_the_given_model_does_not_stay(of_first: float) -> None:
+    """Two effects leave noise and miss the held-out record by more than without them; the first alone may not."""
+    first, both = fitted((1.1, 1.0)), fitted((1.0, 1.0), noise=True)
+    grown = Grown(both, effects(2), first, True)
+    verdict, present, added = _what_stays(GIVEN, grown, lambda model: missing(of_first if model is first else 0.3))
+    stays = of_first < 0.1
+    assert verdict == ("partly_explained" if stays else "unexplained")
+    assert added == grown.added[: int(stays)]
+    assert present is (first if stays else GIVEN)
+    reason = "the held-out record is missed by 30.0 times its noise, no less than without"
+    assert _why_withdrawn(0.0, effects(2), missing(0.3)) == reason
+    # Where both are right to within the noise nothing is wrong with either.
+    assert _verdict(GIVEN, both, effects(1), missing(0.011, before=0.0109)) == "effects_found"
 
 
 def test_what_did_not_stay_is_said_to_be_withdrawn() -> None:

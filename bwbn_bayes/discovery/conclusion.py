@@ -178,8 +178,8 @@ def _level(left: Disagreement) -> float:
 
 
 def _is_no_better(ahead: Gap | None) -> bool:
-    """Whether held-out data are missed, and by no less than the model as given misses them."""
-    return ahead is not None and not ahead.is_closed and ahead.after.nrmse >= ahead.before.nrmse
+    """Whether held-out data are missed, and by no less than the model as given misses them; so too if not solved."""
+    return ahead is not None and not ahead.is_closed and not ahead.after.nrmse < ahead.before.nrmse
 
 
 def _is_near(given: Present, present: Present, level: float) -> bool:

@@ -108,6 +108,7 @@ def test_a_gap_is_closed_within_a_quarter_of_the_noise_or_two_standard_errors() 
         (1, 0.099, "partly_explained"),
         (1, 0.1, "unexplained"),
         (2, 0.2, "unexplained"),
+        (1, np.nan, "unexplained"),
     ],
 )
 def test_what_imitates_the_record_does_not_foresee_others(n_added: int, after: float, verdict: str) -> None:

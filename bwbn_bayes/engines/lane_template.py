@@ -251,12 +251,12 @@ def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
 
 
 @njit({flags})
-def summarise(n_channels, n_directions, measured, stored, misfit, gram):
-    # What ``run`` sums when it does not store, from what it stored.
+def summarise(n_channels, n_directions, measured, stored, width, source, misfit, gram):
+    # What ``run`` sums when it does not store, from what it stored, ``width`` numbers a sample, in another order.
     value = np.zeros(n_channels * (n_directions + 1) * LANES)
     for j in range(measured.shape[1]):
         for r in range(value.shape[0]):
-            value[r] = stored[j * value.shape[0] + r]
+            value[r] = stored[j * width + source[r]] if source[r] >= 0 else 0.0
         accumulate(n_channels, n_directions, j, measured, value, misfit, gram)
 """
 

@@ -166,6 +166,8 @@ class _Block:
     ----------
     rows : slice
         The draws.
+    whole : Directions
+        Of the draws.
     directions : Directions
         Of the sixteen lanes; those left over repeat the last one.
     parameters : (n_storeys, n_law, LANES) array
@@ -174,6 +176,7 @@ class _Block:
 
     rows: slice
     n_shares: int
+    whole: Directions
     directions: Directions
     parameters: Floats
     sensor_parameters: Floats
@@ -187,18 +190,33 @@ class _Block:
         """The block of draws from ``start``, given the parameters and directions of all draws."""
         n_draws = min(LANES, len(local) - start)
         rows = slice(start, start + n_draws)
-        own = directions.at(np.arange(start, rows.stop))
-        n_shares = LANES // n_draws if own.n >= _WORTH_SHARING else 1
-        if n_shares > 1:
-            own = own.divided(n_shares)
+        whole = directions.at(np.arange(start, rows.stop))
+        n_shares = LANES // n_draws if whole.n >= _WORTH_SHARING else 1
+        own = whole.divided(n_shares) if n_shares > 1 else whole
         lanes = np.minimum(np.arange(LANES), n_draws * n_shares - 1)
         return cls(
             rows=rows,
             n_shares=n_shares,
+            whole=whole,
             directions=own.at(lanes),
             parameters=np.moveaxis(local[start + lanes // n_shares, :, :n_law], 0, 2),
             sensor_parameters=local[rows, :, n_law:],
         )
+
+    def sources(self, n_parameters: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where the lanes hold each draw's values, in row 0, and each of its directions; row -1 where nobody's.
+
+        Returns
+        -------
+        row, lane : (1 + n_directions, n_draws) arrays
+        """
+        first = np.arange(self.n_draws) * self.n_shares
+        own = self.directions.owner[: self.n_draws * self.n_shares]
+        held = np.full((self.n_draws, n_parameters + 1, 2), -1, dtype=np.int64)
+        lane, direction = np.nonzero(own >= 0)
+        held[lane // self.n_shares, own[lane, direction]] = np.stack([1 + direction, lane], axis=1)
+        row, lane = np.moveaxis(held[np.arange(self.n_draws), self.whole.owner.T], 2, 0)
+        return np.concatenate([0 * first[None], row]), np.concatenate([first[None], lane])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,13 +298,10 @@ class _Problem:
 
     def reduced(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats, Floats]:
         """Misfit, gradient and information of a block, summed by the kernel."""
-        c, p = len(self.channels.names), self.n_parameters
-        if block.n_shares == 1:
-            outcome = self.run(engine, block, store=False)
-            own = block.directions.of_parameters(p)[: block.n_draws]
-        else:
-            outcome = self.gathered(*self.solve(engine, block))
-            own = np.broadcast_to(np.eye(p), (block.n_draws, p, p))
+        c, own = len(self.channels.names), block.whole.of_parameters(self.n_parameters)
+        outcome = self.run(engine, block, store=block.n_shares > 1)
+        if block.n_shares > 1:
+            outcome = self.gathered(block, outcome.stored)
         gram = np.moveaxis(outcome.gram.reshape(c, -1, LANES), 2, 0)[: block.n_draws]
         triangle = _unpack(gram, own.shape[1])
         square = triangle[..., 1:, 1:]
@@ -298,14 +313,16 @@ class _Problem:
             np.swapaxes(own, 1, 2)[:, None] @ square @ own[:, None],
         )
 
-    def gathered(self, values: Floats, slopes: Floats) -> _Outcome:
-        """Channels and derivatives of a block, each draw in a lane of its own again, summed as a run sums them."""
-        n, d, c, n_times = slopes.shape
-        stored = np.zeros((n_times, 1 + d, c, LANES))
-        stored[:, 0, :, :n] = np.moveaxis(values, (0, 2), (2, 0))
-        stored[:, 1:, :, :n] = np.moveaxis(slopes, (0, 3), (3, 0))
-        outcome = _Outcome.empty(c, d, stored=stored.ravel())
-        self.kernel.summarise(c, d, self.measured, outcome.stored, outcome.misfit, outcome.gram)
+    def gathered(self, block: _Block, stored: Floats) -> _Outcome:
+        """What a run of a block stored, each draw in a lane of its own again, summed as a run sums it."""
+        c, d = len(self.channels.names), block.whole.n
+        width = (1 + block.directions.n) * c * LANES
+        row, lane = block.sources(self.n_parameters)
+        source = np.full((1 + d, c, LANES), -1, dtype=np.int64)
+        place = (row[:, None] * c + np.arange(c)[:, None]) * LANES + lane[:, None]
+        source[:, :, : block.n_draws] = np.where(row[:, None] >= 0, place, -1)
+        outcome = _Outcome.empty(c, d, stored=stored)
+        self.kernel.summarise(c, d, self.measured, stored, width, source.ravel(), outcome.misfit, outcome.gram)
         return outcome
 
     def run(self, engine: Lanes, block: _Block, *, store: bool) -> _Outcome:
@@ -446,4 +463,6 @@ def compile_law(law: StoreyLaw, driven: bool, with_tangents: bool) -> None:
             False,
             none,
         )
-    kernel.summarise(1, 0, np.zeros((1, 2)), np.zeros(2 * LANES), np.zeros(LANES), none)
+    kernel.summarise(
+        1, 0, np.zeros((1, 2)), np.zeros(2 * LANES), LANES, np.zeros(LANES, dtype=np.int64), np.zeros(LANES), none
+    )

@@ -6,7 +6,7 @@ is known, sampled (a further coordinate), or integrated out under a proper inver
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -209,6 +209,13 @@ class Linearisation:
             gradient=self.gradient[index],
             information=self.information[index],
         )
+
+    def with_rows(self, index: NDArray[np.int64], other: Linearisation) -> Linearisation:
+        """The same with another's at some of the points."""
+        result = replace(self, **{one.name: getattr(self, one.name).copy() for one in fields(self)})
+        for one in fields(self):
+            getattr(result, one.name)[index] = getattr(other, one.name)
+        return result
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -147,8 +147,8 @@ def polish(
     local : Linearisation
         At the returned points.
     """
-    points, _ = climb(view, points, n_iterations=n_iterations, held=held, reach=reach)
-    return points, view.linearise(points, _free(held, points))
+    points, _, local, moved = _climb(view, points, n_iterations=n_iterations, held=held, reach=reach)
+    return points, _again(view, points, local, moved, _free(held, points))
 
 
 def climb(
@@ -163,7 +163,7 @@ def climb(
     points : (n, n_dim) array
         Starts in the unit cube.
     n_iterations : int
-        Largest number of steps; stops when no candidate gains more than 0.01 nat.
+        Largest number of steps; a candidate rests once it gains no more than 0.01 nat.
     held : (n_dim,) or (n, n_dim) boolean array, optional
         Coordinates that keep their values, of every candidate or of each.
     reach : float
@@ -175,30 +175,56 @@ def climb(
     log_likelihood : (n,) array
         There.
     """
+    points, reached, _, _ = _climb(view, points, n_iterations=n_iterations, held=held, reach=reach)
+    return points, reached
+
+
+def _climb(
+    view: Posterior, points: Floats, *, n_iterations: int, held: Booleans | None, reach: float
+) -> tuple[Floats, Floats, Linearisation, Booleans]:
+    """See :func:`climb`; with the last expansion of every candidate, and which have moved since."""
+    points, free = points.copy(), _free(held, points)
     scale = np.ones(len(points))
-    free = _free(held, points)
-    reached = np.full(len(points), -np.inf)
+    moved, waits = np.zeros(len(points), dtype=np.bool_), np.ones(len(points), dtype=np.bool_)
+    local = view.linearise(points, free)
+    reached = local.log_likelihood.copy()
     for _ in range(n_iterations):
-        local = view.linearise(points, free)
-        trials = np.stack([_steps(points, local, damping * scale, free) for damping in _DAMPINGS], axis=1)
+        near = reached > np.max(reached) - reach
+        rows = np.flatnonzero(waits)
+        local = _again(view, points, local, moved & waits, free)
+        moved[rows] = False
+        own = None if free is None else free[rows]
+        trials = np.stack(
+            [_steps(points[rows], local[rows], damping * scale[rows], own) for damping in _DAMPINGS], axis=1
+        )
         flat = trials.reshape(-1, trials.shape[-1])
         value = np.where(np.isfinite(view.log_prior(flat)), view.log_likelihood(flat), -np.inf).reshape(
             trials.shape[:2]
         )
         pick = np.argmax(value, axis=1)
-        best = value[np.arange(len(points)), pick]
+        best = value[np.arange(len(rows)), pick]
         # A start that cannot be solved gains without end from any point that can.
-        gain = np.where(np.isfinite(best), best, -1e300) - np.maximum(local.log_likelihood, -1e299)
+        gain = np.where(np.isfinite(best), best, -1e300) - np.maximum(reached[rows], -1e299)
         better = gain > 0.0
-        points = np.where(better[:, None], trials[np.arange(len(points)), pick], points)
-        reached = np.where(better, best, local.log_likelihood)
-        scale = np.clip(
-            np.where(better, scale * np.where(pick == 0, 0.1, np.where(pick >= 2, 10.0, 1.0)), scale * 100.0), 1e-6, 1e8
-        )
-        near = local.log_likelihood > np.max(local.log_likelihood) - reach
-        if not np.any(near & (gain > 0.01)) and np.all(~near | better | (scale > 1e3)):
+        points[rows[better]] = trials[better, pick[better]]
+        reached[rows[better]] = best[better]
+        moved[rows] = better
+        factor = np.where(better, np.where(pick == 0, 0.1, np.where(pick >= 2, 10.0, 1.0)), 100.0)
+        scale[rows] = np.clip(scale[rows] * factor, 1e-6, 1e8)
+        waits[rows] = (gain > 0.01) | ~(better | (scale[rows] > 1e3))
+        if not np.any(near & waits):
             break
-    return points, reached
+    return points, reached, local, moved
+
+
+def _again(
+    view: Posterior, points: Floats, local: Linearisation, moved: Booleans, free: Booleans | None
+) -> Linearisation:
+    """The expansions, taken anew where candidates have moved."""
+    rows = np.flatnonzero(moved)
+    if not len(rows):
+        return local
+    return local.with_rows(rows, view.linearise(points[rows], None if free is None else free[rows]))
 
 
 def _free(held: Booleans | None, points: Floats) -> Booleans | None:

@@ -78,14 +78,9 @@ class Hypothesis:
 
     @cached_property
     def model(self) -> Structure:
-        """The present model with the effect in place, under the law it shares with others."""
+        """The present model with the effect in place, under a law shared with others, compiled already."""
         placed = PlacedEffect(effect=self.effect, storeys=self.storeys)
         return replace(self.base, carried=self.carried, effects=(*self.base.effects, placed))
-
-    @property
-    def improved(self) -> Structure:
-        """The same model under a law of its own."""
-        return self.base.with_effect(self.effect, self.storeys or None)
 
     @cached_property
     def brought(self) -> tuple[str, ...]:
@@ -207,7 +202,7 @@ def hypotheses(
 def sharing_laws(every: Sequence[Hypothesis], most_carried: float) -> tuple[Hypothesis, ...]:
     """The same hypotheses in groups of one law each: compiling a law takes longer than solving it for all of them.
 
-    Sensors are read outside the law.
+    Sensors are read outside the law: theirs is the base's own.
 
     Parameters
     ----------
@@ -230,8 +225,10 @@ def sharing_laws(every: Sequence[Hypothesis], most_carried: float) -> tuple[Hypo
     result = []
     for hypothesis in every:
         symbols = hypothesis.symbols
-        group = groups[group_of[symbols]] if symbols in group_of else {}
-        carried = tuple(effect for other, effect in group.items() if other != symbols)
+        carried = hypothesis.base.carried
+        if symbols in group_of:
+            group = groups[group_of[symbols]]
+            carried = tuple(effect for other, effect in group.items() if other != symbols)
         result.append(replace(hypothesis, carried=carried))
     return tuple(result)
 

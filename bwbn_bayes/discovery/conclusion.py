@@ -78,7 +78,7 @@ def conclude(
         for one in withdrawn:
             run.withdraw(why, one.decision)
     share = 0.0 if verdict == "no_missing_effect" else unexplained_share(given, present)
-    before, after = given.disagreement, present.disagreement
+    before, after, model = given.disagreement, present.disagreement, given.posterior.model
     rest = None
     if verdict in ("unexplained", "partly_explained"):
         run.say("learning the missing storey force")
@@ -113,8 +113,8 @@ def conclude(
         before=before,
         after=after,
         histories={"before": _histories(given), "after": _histories(present)},
-        model=given.posterior.model,
-        improved=posterior.model,
+        model=model,
+        improved=replace(posterior.model, carried=model.carried),
         record=record,
         held_out=held_out,
         result=result,

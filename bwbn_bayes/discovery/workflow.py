@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
+from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses, sharing_laws
 from bwbn_bayes.discovery.conclusion import (
     MOST_AT_ONCE,
     Grown,
@@ -38,7 +38,7 @@ from bwbn_bayes.discovery.run import (
 from bwbn_bayes.discovery.second_look import rescanned, searched, widened
 from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.suitable import require_suitable
-from bwbn_bayes.elements.law import StoreyLaw
+from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.inference.accuracy import LADDER
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -49,6 +49,8 @@ from bwbn_bayes.records.noise import LEAST_NOISE, with_least_noise
 from bwbn_bayes.records.record import MIN_TIMES, Record
 from bwbn_bayes.structures.structure import Structure
 
+_LAWS_AHEAD = 2
+"""Laws of the first round that another process compiles, the last ones; the others are needed too soon."""
 MOST_LATER = 24
 """Hypotheses with the largest scores that are fitted in a later round."""
 CONTENDER = 40.0
@@ -117,11 +119,11 @@ def discover(
             f"The noise ends at {0.5 * band.share / record.time_step:.3g} Hz, as behind a filter: "
             f"{band.correlation_samples:.2g} samples count as one."
         )
+    _compile_ahead(model, record, run)
     given = _fit_given(model, record, run)
     for spot in given.disagreement.spots[:2]:
         run.say(spot.sentence)
     run.considered = hypotheses_of(given, run, MOST_CARRIED)
-    _compile_ahead(given, run)
     grown = _grow(Grown(given, (), None, False), run, most=MOST_AT_ONCE)
     grown, run = _look_again(given, grown, run)
     grown = _prune(_grow(grown, run, most=run.settings.most_effects), run)
@@ -143,13 +145,20 @@ def _fit_given(model: Structure, record: Record, run: Run) -> Present:
     return Present(posterior=posterior, modes=modes, starts=starts)
 
 
-def _compile_ahead(given: Present, run: Run) -> None:
-    """Compile, beside the first round, the law under which later ones are scored and the last of the first's own."""
-    laws: dict[StoreyLaw, bool] = {}
-    for sharing, with_tangents in ((run.considered, True), (sharing_laws(run.considered, np.inf), False)):
-        for hypothesis in [h for h in sharing if h.carried][-1:]:
-            laws.setdefault(hypothesis.model.law, with_tangents)
-    precompile(laws, driven=given.posterior.model.excitation_kind == "displacement")
+def _compile_ahead(model: Structure, record: Record, run: Run) -> None:
+    """Compile, beside the first fits, the last laws of the first round and the one under which later ones are scored.
+
+    No law depends on the sizes that its effects are expected to have.
+    """
+    sizes = replace(NOMINAL, onset=0.1 * record.duration, duration=record.duration, time_step=record.time_step)
+    considered = hypotheses(
+        model, (sizes,) * model.n_storeys, measured=tuple(record.channels), effects=run.settings.effects
+    )
+    of_round = list(dict.fromkeys(h.model.law for h in considered if h.carried))
+    laws = dict.fromkeys(of_round[: -1 - _LAWS_AHEAD : -1], True)
+    for hypothesis in [h for h in sharing_laws(considered, np.inf) if h.carried][-1:]:
+        laws.setdefault(hypothesis.model.law, False)
+    precompile(laws, driven=model.excitation_kind == "displacement")
 
 
 def _grow(so_far: Grown, run: Run, *, most: int, fits: tuple[Fit, ...] | None = None) -> Grown:
@@ -179,7 +188,7 @@ def _grow(so_far: Grown, run: Run, *, most: int, fits: tuple[Fit, ...] | None = 
         if chosen is None or decision is None:
             return Grown(present, added, first, True)
         fit = next(fit for fit in fits if fit.hypothesis is chosen.hypothesis)
-        posterior = present.posterior.with_model(chosen.hypothesis.improved)
+        posterior = present.posterior.with_model(chosen.hypothesis.model)
         modes = settled(posterior, fit.modes[:N_CANDIDATES], run.rng)
         improved = Present(posterior=posterior, modes=modes, starts=np.array([mode.point for mode in modes[:3]]))
         left = unexplained_share(present, improved)

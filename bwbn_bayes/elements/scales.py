@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,3 +56,7 @@ class Scales:
     onset: float
     duration: float
     time_step: float
+
+
+NOMINAL = Scales(**{one.name: 1.0 for one in fields(Scales)})
+"""One of each unit, where sizes do not matter."""

@@ -56,7 +56,7 @@ def fitted(present: Posterior, effect: type[Effect]) -> Fit:
     scales = scales_of(present, centre[0])
     hypothesis = hypotheses(present.model, scales, measured=CHANNELS, effects=[effect])[0]
     assert hypothesis.storeys == (1,)
-    posterior = present.with_model(hypothesis.improved)
+    posterior = present.with_model(hypothesis.model)
     points, local = polish(posterior, hypothesis.starts(centre), n_iterations=40)
     return Fit(hypothesis=hypothesis, posterior=posterior, points=points, local=local)
 
@@ -171,7 +171,7 @@ def test_one_parameter_models_against_quadrature(effect: type[Effect], size: flo
     """Two-sided and one-sided, so small that noise blurs them: a trapezium rule over the unit interval."""
     present = posterior_of(KNOWN, shown(KNOWN))
     hidden = fitted(present, effect).hypothesis
-    fit = fitted(posterior_of(KNOWN, shown(hidden.improved, size)), effect)
+    fit = fitted(posterior_of(KNOWN, shown(hidden.model, size)), effect)
     (parameter,) = fit.posterior.space.parameters
     grid = np.linspace(0.0, 1.0, 6001)[1:-1]
     spacing = grid[1] - grid[0]

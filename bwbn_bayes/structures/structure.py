@@ -358,26 +358,28 @@ def _never_cuts(
 
 
 @lru_cache(maxsize=512)
-def _function_of(relation: sp.Basic, symbols: tuple[sp.Symbol, ...]) -> Callable[..., object]:
-    """A condition as a function of its symbols; discovery builds hundreds of models with few conditions."""
-    function: Callable[..., object] = sp.lambdify(symbols, relation, "numpy")
-    return function
+def _condition(relation: sp.Basic, symbols: tuple[sp.Symbol, ...]) -> tuple[str, list[int], Callable[..., object]]:
+    """A condition as text, which of the symbols it concerns, and as a function of those.
+
+    Discovery builds hundreds of models with few conditions.
+    """
+    concerns = relation.free_symbols
+    columns = [i for i, symbol in enumerate(symbols) if symbol in concerns]
+    return f"{relation}", columns, sp.lambdify([symbols[i] for i in columns], relation, "numpy")
 
 
 def _constraints(
     structure: Structure, table: ParameterTable, free: tuple[FreeParameter, ...]
 ) -> tuple[Constraint, ...]:
     """The law's joint conditions that cut the prior at a storey; an error where known values already break one."""
-    law = structure.law
+    symbols = tuple(structure.law.symbols)
     result: dict[tuple[int, ...], Constraint] = {}
     for number, relation in enumerate(structure.conditions):
-        concerns = relation.free_symbols
-        columns = [i for i, s in enumerate(law.symbols) if s in concerns]
-        function = _function_of(relation, tuple(law.symbols[i] for i in columns))
+        text, columns, function = _condition(relation, symbols)
         for row, (fixed, index) in enumerate(zip(table.fixed[:, columns], table.index[:, columns], strict=True)):
             if np.all(index < 0):
                 if not bool(function(*fixed)):
-                    raise UserError(f"storey {row + 1}: {relation} does not hold for the values given")
+                    raise UserError(f"storey {row + 1}: {text} does not hold for the values given")
                 continue
             if _never_cuts(function, fixed, index, free):
                 continue
@@ -389,5 +391,5 @@ def _constraints(
                 return np.asarray(function(*values.T), dtype=np.bool_)  # type: ignore[operator]
 
             concerned = tuple(dict.fromkeys(int(i) for i in index if i >= 0))
-            result.setdefault((number, *index), Constraint(text=f"{relation}", holds=holds, columns=concerned))
+            result.setdefault((number, *index), Constraint(text=text, holds=holds, columns=concerned))
     return tuple(result.values())

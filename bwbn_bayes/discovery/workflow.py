@@ -40,6 +40,7 @@ from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.precompile import precompile
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
@@ -148,14 +149,18 @@ def _fit_given(model: Structure, record: Record, run: Run) -> Present:
 def _compile_ahead(model: Structure, record: Record, run: Run) -> None:
     """Compile, beside the first fits, the last laws of the first round and the one under which later ones are scored.
 
-    No law depends on the sizes that its effects are expected to have.
+    Laws do not depend on the sizes that effects are expected to have, so that any sizes do; where a user's effect has
+    no prior at these, nothing is compiled ahead.
     """
     sizes = replace(NOMINAL, onset=0.1 * record.duration, duration=record.duration, time_step=record.time_step)
-    considered = hypotheses(
-        model, (sizes,) * model.n_storeys, measured=tuple(record.channels), effects=run.settings.effects
-    )
-    of_round = list(dict.fromkeys(h.model.law for h in considered if h.carried))
-    laws = dict.fromkeys(of_round[: -1 - _LAWS_AHEAD : -1], True)
+    try:
+        considered = hypotheses(
+            model, (sizes,) * model.n_storeys, measured=tuple(record.channels), effects=run.settings.effects
+        )
+    except UserError:
+        return
+    _, *later = dict.fromkeys(h.model.law for h in considered if h.carried) or (None,)
+    laws = dict.fromkeys(later[: -1 - _LAWS_AHEAD : -1], True)
     for hypothesis in [h for h in sharing_laws(considered, np.inf) if h.carried][-1:]:
         laws.setdefault(hypothesis.model.law, False)
     precompile(laws, driven=model.excitation_kind == "displacement")

@@ -2,24 +2,27 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pytest
 from scipy import signal
 
 from bwbn_bayes.discovery import workflow
+from bwbn_bayes.discovery.candidates import MOST_CARRIED, hypotheses, scales_of
 from bwbn_bayes.discovery.conclusion import Grown
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorLag
-from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.elements.law import Effect, StoreyLaw
+from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior, default_noise
-from bwbn_bayes.parameters import Floats, Uniform
+from bwbn_bayes.parameters import Floats, HalfNormal, Uniform
 from bwbn_bayes.records.excitation import Envelope, el_centro, filtered_noise
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -50,6 +53,38 @@ def test_without_hypotheses_a_disagreement_stays_unexplained(record: Record, eff
     assert found.improved == found.model
     assert [step.decision for step in found.steps] == [None]
     assert found.result.facts.assumptions[0] == found.assumptions[0] == "The base is rigid."
+
+
+def test_laws_compiled_ahead_are_those_of_the_run(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before anything is fitted, at sizes that mean nothing; the first law is left to whom needs it at once."""
+    ahead: list[dict[StoreyLaw, bool]] = []
+    monkeypatch.setattr(workflow, "precompile", lambda laws, **_: ahead.append(dict(laws)))
+    run = Run(settings=DiscoverySettings(), rng=np.random.default_rng(1), listener=None)
+    workflow._compile_ahead(MODEL, record, run)
+    posterior = Posterior(model=MODEL, record=record, engine=Lanes(), noise=default_noise(record))
+    scales = scales_of(posterior, np.array([0.5, 0.5]))
+    first_round, later = (
+        [h.model.law for h in hypotheses(MODEL, scales, measured=("drift_1",), most_carried=most) if h.carried]
+        for most in (MOST_CARRIED, np.inf)
+    )
+    (laws,) = ahead
+    assert list(laws.items()) == [
+        *((law, True) for law in list(dict.fromkeys(first_round))[:-3:-1]),
+        (later[-1], False),
+    ]
+    assert first_round[0] not in laws
+
+
+def test_an_effect_without_a_prior_at_nominal_sizes_takes_part(record: Record) -> None:
+    class OfSmallDrifts(CubicStiffness):
+        @classmethod
+        def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+            if scales.drift > 0.9:
+                raise UserError("no such drift")
+            return (cls(k3=HalfNormal(1e5)),)
+
+    found = discover(MODEL, record, settings=DiscoverySettings(particles=100, effects=(OfSmallDrifts,)))
+    assert [added.candidate.hypothesis.name for added in found.added] == ["cubic_stiffness"]
 
 
 def test_filtered_noise_is_noise() -> None:

@@ -177,7 +177,7 @@ def _level(left: Disagreement) -> float:
     return float(np.max(left.residual_to_noise))
 
 
-def _stays_ahead(ahead: Gap) -> float:
+def _left_ahead(ahead: Gap) -> float:
     """What is left of the error on held-out data beyond the noise, in energy; infinite where they are not solved."""
     before, after = (np.square(one.nrmse) - np.square(ahead.noise_floor) for one in (ahead.before, ahead.after))
     if not np.isfinite(after):
@@ -185,14 +185,14 @@ def _stays_ahead(ahead: Gap) -> float:
     return float(after / before) if before > 0.0 else np.inf
 
 
-def _is_no_better(ahead: Gap | None, n_added: int) -> bool:
-    """Whether held-out data are missed, one effect leaving no less of that error than there was, or several so much.
+def _foresees_little(ahead: Gap | None, n_added: int) -> bool:
+    """Whether held-out data are missed: by no less than without the one effect, or by more than a share of several.
 
-    What imitates a record foresees other data a little better than a model that is far off.
+    Several that imitate a record still foresee other data a little better than a model that is far off.
     """
     if ahead is None or ahead.is_closed:
         return False
-    return not _stays_ahead(ahead) < (1.0 if n_added == 1 else PARTLY_SHARE)
+    return not _left_ahead(ahead) < (1.0 if n_added == 1 else PARTLY_SHARE)
 
 
 def _is_near(given: Present, present: Present, level: float) -> bool:
@@ -213,9 +213,9 @@ def _imitated(added: Sequence[Added]) -> str:
 def _why_withdrawn(share: float, added: Sequence[Added], ahead: Gap | None) -> str:
     if len(added) > MOST_AT_ONCE and (name := _imitated(added)):
         return f"so many effects, two of them forms of {name} at one place, can only imitate another"
-    if ahead is not None and _is_no_better(ahead, len(added)):
+    if ahead is not None and _foresees_little(ahead, len(added)):
         than = "no less than without"
-        if (left := _stays_ahead(ahead)) < 1.0:
+        if (left := _left_ahead(ahead)) < 1.0:
             than = f"{100 * left:.0f} % of the disagreement there stayed"
         return f"the held-out record is missed by {_missed_by(ahead):.1f} times its noise, {than}"
     if share <= FOUND_SHARE and (missed := _missed_by(ahead)):
@@ -237,7 +237,7 @@ def _what_stays(given: Present, grown: Grown, foreseen: Foresight) -> tuple[Verd
     if verdict != "unexplained" or not grown.added:
         return verdict, grown.present, grown.added
     first = grown.first if len(grown.added) > 1 else None
-    if first is not None and _is_near(given, first, NEAR_LEVEL) and not _is_no_better(foreseen(first), 1):
+    if first is not None and _is_near(given, first, NEAR_LEVEL) and not _foresees_little(foreseen(first), 1):
         return "partly_explained", first, grown.added[:1]
     return verdict, given, ()
 
@@ -247,7 +247,7 @@ def _verdict(given: Present, present: Present, added: tuple[Added, ...], ahead: 
     noise, share = present.is_noise, unexplained_share(given, present)
     if not added:
         return "no_missing_effect" if noise else "unexplained"
-    if _is_no_better(ahead, len(added)):
+    if _foresees_little(ahead, len(added)):
         return "unexplained"
     # Steady noise can hide that much is left of a small disagreement; only where nothing of note is left is it found.
     explains = _is_near(given, present, FOUND_LEVEL) or present.is_quiet or (noise and share <= PARTLY_SHARE)

@@ -203,16 +203,24 @@ def _is_near(given: Present, present: Present, level: float) -> bool:
 def _imitated(added: Sequence[Added]) -> str:
     """The effect of which two forms act at one place, if one does: neither is then the right one.
 
-    Changes of two parameters of one storey are no forms of each other.
+    Two effects alone may be two forms where these do not exclude each other, such as gaps to either side. Changes of
+    two parameters of one storey are no forms of each other.
     """
     hypotheses = [one.candidate.hypothesis for one in added]
     acts = [(h.name, h.storeys, getattr(h.effect, "parameter", "")) for h in hypotheses]
-    return next((act[0] for n, act in enumerate(acts) if act in acts[:n]), "")
+    return next(
+        (
+            h.name
+            for n, (h, act) in enumerate(zip(hypotheses, acts, strict=True))
+            if act in acts[:n] and (h.effect.one_law or len(added) > MOST_AT_ONCE)
+        ),
+        "",
+    )
 
 
 def _why_withdrawn(share: float, added: Sequence[Added], ahead: Gap | None) -> str:
-    if len(added) > MOST_AT_ONCE and (name := _imitated(added)):
-        return f"so many effects, two of them forms of {name} at one place, can only imitate another"
+    if name := _imitated(added):
+        return f"two forms of {name} at one place can only imitate another effect"
     if ahead is not None and _foresees_little(ahead, len(added)):
         than = "no less than without"
         if (left := _left_ahead(ahead)) < 1.0:
@@ -247,13 +255,13 @@ def _verdict(given: Present, present: Present, added: tuple[Added, ...], ahead: 
     noise, share = present.is_noise, unexplained_share(given, present)
     if not added:
         return "no_missing_effect" if noise else "unexplained"
-    if _foresees_little(ahead, len(added)):
+    if _foresees_little(ahead, len(added)) or _imitated(added):
         return "unexplained"
     # Steady noise can hide that much is left of a small disagreement; only where nothing of note is left is it found.
     explains = _is_near(given, present, FOUND_LEVEL) or present.is_quiet or (noise and share <= PARTLY_SHARE)
     if len(added) <= MOST_AT_ONCE and explains and not _missed_by(ahead):
         return "effects_found"
-    if len(added) > MOST_AT_ONCE and (_missed_by(ahead) or _imitated(added)):
+    if len(added) > MOST_AT_ONCE and _missed_by(ahead):
         return "unexplained"
     # Several that leave so much together only imitate what the catalogue lacks.
     most = PARTLY_SHARE if len(added) == 1 else FOUND_SHARE

@@ -177,6 +177,8 @@ class Effect(Protocol):
     """What it leaves in the residual of a model without it."""
     confusable: ClassVar[str]
     """What it is hard to tell from."""
+    one_law: ClassVar[bool] = False
+    """Whether its forms are shapes of one law, of which a place has but one; a gap, say, may close to either side."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -29,9 +29,10 @@ def fitted(ratios: tuple[float, ...], *, noise: bool = False, quiet: bool = Fals
 
 
 def effects(n: int, names: str = "abcd", parameters: Mapping[int, str] | None = None) -> tuple[Added, ...]:
-    """Effects by one letter each, all at storey 1; some, by their number, change a parameter."""
+    """Effects by one letter each, all at storey 1; some, by their number, change a parameter; a capital has one law."""
     changed = parameters or {}
-    laws = [SimpleNamespace(parameter=changed[i]) if i in changed else SimpleNamespace() for i in range(n)]
+    own = [{"parameter": changed[i]} if i in changed else {} for i in range(n)]
+    laws = [SimpleNamespace(one_law=names[i].isupper(), **own[i]) for i in range(n)]
     hypotheses = (SimpleNamespace(name=names[i], storeys=(1,), effect=laws[i]) for i in range(n))
     return cast(tuple[Added, ...], tuple(SimpleNamespace(candidate=SimpleNamespace(hypothesis=h)) for h in hypotheses))
 
@@ -135,11 +136,15 @@ def step(number: int, *, passes: bool) -> Step:
 
 
 def test_two_forms_of_one_effect_at_one_place_are_an_imitation() -> None:
-    """Of three; two alone may be a gap with other stops to either side."""
+    """Of three, or of two that are shapes of one law; two alone may be a gap with other stops to either side."""
     noise = fitted((1.0, 1.0), noise=True)
     assert _verdict(GIVEN, noise, effects(3, "aba"), None) == "unexplained"
     assert _verdict(GIVEN, noise, effects(2, "aa"), None) == "effects_found"
-    reason = "so many effects, two of them forms of a at one place, can only imitate another"
+    assert _verdict(GIVEN, noise, effects(2, "AA"), None) == "unexplained"
+    assert _verdict(GIVEN, noise, effects(2, "AB"), None) == "effects_found"
+    reason = "two forms of A at one place can only imitate another effect"
+    assert _why_withdrawn(0.0, effects(2, "AA"), None) == reason
+    reason = "two forms of a at one place can only imitate another effect"
     assert _why_withdrawn(0.0, effects(3, "aba"), None) == reason
     assert _why_withdrawn(0.3, effects(2, "aa"), None) == what_stayed(0.3)
     assert _verdict(GIVEN, noise, effects(3, "aba", {0: "gamma", 2: "n"}), None) == "partly_explained"

@@ -55,6 +55,7 @@ class CoulombFriction(Effect):
     source: ClassVar[str] = _MOSTAGHEL
     residual: ClassVar[str] = "a square wave in phase with the drift rate, sticking"
     confusable: ClassVar[str] = "a stiff Bouc-Wen spring with alpha near 0, quadratic_damping at one amplitude"
+    one_law: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.smoothing not in _SYMBOLS:

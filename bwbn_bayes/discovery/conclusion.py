@@ -114,7 +114,7 @@ def conclude(
         after=after,
         histories={"before": _histories(given), "after": _histories(present)},
         model=model,
-        improved=replace(posterior.model, carried=model.carried),
+        improved=model if present is given else replace(posterior.model, carried=model.carried),
         record=record,
         held_out=held_out,
         result=result,

@@ -159,7 +159,7 @@ def _compile_ahead(model: Structure, record: Record, run: Run) -> None:
         )
     except UserError:
         return
-    _, *later = dict.fromkeys(h.model.law for h in considered if h.carried) or (None,)
+    later = list(dict.fromkeys(h.model.law for h in considered if h.carried))[1:]
     laws = dict.fromkeys(later[: -1 - _LAWS_AHEAD : -1], True)
     for hypothesis in [h for h in sharing_laws(considered, np.inf) if h.carried][-1:]:
         laws.setdefault(hypothesis.model.law, False)

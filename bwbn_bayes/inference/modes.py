@@ -192,7 +192,6 @@ def _climb(
         near = reached > np.max(reached) - reach
         rows = np.flatnonzero(waits)
         local = _again(view, points, local, moved & waits, free)
-        moved[rows] = False
         own = None if free is None else free[rows]
         trials = np.stack(
             [_steps(points[rows], local[rows], damping * scale[rows], own) for damping in _DAMPINGS], axis=1

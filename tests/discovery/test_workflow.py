@@ -50,7 +50,7 @@ def test_without_hypotheses_a_disagreement_stays_unexplained(record: Record, eff
     assert found.verdict == "unexplained"
     assert found.added == ()
     assert found.unexplained_share == 1.0
-    assert found.improved == found.model
+    assert found.improved is found.model
     assert [step.decision for step in found.steps] == [None]
     assert found.result.facts.assumptions[0] == found.assumptions[0] == "The base is rigid."
 

@@ -52,7 +52,7 @@ def require_evidence(oracle: EvidenceOracle, draws: int, chains: int, seed: int)
 
 
 def test_evidence_of_a_linear_gaussian() -> None:
-    require_evidence(linear_gaussian(5, 200), draws=400, chains=3, seed=1)
+    require_evidence(linear_gaussian(5, 200), draws=800, chains=3, seed=1)
 
 
 @pytest.mark.slow

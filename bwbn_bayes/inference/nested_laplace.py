@@ -26,7 +26,7 @@ from scipy.special import logsumexp
 
 from bwbn_bayes.inference.identifiability import covariance_of
 from bwbn_bayes.inference.importance import Mixture, WeightedDraws, laplace_mixture, sample_importance
-from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.sheet_nodes import (
     EDGE,
@@ -52,6 +52,8 @@ _N_ADDED = 64
 """Nodes added where the weights are large, and as many where the proposal has its mass."""
 _ENOUGH, _LIGHT = 0.3, 0.6
 """Share of effective draws, and Pareto shape, with which a proposal is good enough."""
+_FURTHEST = 6.0
+"""A mean lies no further beyond a bound. [conditional standard deviations]"""
 _LOG_TWO_PI = float(np.log(2.0 * np.pi))
 _TAILS = (1.5, 6.0)
 """Variance factor and degrees of freedom of its wider companion."""
@@ -97,9 +99,7 @@ class NestedLaplace:
         """Interpolate between nodes."""
         wide = nodes.box.wide
         rest = np.setdiff1d(np.arange(nodes.points.shape[1]), wide)
-        covariance = np.array([covariance_of(info[np.ix_(rest, rest)]) for info in nodes.local.information])
-        gradient = nodes.local.gradient[:, rest]
-        step = np.einsum("nij,nj->ni", covariance, gradient)
+        covariance, step = _newton(nodes.local, rest)
         mean = nodes.points[:, rest] + step
         sd = np.sqrt(np.einsum("nii->ni", covariance))
         order = _drawing_order(mean[nodes.alive], sd[nodes.alive])
@@ -157,8 +157,8 @@ class NestedLaplace:
         if m < 1:
             return self
         first, later = self.order[:m], self.order[m:]
-        covariance = covariance_of(nodes.local.information[best][np.ix_(self.order, self.order)])
-        mean = point[self.order] + covariance @ nodes.local.gradient[best][self.order]
+        (covariance,), (step,) = _newton(nodes.local[np.array([best])], self.order)
+        mean = point[self.order] + step
         sd = np.sqrt(np.diag(covariance))[:m]
         single = [side * 1.5 * sd[i] * np.eye(m)[i] for i in range(m) for side in (-1.0, 1.0)]
         double = [1.2 * (sd[i] * np.eye(m)[i] + sd[j] * np.eye(m)[j]) for i in range(m) for j in range(i)]
@@ -169,11 +169,7 @@ class NestedLaplace:
         starts[:, later] = np.clip(straight, EDGE, 1.0 - EDGE)
         points, local = refitted(posterior, starts, np.concatenate([self.box.wide, first]), 10)
         # One further Newton step tells where an optimum beyond a bound would lie, as the means do.
-        step = np.einsum(
-            "nij,nj->ni",
-            [covariance_of(information[np.ix_(later, later)]) for information in local.information],
-            local.gradient[:, later],
-        )
+        _, step = _newton(local, later)
         bend = Bend(n_wide=m, coefficients=np.zeros((m * (m + 3) // 2, len(self.order))))
         found, *_ = np.linalg.lstsq(bend.features(deviations), points[:, later] + step - straight, rcond=1e-8)
         bend.coefficients[:, m:] = found
@@ -301,6 +297,20 @@ class Sheet:
         starts = np.concatenate([_heavy(draws, self._rng), typical])
         self._nodes = nodes.joined(*refitted(self._posterior, starts, nodes.box.wide, 10))
         self.nested = NestedLaplace.laid(self._posterior, self._nodes)
+
+
+def _newton(local: Linearisation, coordinates: Integers) -> tuple[Floats, Floats]:
+    """Covariances ``(n, m, m)`` of some coordinates and their steps ``(n, m)`` to the mean.
+
+    What a bound holds back can have its mean many standard deviations beyond it, where a hundredth of either between
+    two nodes is worth many nats at the bound. There the information grows, with the slope kept, until it is a few.
+    """
+    gradient = local.gradient[:, coordinates]
+    information = local.information[:, coordinates][:, :, coordinates]
+    short = np.square(gradient / _FURTHEST) - np.einsum("nii->ni", information)
+    np.einsum("nii->ni", information)[...] += np.maximum(short, 0.0)
+    covariance = np.array([covariance_of(one) for one in information])
+    return covariance, np.einsum("nij,nj->ni", covariance, gradient)
 
 
 def _log_normal(deviations: Floats, factor: Floats) -> Floats:

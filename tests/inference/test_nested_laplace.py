@@ -149,6 +149,34 @@ def test_a_bent_sheet_is_found_exactly() -> None:
     assert np.mean(per_column) == pytest.approx(1.0, abs=0.02)
 
 
+def test_what_a_bound_holds_back_far_from_its_mean_is_still_followed() -> None:
+    """Uniform in x1 and x2; x3 presses on its upper bound with slopes worth 20 of its standard deviations.
+
+    Such means and widths, interpolated apart, are worth 200 nats at the bound and a few per cent off between nodes.
+    """
+    nodes = banana_nodes()
+
+    def slope_and_curvature(points: Floats) -> tuple[Floats, Floats]:
+        wave = np.sin(9.0 * points[:, 0]) * np.cos(7.0 * points[:, 1])
+        return 20.0 / WIDTH * (1.0 + 0.2 * wave), np.square((1.0 + 0.2 * points[:, 0]) / WIDTH)
+
+    def log_truth(points: Floats) -> Floats:
+        """Normal about a mean beyond the bound, normalised below it."""
+        slope, curvature = slope_and_curvature(points)
+        mean, sd = 1.0 + slope / curvature, 1.0 / np.sqrt(curvature)
+        return np.asarray(stats.norm.logpdf(points[:, 2], mean, sd) - stats.norm.logcdf(1.0, mean, sd))
+
+    nodes.points[:, 2] = 1.0
+    slope, curvature = slope_and_curvature(nodes.points)
+    nodes.local.gradient[:, 2], nodes.local.information[:, 2, 2] = slope, curvature - 12.0
+    nodes.local.log_likelihood[:] = log_truth(nodes.points)
+    nested = NestedLaplace.through(nodes)
+    draws = nested.sample(np.random.default_rng(10), 4000)
+    ratio = np.exp(log_truth(draws) - nested.log_density(draws))
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)
+    assert np.mean(ratio) ** 2 / np.mean(np.square(ratio)) > 0.8
+
+
 def test_powers_of_each_other_lie_on_a_plane() -> None:
     """k between 15 and 25, A = 25 / k between 0.5 and 2: from three nodes A is exact at every other k."""
     k, a = Uniform(15, 25), Uniform(0.5, 2)

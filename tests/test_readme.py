@@ -81,7 +81,7 @@ def test_the_sample_record_reads(tmp_path: Path) -> None:
 def test_the_sample_model_is_what_the_page_says(tmp_path: Path) -> None:
     path = tmp_path / "my_model.py"
     path.write_text(blocks("python")[0], encoding="utf-8")
-    model = load_model_file(path).model
+    model = load_model_file(str(path)).model
     names = {"k[1]", "k[2]", "c[1]", "c[2]", "alpha", "beta", "gamma", "delta_nu", "delta_s[1]"}
     assert set(model.space.names) == names
 

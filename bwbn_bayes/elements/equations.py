@@ -14,16 +14,8 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.printing.pretty.pretty_symbology import greek_unicode
 
-from bwbn_bayes.elements.law import (
-    TIME,
-    Definition,
-    SensorLaw,
-    Slots,
-    StoreyLaw,
-    rate_of,
-    sensor_law,
-    surroundings,
-)
+from bwbn_bayes.elements.combine import sensor_law, surroundings
+from bwbn_bayes.elements.law import TIME, Definition, SensorLaw, Slots, StoreyLaw, rate_of
 from bwbn_bayes.elements.notation import MathmlNotation, Notation, UnicodeNotation
 from bwbn_bayes.parameters import Parameter
 
@@ -299,9 +291,7 @@ def _unit_steps(moments: Mapping[sp.Symbol, sp.Symbol]) -> dict[sp.Symbol, sp.Ex
 
 
 def _written(
-    definition: Definition,
-    moments: Mapping[sp.Symbol, sp.Symbol],
-    raised: Mapping[sp.Symbol, Raised] | None = None,
+    definition: Definition, moments: Mapping[sp.Symbol, sp.Symbol], raised: Mapping[sp.Symbol, Raised] | None = None
 ) -> WrittenEquation:
     return _equation(
         definition.caption,

@@ -51,12 +51,12 @@ class ModelFile:
     assumptions: tuple[str, ...] = ()
 
 
-def load_model_file(path: Path) -> ModelFile:
+def load_model_file(path: Path | str) -> ModelFile:
     """Run a model file and take what it defines.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         Python source; it runs with the rights of whoever loads it.
 
     Returns
@@ -68,6 +68,7 @@ def load_model_file(path: Path) -> ModelFile:
     UserError
         If the file is missing, fails, does not define ``model``, or defines one of the other names wrongly.
     """
+    path = Path(path)
     if not path.is_file():
         raise UserError(f"model file {path} does not exist: give the path of a Python file that defines `model`")
     names = _run(path)

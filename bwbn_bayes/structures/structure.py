@@ -14,6 +14,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.combine import combine, combine_sensors, kind_of
 from bwbn_bayes.elements.law import (
     DRIFT,
     DRIFT_RATE,
@@ -24,9 +25,6 @@ from bwbn_bayes.elements.law import (
     Effect,
     SensorLaw,
     StoreyLaw,
-    combine,
-    combine_sensors,
-    kind_of,
     symbol,
 )
 from bwbn_bayes.errors import UserError

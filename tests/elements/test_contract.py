@@ -11,8 +11,9 @@ from laboratory import building, nrmse, shaking, solve, storey
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import SuddenDamage
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Effect, StoreyLaw, combine
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Effect, StoreyLaw
 from bwbn_bayes.engines.codegen import derivative
 from bwbn_bayes.structures.shear_building import ShearBuilding
 

@@ -11,6 +11,7 @@ from laboratory import storey
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import catalogue, registered
+from bwbn_bayes.elements.combine import combine, expanded
 from bwbn_bayes.elements.effects import (
     Asymmetry,
     Backlash,
@@ -21,7 +22,7 @@ from bwbn_bayes.elements.effects import (
     SuddenDamage,
 )
 from bwbn_bayes.elements.equations import law_equations
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, FORCE, combine, expanded, rate_of
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, FORCE, rate_of
 from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen

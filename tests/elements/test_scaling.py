@@ -7,6 +7,7 @@ import pytest
 from laboratory import having, shaking
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import (
     Asymmetry,
     Backlash,
@@ -17,7 +18,7 @@ from bwbn_bayes.elements.effects import (
     StrengthDegradation,
     SuddenDamage,
 )
-from bwbn_bayes.elements.law import Effect, combine
+from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scaling import Power, powers_of_scale
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.parameters import Floats

@@ -1,0 +1,228 @@
+"""How the slots of a law combine: the storey's physics in named steps, and the floor, base and sensors around it.
+
+References
+----------
+.. [1] T. T. Baber and M. N. Noori, "Random Vibration of Degrading, Pinching Systems", J. Eng. Mech. 111(8), 1985,
+   doi:10.1061/(ASCE)0733-9399(1985)111:8(1010).
+.. [2] Y. Zhao et al., "A Comparison of Three Different Methods for the Identification of Hysterically Degrading
+   Structures Using BWBN Model", 2019, doi:10.3389/fbuil.2018.00080 (eqs. 1 to 7; eq. 3's denominator is eta, and
+   eq. 5 lost its integral: here ``d epsilon/dt = (1 - alpha) k z v``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import sympy as sp
+
+from bwbn_bayes.elements.law import (
+    DRIFT,
+    DRIFT_RATE,
+    ENERGY,
+    FLOOR_ACCELERATION,
+    FLOOR_FORCE,
+    FLOOR_MASS,
+    FLOOR_VELOCITY,
+    FORCE,
+    FORCE_ABOVE,
+    FORCE_BELOW,
+    GROUND_ACCELERATION,
+    HYSTERETIC_DISPLACEMENT,
+    MASS,
+    RECORDED_ACCELERATION,
+    AddedState,
+    BaseLaw,
+    Definition,
+    Effect,
+    SensorLaw,
+    Slots,
+    StoreyLaw,
+    rate_of,
+    step,
+    symbol,
+)
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import Parameter
+
+
+def combine(
+    parameters: tuple[Parameter, ...], constraints: tuple[sp.Basic, ...], effects: tuple[Effect, ...]
+) -> StoreyLaw:
+    """Combine the Bouc-Wen storey with effects, in the one order that holds everywhere.
+
+    The stiffness factor scales both springs; nu and eta degrade strength and stiffness; the rate multiplier acts on
+    the Bouc-Wen rate before the series slip, which solves ``u = u1 + u2`` exactly: ``dz/dt = f v / (1 + s a(z) f)``.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        The element's own parameters (:class:`~bwbn_bayes.elements.bouc_wen.BoucWen`).
+    constraints : tuple of SymPy relationals
+        Joint admissibility conditions of the element.
+    effects : tuple of Effect
+        In the order in which they were added.
+    """
+    # Discovery builds hundreds of models with few laws.
+    key = parameters, constraints, tuple(map(kind_of, effects))
+    if key not in _COMBINED:
+        slots = Slots()
+        for effect in effects:
+            slots = effect.fill(slots)
+        own = tuple(parameter for effect in effects for parameter in effect.parameters)
+        _COMBINED[key] = _law_of(parameters + own, constraints, slots)
+    return _COMBINED[key]
+
+
+def kind_of(effect: Effect) -> tuple[object, ...]:
+    """What effects have in common that share their expressions: class, parameters, and fields that are no parameters.
+
+    An effect whose fields are not its symbols has its options in the symbols.
+    """
+    own = set(getattr(effect, "__dataclass_fields__", ()))
+    symbols = {parameter.symbol for parameter in effect.parameters}
+    options = sorted(own - symbols) if symbols <= own else []
+    return type(effect), effect.parameters, tuple((name, repr(getattr(effect, name))) for name in options)
+
+
+_COMBINED: dict[tuple[object, ...], StoreyLaw] = {}
+"""Laws by element and kinds of effects: an effect's expressions are of its symbols, not of its values."""
+
+
+def _law_of(parameters: tuple[Parameter, ...], constraints: tuple[sp.Basic, ...], slots: Slots) -> StoreyLaw:
+    slots = _with_floor_velocity(slots)
+    definitions = (*_definitions(slots), *surroundings(slots))
+    outputs = expanded(definitions)
+    f, eta, slip = outputs[step("f")], slots.eta.xreplace(outputs), slots.slip_compliance.xreplace(outputs)
+    # The same rate as f v / (1 + slip f), with one division.
+    rate = DRIFT_RATE * slots.drift_rate_share.xreplace(outputs)
+    outputs[rate_of(HYSTERETIC_DISPLACEMENT)] = f * eta * rate / (eta + slip * f * eta)
+    raised = {old: old + increment for old, increment in slots.increments.items()}
+    before_events = dict.fromkeys((*(e.indicator for e in slots.events), *(a.state for a in slots.added_states)), 0)
+    offsets = {old: old + increment.subs(before_events) for old, increment in slots.increments.items()}
+    own = (HYSTERETIC_DISPLACEMENT, ENERGY, *(added.state for added in slots.added_states))
+    outputs.setdefault(GROUND_ACCELERATION, RECORDED_ACCELERATION)
+    acceleration = _floor_acceleration(slots, outputs)
+    return StoreyLaw(
+        parameters=parameters,
+        states=(*own, *(added.state for added in slots.floor_states)),
+        force=outputs[FORCE].subs(raised),
+        rates=(*(outputs[rate_of(state)].subs(raised) for state in own), *_floor_rates(slots, acceleration, outputs)),
+        events=slots.events,
+        sharp_features=slots.sharp_features,
+        constraints=tuple(constraint.subs(offsets) for constraint in constraints + slots.constraints),
+        definitions=definitions,
+        increments=tuple(slots.increments.items()),
+        n_floor_states=len(slots.floor_states),
+        acceleration=acceleration,
+        base=_base_law(slots, outputs),
+    )
+
+
+def _definitions(slots: Slots) -> tuple[Definition, ...]:
+    """The law in named steps; a slot that no effect fills leaves no step."""
+    v, z = DRIFT_RATE, HYSTERETIC_DISPLACEMENT
+    k, c, alpha, A, beta, gamma, n = (symbol(s) for s in ("k", "c", "alpha", "A", "beta", "gamma", "n"))
+    steps = list(slots.steps)
+
+    def named(name: str, caption: str, value: sp.Expr) -> sp.Expr:
+        if value.is_number:
+            return value
+        steps.append(Definition(caption=caption, subject=step(name), expression=value))
+        return step(name)
+
+    stiffness = k * named("kappa", "stiffness factor", slots.stiffness_factor)
+    nu = named("nu", "strength degradation", slots.nu)
+    eta = named("eta", "stiffness degradation", slots.eta)
+    multiplier = named("h", "pinching", slots.rate_multiplier)
+    u = DRIFT - named("u_p", "drift taken up before the springs", slots.drift_taken_up)
+    rate = v * named("chi", "share of the drift rate that reaches the springs", slots.drift_rate_share)
+    bracket = beta * sp.sign(z * v) + gamma + slots.shape_bracket
+    f = named("f", "slope of the hysteretic displacement", multiplier * (A - nu * sp.Abs(z) ** n * bracket) / eta)
+    outputs = [
+        ("rate of the hysteretic displacement", rate_of(z), f * rate / (1 + slots.slip_compliance * f)),
+        ("rate of the work on the hysteretic spring", rate_of(ENERGY), (1 - alpha) * stiffness * z * rate),
+        *((f"rate of {added.state}", rate_of(added.state), added.rate) for added in slots.added_states),
+        ("storey force", FORCE, alpha * stiffness * u + (1 - alpha) * stiffness * z + c * v + slots.added_force),
+    ]
+    return (*steps, *(Definition(caption=caption, subject=s, expression=e) for caption, s, e in outputs))
+
+
+def combine_sensors(effects: tuple[Effect, ...]) -> SensorLaw:
+    """Combine the effects that act on the measured accelerations."""
+    slots = Slots()
+    for effect in effects:
+        slots = effect.fill(slots)
+    return sensor_law(slots, tuple(parameter for effect in effects for parameter in effect.parameters))
+
+
+def sensor_law(slots: Slots, parameters: tuple[Parameter, ...]) -> SensorLaw:
+    """What the slots say of the accelerometers."""
+    return SensorLaw(parameters=parameters, gain=slots.sensor_gain, bias=slots.sensor_bias, lag=slots.sensor_lag)
+
+
+def _with_floor_velocity(slots: Slots) -> Slots:
+    """The floor's velocity as a state of its own, where something depends on it: so storeys stay independent."""
+    wanted = [slots.floor_force, *(added.rate for added in slots.floor_states)]
+    if not any(FLOOR_VELOCITY in expression.free_symbols for expression in wanted):
+        return slots
+    velocity = AddedState(state=FLOOR_VELOCITY, rate=FLOOR_ACCELERATION - GROUND_ACCELERATION)
+    return replace(slots, floor_states=(velocity, *slots.floor_states))
+
+
+_Steps = dict[sp.Symbol, sp.Expr]
+
+
+def _floor_acceleration(slots: Slots, steps: _Steps) -> sp.Expr | None:
+    """Total acceleration of a floor, None where it is ``(F_above - F_i) / m_i`` and no floor state needs it."""
+    if slots.mass_factor == 1 and slots.floor_force == 0 and not slots.floor_states:
+        return None
+    forces = (FORCE_ABOVE - FORCE_BELOW, *sp.Add.make_args(slots.floor_force))
+    # Term by term: the mass cancels where a force is proportional to it.
+    per_mass = sp.Add(*(force / MASS for force in forces))
+    return per_mass.xreplace({MASS: MASS * slots.mass_factor}).xreplace(steps)
+
+
+def _floor_rates(slots: Slots, acceleration: sp.Expr | None, steps: _Steps) -> tuple[sp.Expr, ...]:
+    resolved = steps if acceleration is None else {**steps, FLOOR_ACCELERATION: acceleration}
+    return tuple(added.rate.xreplace(resolved) for added in slots.floor_states)
+
+
+def _base_law(slots: Slots, steps: _Steps) -> BaseLaw | None:
+    if not slots.base_states and slots.ground_factor == 1:
+        return None
+    return BaseLaw(
+        states=tuple(added.state for added in slots.base_states),
+        rates=tuple(added.rate.xreplace(steps) for added in slots.base_states),
+        acceleration=(slots.base_acceleration + GROUND_ACCELERATION).xreplace(steps),
+    )
+
+
+def surroundings(slots: Slots) -> tuple[Definition, ...]:
+    """The laws of floor, base and ground in named steps, for printing; the motion of the floor is written apart."""
+    steps = []
+    if slots.ground_factor != 1:
+        recorded = slots.ground_factor * RECORDED_ACCELERATION
+        steps.append(Definition(caption="ground, from the record", subject=GROUND_ACCELERATION, expression=recorded))
+    if slots.mass_factor != 1:
+        steps.append(Definition(caption="mass of the floor", subject=FLOOR_MASS, expression=MASS * slots.mass_factor))
+    if slots.floor_force != 0:
+        mass = FLOOR_MASS if slots.mass_factor != 1 else MASS
+        force = slots.floor_force.xreplace({MASS: mass})
+        steps.append(Definition(caption="further force on the floor", subject=FLOOR_FORCE, expression=force))
+    return (
+        *steps,
+        *(
+            Definition(caption=f"rate of {added.state}", subject=rate_of(added.state), expression=added.rate)
+            for added in (*slots.floor_states, *slots.base_states)
+        ),
+    )
+
+
+def expanded(definitions: tuple[Definition, ...]) -> dict[sp.Symbol, sp.Expr]:
+    """Each subject as an expression of states and parameters alone: every earlier step is written out."""
+    result: dict[sp.Symbol, sp.Expr] = {}
+    for definition in definitions:
+        if definition.subject in result:
+            raise UserError(f"two effects of the model name a step {definition.subject}: rename one of them")
+        result[definition.subject] = definition.expression.xreplace(result)
+    return result

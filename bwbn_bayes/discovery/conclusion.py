@@ -21,6 +21,7 @@ from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.results import Facts
 
 FOUND_SHARE, PARTLY_SHARE = 0.1, 0.25
 """Unexplained share up to which effects count as found, and one alone as contributing."""
@@ -28,6 +29,8 @@ FOUND_LEVEL, NEAR_LEVEL = LARGEST_RATIO, 1.5
 """Residual to noise up to which effects that leave no noise count as found, and one alone as contributing whatever came
 after it: most of a large gap can be gone and yet what is left be several times the noise, which a law of the same kind
 leaves that is not the right one."""
+_FEWEST_DRAWS = 100
+"""Independent draws that a stated posterior error takes."""
 MOST_AT_ONCE = 2
 """With more, they are as likely to imitate together one that the catalogue lacks: they count as contributing."""
 
@@ -103,7 +106,7 @@ def conclude(
     )
     return Discovery(
         verdict=verdict,
-        sentences=(*_sentences(verdict, added, share, before, after, gap), *run.notes),
+        sentences=(*_sentences(verdict, added, share, before, after, gap), *run.notes, *badly_sampled(result.facts)),
         unexplained_share=share,
         unexplained=rest,
         added=added,
@@ -123,6 +126,20 @@ def conclude(
         seed=run.settings.seed,
         elapsed_s=elapsed,
     )
+
+
+def badly_sampled(facts: Facts) -> tuple[str, ...]:
+    """A sentence where posterior errors rest on hardly a draw; none where importance sampling served, or TMCMC ran."""
+    worth = min((check.value for check in facts.checks if check.name == "effective draws"), default=np.inf)
+    heavy = any(check.name == "Pareto k" and not check.passed for check in facts.checks)
+    if facts.method != "importance" or not (heavy or worth < _FEWEST_DRAWS):
+        return ()
+    sentence = (
+        f"The posterior of the final model could not be sampled well: its draws are worth {worth:.0f} independent ones, "
+        "and the errors stated for its parameters are rough. `bwbn identify improved_model.py` falls back on "
+        "transitional MCMC."
+    )
+    return (sentence,)
 
 
 def _gap(given: Present, present: Present, record: Record, first: int, run: Run) -> Gap:

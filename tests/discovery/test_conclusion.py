@@ -14,12 +14,14 @@ from bwbn_bayes.discovery.conclusion import (
     _verdict,
     _what_stays,
     _why_withdrawn,
+    badly_sampled,
     is_explained,
     unexplained_share,
     what_stayed,
 )
 from bwbn_bayes.discovery.outcome import Added, Gap, Step
 from bwbn_bayes.discovery.run import DiscoverySettings, Present, Run
+from bwbn_bayes.results import Check, Facts
 
 
 def fitted(ratios: tuple[float, ...], *, noise: bool = False, quiet: bool = False) -> Present:
@@ -227,3 +229,20 @@ def test_noise_that_rises_and_falls_is_no_place_of_disagreement() -> None:
         "The model as given explains the record: what it leaves is noise.",
     )
     assert len(_sentences("unexplained", (), 1.0, before, before, gap)) == 2
+
+
+@pytest.mark.parametrize(
+    ("method", "k", "worth", "told"),
+    [("importance", 0.3, 1900.0, False), ("importance", 0.9, 40.0, True), ("importance", 0.6, 40.0, True),
+     ("importance", 0.9, 400.0, True), ("tmcmc", 9.0, 5.0, False)],
+)  # fmt: skip
+def test_errors_that_rest_on_hardly_a_draw_are_said_to_be_rough(
+    method: str, k: float, worth: float, told: bool
+) -> None:
+    checks = (
+        Check(name="Pareto k", value=k, limit=0.7, passed=k <= 0.7, sentence=""),
+        Check(name="effective draws", value=worth, limit=2000.0, passed=False, sentence=""),
+    )
+    said = badly_sampled(cast(Facts, SimpleNamespace(method=method, checks=checks)))
+    assert len(said) == told
+    assert all(f"worth {worth:.0f} independent" in sentence for sentence in said)

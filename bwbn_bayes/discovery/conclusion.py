@@ -135,8 +135,8 @@ def badly_sampled(facts: Facts) -> tuple[str, ...]:
     if facts.method != "importance" or not (heavy or worth < _FEWEST_DRAWS):
         return ()
     sentence = (
-        f"The posterior of the final model could not be sampled well: its draws are worth {worth:.0f} independent ones, "
-        "and the errors stated for its parameters are rough. `bwbn identify improved_model.py` falls back on "
+        f"The posterior of the final model could not be sampled well: its draws are worth {worth:.0f} independent "
+        "ones, and the errors stated for its parameters are rough. `bwbn identify improved_model.py` falls back on "
         "transitional MCMC."
     )
     return (sentence,)

@@ -235,6 +235,11 @@ def _imitated(added: Sequence[Added]) -> str:
     )
 
 
+def _doubt(added: Sequence[Added]) -> str:
+    """Why one of the effects is hardly what its name says, if one is."""
+    return next((one.doubt for one in added if one.doubt), "")
+
+
 def _why_withdrawn(share: float, added: Sequence[Added], ahead: Gap | None) -> str:
     if name := _imitated(added):
         return f"two forms of {name} at one place can only imitate another effect"
@@ -243,6 +248,8 @@ def _why_withdrawn(share: float, added: Sequence[Added], ahead: Gap | None) -> s
         if (left := _left_ahead(ahead)) < 1.0:
             than = f"{100 * left:.0f} % of the disagreement there stayed"
         return f"the held-out record is missed by {_missed_by(ahead):.1f} times its noise, {than}"
+    if doubt := _doubt(added):
+        return doubt
     if share <= FOUND_SHARE and (missed := _missed_by(ahead)):
         return f"so many effects, and they miss the held-out record by {missed:.1f} times its noise"
     return what_stayed(share)
@@ -261,7 +268,7 @@ def _what_stays(given: Present, grown: Grown, foreseen: Foresight) -> tuple[Verd
     verdict = _verdict(given, grown.present, grown.added, foreseen(grown.present))
     if verdict != "unexplained" or not grown.added:
         return verdict, grown.present, grown.added
-    first = grown.first if len(grown.added) > 1 else None
+    first = grown.first if len(grown.added) > 1 and not _doubt(grown.added[:1]) else None
     if first is not None and _is_near(given, first, NEAR_LEVEL) and not _foresees_little(foreseen(first), 1):
         return "partly_explained", first, grown.added[:1]
     return verdict, given, ()
@@ -278,7 +285,7 @@ def _verdict(given: Present, present: Present, added: tuple[Added, ...], ahead: 
     explains = _is_near(given, present, FOUND_LEVEL) or present.is_quiet or (noise and share <= PARTLY_SHARE)
     if len(added) <= MOST_AT_ONCE and explains and not _missed_by(ahead):
         return "effects_found"
-    if len(added) > MOST_AT_ONCE and _missed_by(ahead):
+    if _doubt(added) or (len(added) > MOST_AT_ONCE and _missed_by(ahead)):
         return "unexplained"
     # Several that leave so much together only imitate what the catalogue lacks.
     most = PARTLY_SHARE if len(added) == 1 else FOUND_SHARE

@@ -50,6 +50,14 @@ class Added:
         places = (f"the same at {place_in_words(level, place)}" for place in self.decision.equivalent_places)
         return (*self.decision.equivalent, *places)
 
+    @property
+    def doubt(self) -> str:
+        """Why the sizes that it was given are hardly what its name says, after its label; empty where they are."""
+        hypothesis, means = self.candidate.hypothesis, self.candidate.evidence.means
+        sizes = {p.symbol: means[p.name] for p in hypothesis.model.space.parameters if p.name in hypothesis.brought}
+        why = hypothesis.effect.doubt(sizes, hypothesis.scales)
+        return f"{hypothesis.label}: {why}" if why else ""
+
     def as_json(self) -> dict[str, Any]:
         """One entry of ``effects``."""
         hypothesis = self.candidate.hypothesis

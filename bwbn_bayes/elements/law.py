@@ -209,6 +209,13 @@ class Effect(Protocol):
         """Values of each identified parameter from which fits start; discovery tries every combination."""
         raise NotImplementedError(f"{type(self).__name__} does not say where to start: it takes no part in discovery")
 
+    def doubt(self, values: Mapping[str, float], scales: Scales) -> str:
+        """Why sizes such as these, by symbol, are hardly what the effect's name says; empty where they are.
+
+        Discovery takes an effect for an imitation that is in doubt and leaves more than noise.
+        """
+        return ""
+
     def fill(self, slots: Slots) -> Slots:
         """The slots with this effect added to them."""
         ...

@@ -30,13 +30,25 @@ def fitted(ratios: tuple[float, ...], *, noise: bool = False, quiet: bool = Fals
     return cast(Present, SimpleNamespace(disagreement=disagreement, is_noise=noise, is_quiet=quiet))
 
 
-def effects(n: int, names: str = "abcd", parameters: Mapping[int, str] | None = None) -> tuple[Added, ...]:
-    """Effects by one letter each, all at storey 1; some, by their number, change a parameter; a capital has one law."""
+def effects(
+    n: int, names: str = "abcd", parameters: Mapping[int, str] | None = None, doubts: Mapping[int, str] | None = None
+) -> tuple[Added, ...]:
+    """Effects by one letter each, all at storey 1; some, by their number, change a parameter or are in doubt.
+
+    A capital has one law.
+    """
     changed = parameters or {}
     own = [{"parameter": changed[i]} if i in changed else {} for i in range(n)]
     laws = [SimpleNamespace(one_law=names[i].isupper(), **own[i]) for i in range(n)]
     hypotheses = (SimpleNamespace(name=names[i], storeys=(1,), effect=laws[i]) for i in range(n))
-    return cast(tuple[Added, ...], tuple(SimpleNamespace(candidate=SimpleNamespace(hypothesis=h)) for h in hypotheses))
+    told = doubts or {}
+    return cast(
+        tuple[Added, ...],
+        tuple(
+            SimpleNamespace(candidate=SimpleNamespace(hypothesis=h), doubt=told.get(i, ""))
+            for i, h in enumerate(hypotheses)
+        ),
+    )
 
 
 GIVEN = fitted((3.0, 2.0))
@@ -151,6 +163,18 @@ def test_two_forms_of_one_effect_at_one_place_are_an_imitation() -> None:
     assert _why_withdrawn(0.3, effects(2, "aa"), None) == what_stayed(0.3)
     assert _verdict(GIVEN, noise, effects(3, "aba", {0: "gamma", 2: "n"}), None) == "partly_explained"
     assert _verdict(GIVEN, noise, effects(3, "aba", {0: "n", 2: "n"}), None) == "unexplained"
+
+
+def test_a_name_in_doubt_stays_only_where_it_leaves_noise() -> None:
+    noise, near = fitted((1.0, 1.0), noise=True), fitted((1.4, 1.0))
+    one, second = effects(1, doubts={0: "a: hardly"}), effects(2, doubts={1: "b: hardly"})
+    assert _verdict(GIVEN, noise, one, None) == "effects_found"
+    assert _verdict(GIVEN, near, one, None) == "unexplained"
+    assert _verdict(GIVEN, near, effects(1), None) == "partly_explained"
+    assert _why_withdrawn(0.05, one, None) == "a: hardly"
+    # A first one stays without what followed only if it is not itself in doubt.
+    stays = [_what_stays(GIVEN, Grown(near, added, near, True), lambda _: None)[0] for added in (second, one + one)]
+    assert stays == ["partly_explained", "unexplained"]
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,21 @@
 
 import json
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from bwbn_bayes.discovery.outcome import SCHEMA, DetectionLimit, Discovery, Step
+from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.outcome import SCHEMA, Added, DetectionLimit, Discovery, Step
 from bwbn_bayes.discovery.unexplained import NearShape, Unexplained
 from bwbn_bayes.discovery.where import Spot
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.effects import CoulombFriction
+from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.parameters import Uniform
+from bwbn_bayes.structures.shear_building import ShearBuilding
 
 NUMBER = (int, float)
 CONTRACT: dict[str, Any] = {
@@ -157,3 +164,17 @@ def test_the_places_of_the_disagreement_are_those_found(run):
     assert facts["where"] == [
         {"channel": "acceleration_1", "start_s": 2.0, "end_s": 4.0, "residual_to_noise": 3.4, "sentence": "there"}
     ]
+
+
+@pytest.mark.parametrize("smoothing", range(3))
+@pytest.mark.parametrize(("width", "doubt"), [(0.05, ""), (0.06, "it turns over 15 % of the largest drift rate: ")])
+def test_a_friction_that_turns_slowly_is_in_doubt(smoothing: int, width: float, doubt: str) -> None:
+    scales = replace(NOMINAL, drift_rate=0.4)
+    storey = BoucWen(k=Uniform(20, 100), c=0.3, alpha=0.1, beta=8.0, gamma=2.0, n=1.3)
+    base = ShearBuilding(masses=(2.0, 1.0), storey=storey)
+    effect = CoulombFriction.default_prior(scales)[smoothing]
+    hypothesis = Hypothesis(base=base, effect=effect, storeys=(2,), scales=scales)
+    means = dict(zip(hypothesis.model.space.names, [60.0, 0.3, width], strict=True))
+    weighed = cast(Any, SimpleNamespace(hypothesis=hypothesis, evidence=SimpleNamespace(means=means)))
+    added = Added(candidate=weighed, decision=cast(Any, None), moments={})
+    assert added.doubt == (f"{hypothesis.label}: {doubt}not dry friction" if doubt else "")

@@ -15,6 +15,8 @@ from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
 _MOSTAGHEL = "Mostaghel and Davis 1997"
 _SYMBOLS = {"tanh": ("F_c", "v0"), "ratio": ("F_ratio", "v_ratio"), "root": ("F_root", "v_root")}
+_WIDEST = 0.125
+"""Share of the largest drift rate over which dry friction may turn: what turns more slowly is another damping."""
 _FORMS = {"tanh": "tanh(v/v0)", "ratio": "v/(|v| + v0)", "root": "v/sqrt(v^2 + v0^2)"}
 
 
@@ -107,6 +109,14 @@ class CoulombFriction(Effect):
             force: (0.03 * scales.force, 0.15 * scales.force),
             width: (0.015 * scales.drift_rate, 0.08 * scales.drift_rate),
         }
+
+    @override
+    def doubt(self, values: Mapping[str, float], scales: Scales) -> str:
+        _, width = _SYMBOLS[self.smoothing]
+        share = values[width] / scales.drift_rate
+        return (
+            f"it turns over {100 * share:.0f} % of the largest drift rate: not dry friction" if share > _WIDEST else ""
+        )
 
     @override
     def fill(self, slots: Slots) -> Slots:

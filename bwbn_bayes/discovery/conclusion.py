@@ -29,6 +29,9 @@ FOUND_LEVEL, NEAR_LEVEL = LARGEST_RATIO, 1.5
 """Residual to noise up to which effects that leave no noise count as found, and one alone as contributing whatever came
 after it: most of a large gap can be gone and yet what is left be several times the noise, which a law of the same kind
 leaves that is not the right one."""
+SHAPE_SHARE = 0.01
+"""Share left, of the record that was fitted and of a held-out one, up to which one alone counts as contributing
+whatever came after it, even at many times a small noise: so little is left by the right law in another shape."""
 _FEWEST_DRAWS = 100
 """Independent draws that a stated posterior error takes."""
 MOST_AT_ONCE = 2
@@ -217,6 +220,14 @@ def _is_near(given: Present, present: Present, level: float) -> bool:
     return unexplained_share(given, present) <= FOUND_SHARE and _level(present.disagreement) <= level
 
 
+def _comes_near(given: Present, first: Present, ahead: Gap | None) -> bool:
+    """Whether a model with one effect leaves little: hardly more than the noise, or hardly anything of the gap."""
+    if _foresees_little(ahead, 1):
+        return False
+    left_ahead = 0.0 if ahead is None or ahead.is_closed else _left_ahead(ahead)
+    return _is_near(given, first, NEAR_LEVEL) or max(unexplained_share(given, first), left_ahead) <= SHAPE_SHARE
+
+
 def _imitated(added: Sequence[Added]) -> str:
     """The effect of which two forms act at one place, if one does: neither is then the right one.
 
@@ -269,7 +280,7 @@ def _what_stays(given: Present, grown: Grown, foreseen: Foresight) -> tuple[Verd
     if verdict != "unexplained" or not grown.added:
         return verdict, grown.present, grown.added
     first = grown.first if len(grown.added) > 1 and not _doubt(grown.added[:1]) else None
-    if first is not None and _is_near(given, first, NEAR_LEVEL) and not _foresees_little(foreseen(first), 1):
+    if first is not None and _comes_near(given, first, foreseen(first)):
         return "partly_explained", first, grown.added[:1]
     return verdict, given, ()
 

@@ -192,6 +192,19 @@ def test_the_first_effect_stays_where_it_came_near(n_added: int, level: float, s
     assert present is (first if stay else GIVEN)
 
 
+@pytest.mark.parametrize(("level", "ahead", "stay"), [(3.9, 0.09, 1), (4.2, 0.09, 0), (3.9, 0.11, 0)])
+def test_the_first_effect_stays_where_hardly_anything_is_left(level: float, ahead: float, stay: int) -> None:
+    """A law of another shape leaves a hundredth of a large gap, which is many times a small noise.
+
+    The shares left are (level^2 - 1) / 1599 of the record and (ahead^2 - .0001) / .9999 of the held-out one.
+    """
+    given, first, both = fitted((40.0,)), fitted((level,)), fitted((1.0,), noise=True)
+    of = {id(first): missing(ahead, before=1.0), id(both): missing(0.6, before=1.0)}
+    verdict, present, added = _what_stays(given, Grown(both, effects(2), first, True), lambda model: of[id(model)])
+    assert (verdict, len(added)) == (("partly_explained", 1) if stay else ("unexplained", 0))
+    assert present is (first if stay else given)
+
+
 @pytest.mark.parametrize("of_first", [0.05, 0.3])
 def test_what_foresees_no_more_than_the_given_model_does_not_stay(of_first: float) -> None:
     """Two effects leave noise and miss the held-out record by more than without them; the first alone may not."""

@@ -29,7 +29,7 @@ FOUND_LEVEL, NEAR_LEVEL = LARGEST_RATIO, 1.5
 """Residual to noise up to which effects that leave no noise count as found, and one alone as contributing whatever came
 after it: most of a large gap can be gone and yet what is left be several times the noise, which a law of the same kind
 leaves that is not the right one."""
-SHAPE_SHARE = 0.01
+SHAPE_SHARE = 0.04
 """Share left, of the record that was fitted and of a held-out one, up to which one alone counts as contributing
 whatever came after it, even at many times a small noise: so little is left by the right law in another shape."""
 _FEWEST_DRAWS = 100

@@ -104,11 +104,16 @@ def bridged_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: i
     )
 
 
+def _sds_at(information: Floats) -> Floats:
+    """Standard deviations in the unit cube, real even where rounding leaves the information indefinite."""
+    precisions, directions = np.linalg.eigh(information)
+    return np.sqrt(np.square(directions) @ (1.0 / (np.maximum(precisions, 0.0) + 12.0)))
+
+
 def _at_modes(posterior: Posterior, modes: tuple[Mode, ...], hypothesis: Hypothesis | None) -> Evidence:
     best = modes[0]
-    covariance = np.linalg.inv(best.information + 12.0 * np.eye(len(best.point)))
     values = posterior.space.from_unit(best.point[None])
-    sds = np.sqrt(np.diag(covariance)) * posterior.space.unit_scale(values)[0]
+    sds = _sds_at(best.information) * posterior.space.unit_scale(values)[0]
     gain = sum(coloured_noise(rest).gain for rest in counted(posterior.record, residual_of(posterior, best.point)))
     return Evidence(
         log_likelihood=best.log_likelihood,

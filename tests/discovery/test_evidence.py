@@ -109,6 +109,18 @@ def test_laplace_is_the_closed_form_of_a_linear_model(linear: Fit) -> None:
     assert (found.method, found.pareto_k) == ("Laplace", None)
 
 
+def test_errors_are_real_where_the_information_is_far_sharper_in_one_direction(linear: Fit) -> None:
+    """Rounding leaves such a matrix indefinite: the smallest eigenvalue can come out far below zero."""
+    d = linear.points.shape[1]
+    directions = np.linalg.qr(np.random.default_rng(3).standard_normal((d, d)))[0]
+    information = 1e12 * np.outer(directions[:, 0], directions[:, 0]) - 1e3 * np.eye(d)
+    local = replace(linear.local[np.array([0])], information=information[None])
+    found = laplace_evidence(replace(linear, points=linear.points[:1], local=local))
+    scale = linear.posterior.space.unit_scale(linear.posterior.space.from_unit(linear.points[:1]))[0]
+    expected = np.sqrt((1.0 - np.square(directions[:, 0])) / 12.0) * scale
+    assert list(found.sds.values()) == pytest.approx(expected)
+
+
 def test_sampled_evidence_is_the_closed_form_within_four_standard_errors(linear: Fit) -> None:
     found = sampled(linear)
     log_evidence, means, sds = closed_form(linear.posterior)

@@ -101,7 +101,8 @@ class Lanes:
         def solve(block: _Block) -> None:
             if problem.sensors is not None:
                 values, _ = problem.solve(self, block)
-                result[block.rows] = np.sum((problem.measured - values) ** 2, axis=2)
+                with np.errstate(over="ignore"):  # a draw that runs away misses by infinity
+                    result[block.rows] = np.sum((problem.measured - values) ** 2, axis=2)
                 return
             outcome = problem.run(self, block, store=False)
             result[block.rows] = outcome.misfit.reshape(-1, LANES).T[: block.n_draws]
@@ -307,11 +308,12 @@ class _Problem:
         square = triangle[..., 1:, 1:]
         left, right = np.tril_indices(own.shape[1])
         square[..., right, left] = square[..., left, right]
-        return (
-            outcome.misfit.reshape(c, LANES).T[: block.n_draws],
-            np.einsum("nck,nkp->ncp", triangle[..., 1:, 0], own),
-            np.swapaxes(own, 1, 2)[:, None] @ square @ own[:, None],
-        )
+        with np.errstate(over="ignore", invalid="ignore"):  # derivatives of a draw that runs away
+            return (
+                outcome.misfit.reshape(c, LANES).T[: block.n_draws],
+                np.einsum("nck,nkp->ncp", triangle[..., 1:, 0], own),
+                np.swapaxes(own, 1, 2)[:, None] @ square @ own[:, None],
+            )
 
     def gathered(self, block: _Block, stored: Floats) -> _Outcome:
         """What a run of a block stored, each draw in a lane of its own again, summed as a run sums it."""

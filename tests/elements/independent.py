@@ -18,16 +18,22 @@ PLAIN = {
     "zeta_s": 0.0, "p": 1.0, "q": 0.0, "psi_0": 1.0, "delta_psi": 0.0, "lambda_": 1.0,
     "phi": 0.0, "phi_uv": 0.0, "u_uv": 1.0, "phi_u": 0.0, "u_u": 1.0, "k3": 0.0, "c2": 0.0,
     "F_c": 0.0, "v0": 1.0, "F_ratio": 0.0, "v_ratio": 1.0, "F_root": 0.0, "v_root": 1.0,
+    "F_dahl": 0.0, "x_dahl": 1.0,
     "k_g": 0.0, "g": 1.0, "k_gp": 0.0, "g_p": 1.0, "k_gn": 0.0, "g_n": 1.0,
     "k_m": 0.0, "tau": 1.0, "b": 0.0, "w": 1.0, "k_ramp": 0.0, "k_ramp_time": 0.0, "k_ramp_duration": 1.0,
 }  # fmt: skip
 
 
 def storey(
-    p: dict[str, float], u: float, v: float, z: float, eps: float, q: float, d: float
-) -> tuple[float, float, float, float, float]:
-    """Storey force with damping, and the rates of z, eps, a Maxwell branch's force q and the place d in a play."""
-    beside = parallel_force(p, u, v) + q + p["c"] * v
+    p: dict[str, float], u: float, v: float, z: float, eps: float, q: float, d: float, stuck: float
+) -> tuple[float, float, float, float, float, float]:
+    """Storey force with damping, and the rates of its states.
+
+    The states are z, eps, a Maxwell branch's force q, the place d in a play and the deflection of a contact that
+    sticks. [m]
+    """
+    beside = parallel_force(p, u, v) + q + p["F_dahl"] / p["x_dahl"] * stuck + p["c"] * v
+    stuck_rate = v * (1.0 - stuck / p["x_dahl"] * np.sign(v))
     q_rate = p["k_m"] * v - q / p["tau"]
     d_rate = v * min(max((p["b"] - d * np.sign(v)) / p["w"], 0.0), 1.0)
     u_turn = {width: math.tanh(u / p[width]) for width in ("u_uv", "u_u")}
@@ -44,7 +50,7 @@ def storey(
         f *= 1.0 - z1 * math.exp(-((z * np.sign(v) - p["q"] * z_u) ** 2) / z2**2)
     slip = p["delta_s"] * eps * math.sqrt(2.0 / math.pi) / p["sigma"] * math.exp(-0.5 * (z / p["sigma"]) ** 2)
     spring = (1.0 - p["alpha"]) * p["k"] * z
-    return p["alpha"] * p["k"] * u + spring + beside, f * v / (1.0 + slip * f), spring * v, q_rate, d_rate
+    return p["alpha"] * p["k"] * u + spring + beside, f * v / (1.0 + slip * f), spring * v, q_rate, d_rate, stuck_rate
 
 
 def parallel_force(p: dict[str, float], u: float, v: float) -> float:
@@ -75,7 +81,7 @@ def respond(
     m, n = np.asarray(masses), len(masses)
 
     def rates(t: float, y: np.ndarray, parameters: list[dict[str, float]]) -> tuple[np.ndarray, np.ndarray]:
-        x, w, *others = y.reshape(6, n)
+        x, w, *others = y.reshape(7, n)
         u, v = np.diff(x, prepend=0.0), np.diff(w, prepend=0.0)
         parts = [storey(at(p, t), *state) for p, *state in zip(parameters, u, v, *others, strict=True)]
         force, *inner_rates = (np.array(part) for part in zip(*parts, strict=True))
@@ -85,7 +91,7 @@ def respond(
 
     ends = [p["k_ramp_time"] + share * p["k_ramp_duration"] for p in before if p["k_ramp"] for share in (0.0, 1.0)]
     breaks = sorted({jump_time, *ends})
-    y = np.zeros(6 * n)
+    y = np.zeros(7 * n)
     states, accelerations = [y], [rates(0.0, y, before)[1]]
     for j in range(len(ground) - 1):
         start, end = j * dt, (j + 1) * dt
@@ -98,7 +104,7 @@ def respond(
             y = piece.y[:, -1]
         states.append(y)
         accelerations.append(rates(end, y, after if end >= jump_time else before)[1])
-    table = np.array(states).reshape(-1, 6, n)
+    table = np.array(states).reshape(-1, 7, n)
     return {
         "acceleration": np.array(accelerations).T,
         "drift": np.diff(table[:, 0], prepend=0.0, axis=1).T,

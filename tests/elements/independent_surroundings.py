@@ -38,7 +38,7 @@ class Building:
     def rates(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates of the states, and the floors' total accelerations."""
         whole, n = self.whole, self.n
-        x, w, *inner, mass_x, mass_w = y[:-2].reshape(8, n)
+        x, w, *inner, mass_x, mass_w = y[:-2].reshape(9, n)
         base_x, base_w = y[-2:] if whole["compliance"] > 0.0 else (0.0, 0.0)
         a_g = whole["s_g"] * np.interp(t, self.dt * np.arange(len(self.ground)), self.ground)
         u, v = np.diff(x, prepend=base_x), np.diff(w, prepend=base_w)
@@ -60,7 +60,7 @@ class Building:
         lags = [p["lag"] for p in self.floors]
         n_times = len(self.ground)
         shown, displacement = np.zeros((self.n, n_times)), np.zeros((self.n, n_times))
-        y = np.zeros(8 * self.n + 2)
+        y = np.zeros(9 * self.n + 2)
         for j in range(n_times):
             for floor, lag in enumerate(lags):
                 if lag == 0.0:

@@ -9,7 +9,7 @@ import pytest
 
 from bwbn_bayes.elements import catalogue as catalogue_module
 from bwbn_bayes.elements.catalogue import catalogue, register, registered
-from bwbn_bayes.elements.effects import SlipLock, SuddenDamage
+from bwbn_bayes.elements.effects import CoulombFriction, SlipLock, SuddenDamage
 from bwbn_bayes.elements.law import DRIFT, Effect, Slots, symbol
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Parameter, Value
@@ -91,6 +91,20 @@ def test_a_taken_name_is_refused():
 def test_an_incomplete_effect_is_refused(change, sentence):
     with pytest.raises(UserError, match=sentence):
         register(type("Broken", (Hardening,), change))
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"v0": 0.1, "smoothing": "atan"}, "'atan' is not known: choose one of tanh, ratio, root, dahl"),
+        ({"x0": 0.1}, "'tanh' has a width v0: give it, not x0"),
+        ({"v0": 0.1, "smoothing": "dahl"}, "'dahl' has a width x0: give it, not v0"),
+        ({"v0": 0.1, "x0": 0.1, "smoothing": "dahl"}, "'dahl' has a width x0"),
+    ],
+)
+def test_a_friction_has_the_width_of_its_law(given, sentence):
+    with pytest.raises(UserError, match=sentence):
+        CoulombFriction(F_c=1.0, **given)
 
 
 def test_a_class_that_is_not_a_frozen_dataclass_is_refused():

@@ -9,8 +9,10 @@ import pytest
 from laboratory import building, cyclic_test, finer, nrmse, shaking, solve, specimen, storey
 from scipy.linalg import expm
 
+from bwbn_bayes.elements.effects import CoulombFriction
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
 
 
 @pytest.mark.parametrize("A", [1.0, 1.4])
@@ -20,6 +22,18 @@ def test_monotonic_loading_with_n_one(A):
     z = solve(specimen({}, n=1.0, A=A, beta=1.3, gamma=0.9), record, ["hysteretic_displacement_1"], 4)
     exact = A / 2.2 * (1.0 - np.exp(-2.2 * record.excitation))
     np.testing.assert_allclose(z["hysteretic_displacement_1"], exact, atol=1e-11)
+
+
+def test_a_contact_that_sticks():
+    """From a turn at drift u_0 on: q = s + (q_0 - s) exp(-|u - u_0| / x0), with s the new direction."""
+    record = cyclic_test([1.0, -1.0, 1.0], 400)
+    friction = CoulombFriction(F_c=0.7, x0=0.15, smoothing="dahl")
+    plain = Specimen(storey=storey())
+    added = [solve(model, record, ["force"], 8)["force"] for model in (plain.with_effect(friction), plain)]
+    exact = [0.0]
+    for move in np.diff(record.excitation):
+        exact.append(np.sign(move) + (exact[-1] - np.sign(move)) * np.exp(-abs(move) / 0.15))
+    np.testing.assert_allclose(added[0] - added[1], 0.7 * np.array(exact), atol=1e-8)
 
 
 @pytest.mark.parametrize("n", [1.0, 1.5, 3.0])

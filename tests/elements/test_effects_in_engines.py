@@ -21,7 +21,8 @@ from bwbn_bayes.structures.structure import Structure
 
 SIZES = {
     "phi": 0.2, "phi_uv": 0.3, "u_uv": 0.1, "phi_u": -0.2, "u_u": 0.1, "b": 0.04, "w": 0.03,
-    "F_c": 0.3, "v0": 0.2, "F_ratio": 0.2, "v_ratio": 0.2, "F_root": 0.2, "v_root": 0.2, "k3": 0.6, "c2": 0.1,
+    "F_c": 0.3, "v0": 0.2, "F_ratio": 0.2, "v_ratio": 0.2, "F_root": 0.2, "v_root": 0.2, "F_dahl": 0.2, "x_dahl": 0.1,
+    "k3": 0.6, "c2": 0.1,
     "k_g": 4.0, "g": 0.15, "k_gp": 3.0, "g_p": 0.02, "k_gn": 2.0, "g_n": 0.1, "k_m": 2.0, "tau": 0.3,
     "alpha_offset": 0.05, "beta_offset": 0.3, "gamma_offset": -0.3, "n_offset": 0.3,
     "k_ramp": -3.0, "k_ramp_time": 0.71, "k_ramp_duration": 0.83,

@@ -56,6 +56,7 @@ OTHERS = {
     "coulomb_friction": {"F_c": 0.5, "v0": 0.1},
     "coulomb_friction, ratio": {"F_ratio": 0.5, "v_ratio": 0.1},
     "coulomb_friction, root": {"F_root": 0.5, "v_root": 0.1},
+    "coulomb_friction, dahl": {"F_dahl": 0.5, "x_dahl": 0.05},
     "cubic_stiffness": {"k3": -0.4},
     "gap_impact": {"k_g": 15.0, "g": 0.3},
     "gap_impact, positive": {"k_gp": 15.0, "g_p": 0.3},

@@ -42,7 +42,7 @@ def test_parameters_of_the_effects(facts):
     for parameter in facts.parameters:
         effect, _, unit, _, source = EFFECTS[parameter.symbol]
         assert (effect, unit) == (facts.name, written(parameter.unit))
-        assert facts.source.startswith(source)
+        assert parameter.source.startswith(source)
 
 
 def test_the_page_names_no_parameter_that_does_not_exist():

@@ -8,53 +8,68 @@ from typing import ClassVar, Self, override
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import DRIFT_RATE, Effect, SharpFeature, Slots, symbol
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
-_MOSTAGHEL = "Mostaghel and Davis 1997"
-_SYMBOLS = {"tanh": ("F_c", "v0"), "ratio": ("F_ratio", "v_ratio"), "root": ("F_root", "v_root")}
+_MOSTAGHEL, _DAHL = "Mostaghel and Davis 1997", "Dahl 1968"
+_SYMBOLS = {
+    "tanh": ("F_c", "v0"),
+    "ratio": ("F_ratio", "v_ratio"),
+    "root": ("F_root", "v_root"),
+    "dahl": ("F_dahl", "x_dahl"),
+}
+_FORMS = {"tanh": "tanh(v/v0)", "ratio": "v/(|v| + v0)", "root": "v/sqrt(v^2 + v0^2)", "dahl": "sticking (Dahl)"}
 _WIDEST = 0.125
-"""Share of the largest drift rate over which dry friction may turn: what turns more slowly is another damping."""
-_FORMS = {"tanh": "tanh(v/v0)", "ratio": "v/(|v| + v0)", "root": "v/sqrt(v^2 + v0^2)"}
+"""Share of the largest drift rate, or drift, over which dry friction may turn: what turns more slowly is not dry."""
+
+MOBILISED = symbol("q_f")
+"""Share of the friction force that a sticking contact has reached, from -1 to 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CoulombFriction(Effect):
-    """The force ``F_c tanh(v / v0)``, or with another smooth sign of the drift rate.
+    """The force ``F_c tanh(v / v0)``, or with another smooth sign of the drift rate, or a contact that sticks.
 
     ``ratio`` is ``v / (|v| + v0)``, which like an arctangent approaches one slowly; ``root`` is
-    ``v / sqrt(v^2 + v0^2)``.
+    ``v / sqrt(v^2 + v0^2)``. These creep under any force; with ``dahl`` the force is ``F_c q_f`` with
+    ``dq_f/dt = (v - |v| q_f) / x0``: after a reversal it grows with the drift, as that of a spring ``F_c / x0``, and
+    holds while the storey stands still.
 
     Parameters
     ----------
     F_c : float, Prior or PerStorey
         Friction force. [N]
-    v0 : float, Prior or PerStorey
-        Drift rate over which the force turns. [m/s]
-    smoothing : {"tanh", "ratio", "root"}
-        The smooth sign.
+    v0 : float, Prior or PerStorey, optional
+        Drift rate over which the force turns; not with ``dahl``. [m/s]
+    smoothing : {"tanh", "ratio", "root", "dahl"}
+        How the force turns.
+    x0 : float, Prior or PerStorey, optional
+        Drift over which the force turns with ``dahl``. [m]
 
     Raises
     ------
     UserError
-        If the smoothing is not one of the three.
+        If the smoothing is not one of the four, or the width is not the one it has.
 
     References
     ----------
     .. [1] N. Mostaghel and T. Davis, "Representations of Coulomb Friction for Dynamic Analysis", Earthquake Eng.
        Struct. Dyn. 26(5), 1997 (tanh and ratio among its functions; cited from memory, not consulted). ``root`` is a
        usual third.
+    .. [2] P. R. Dahl, "A Solid Friction Model", Aerospace Corporation TOR-0158(3107-18)-1, 1968 (with exponent one;
+       cited from memory, not consulted).
     """
 
     F_c: Value
-    v0: Value
+    v0: Value | None = None
     smoothing: str = "tanh"
+    x0: Value | None = None
 
     name: ClassVar[str] = "coulomb_friction"
     summary: ClassVar[str] = "dry friction between the floors"
-    source: ClassVar[str] = _MOSTAGHEL
+    source: ClassVar[str] = f"{_MOSTAGHEL}; {_DAHL}"
     residual: ClassVar[str] = "a square wave in phase with the drift rate, sticking"
     confusable: ClassVar[str] = "a stiff Bouc-Wen spring with alpha near 0, quadratic_damping at one amplitude"
     one_law: ClassVar[bool] = True
@@ -64,6 +79,9 @@ class CoulombFriction(Effect):
             raise UserError(
                 f"CoulombFriction: smoothing {self.smoothing!r} is not known: choose one of {', '.join(_SYMBOLS)}"
             )
+        needed, other = ("x0", "v0") if self._sticks else ("v0", "x0")
+        if getattr(self, needed) is None or getattr(self, other) is not None:
+            raise UserError(f"CoulombFriction: smoothing {self.smoothing!r} has a width {needed}: give it, not {other}")
 
     @property
     @override
@@ -71,60 +89,88 @@ class CoulombFriction(Effect):
         return _FORMS[self.smoothing]
 
     @property
+    def _sticks(self) -> bool:
+        return self.smoothing == "dahl"
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The force and the width; their symbols tell the smoothings apart."""
         force, width = _SYMBOLS[self.smoothing]
+        unit, kind, source = ("m", "drift", _DAHL) if self._sticks else ("m/s", "drift rate", _MOSTAGHEL)
         return (
-            Parameter(symbol=force, unit="N", neutral=0.0, lower=0.0, description="friction force", source=self.source),
+            Parameter(symbol=force, unit="N", neutral=0.0, lower=0.0, description="friction force", source=source),
             Parameter(
                 symbol=width,
-                unit="m/s",
+                unit=unit,
                 neutral=1.0,
                 lower=1e-9,
-                description="drift rate over which friction turns",
-                source=self.source,
+                description=f"{kind} over which friction turns",
+                source=source,
             ),
         )
 
     @property
     @override
     def values(self) -> Mapping[str, Value]:
-        return dict(zip(_SYMBOLS[self.smoothing], (self.F_c, self.v0), strict=True))
+        width = self.x0 if self._sticks else self.v0
+        assert width is not None
+        return dict(zip(_SYMBOLS[self.smoothing], (self.F_c, width), strict=True))
 
     @classmethod
     @override
     def neutral_forms(cls) -> tuple[Self, ...]:
-        return tuple(cls(F_c=0.0, v0=1.0, smoothing=smoothing) for smoothing in _SYMBOLS)
+        return cls._every_form(0.0, 1.0, 1.0)
 
     @classmethod
     @override
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        v0 = LogNormal(0.03 * scales.drift_rate, 0.8).truncated(0.004 * scales.drift_rate, 0.3 * scales.drift_rate)
-        return tuple(cls(F_c=HalfNormal(0.3 * scales.force), v0=v0, smoothing=smoothing) for smoothing in _SYMBOLS)
+        v0, x0 = (
+            LogNormal(0.03 * largest, 0.8).truncated(0.004 * largest, 0.3 * largest)
+            for largest in (scales.drift_rate, scales.drift)
+        )
+        return cls._every_form(HalfNormal(0.3 * scales.force), v0, x0)
+
+    @classmethod
+    def _every_form(cls, force: Value, v0: Value, x0: Value) -> tuple[Self, ...]:
+        rates = tuple(cls(F_c=force, v0=v0, smoothing=smoothing) for smoothing in ("tanh", "ratio", "root"))
+        return (*rates, cls(F_c=force, x0=x0, smoothing="dahl"))
+
+    def _largest(self, scales: Scales) -> float:
+        return scales.drift if self._sticks else scales.drift_rate
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         force, width = _SYMBOLS[self.smoothing]
         return {
             force: (0.03 * scales.force, 0.15 * scales.force),
-            width: (0.015 * scales.drift_rate, 0.08 * scales.drift_rate),
+            width: tuple(share * self._largest(scales) for share in (0.015, 0.08)),
         }
 
     @override
     def doubt(self, values: Mapping[str, float], scales: Scales) -> str:
         _, width = _SYMBOLS[self.smoothing]
-        share = values[width] / scales.drift_rate
+        share = values[width] / self._largest(scales)
+        largest = "drift" if self._sticks else "drift rate"
         return (
-            f"it turns over {100 * share:.0f} % of the largest drift rate: not dry friction" if share > _WIDEST else ""
+            f"it turns over {100 * share:.0f} % of the largest {largest}: not dry friction" if share > _WIDEST else ""
         )
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        force, v0 = (symbol(s) for s in _SYMBOLS[self.smoothing])
+        force, width = (symbol(s) for s in _SYMBOLS[self.smoothing])
         v = DRIFT_RATE
-        smooth_sign = {"tanh": sp.tanh(v / v0), "ratio": v / (sp.Abs(v) + v0), "root": v / sp.sqrt(v**2 + v0**2)}
+        turn = {
+            "tanh": sp.tanh(v / width),
+            "ratio": v / (sp.Abs(v) + width),
+            "root": v / sp.sqrt(v**2 + width**2),
+            "dahl": MOBILISED,
+        }
+        filled = replace(slots, added_force=slots.added_force + force * turn[self.smoothing])
+        if not self._sticks:
+            return replace(filled, sharp_features=(*slots.sharp_features, SharpFeature(state=v, width=width)))
         return replace(
-            slots,
-            added_force=slots.added_force + force * smooth_sign[self.smoothing],
-            sharp_features=(*slots.sharp_features, SharpFeature(state=v, width=v0)),
+            filled,
+            added_states=(*slots.added_states, AddedState(state=MOBILISED, rate=(v - sp.Abs(v) * MOBILISED) / width)),
+            # q_f follows the drift within x0: a step of a stable scheme must be shorter than a few.
+            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=4 * width, everywhere=True)),
         )

@@ -13,6 +13,7 @@ from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.bridge import bridge, contributing
+from bwbn_bayes.inference.identifiability import covariance_of
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
     WeightedDraws,
@@ -104,16 +105,10 @@ def bridged_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: i
     )
 
 
-def _sds_at(information: Floats) -> Floats:
-    """Standard deviations in the unit cube, real even where rounding leaves the information indefinite."""
-    precisions, directions = np.linalg.eigh(information)
-    return np.sqrt(np.square(directions) @ (1.0 / (np.maximum(precisions, 0.0) + 12.0)))
-
-
 def _at_modes(posterior: Posterior, modes: tuple[Mode, ...], hypothesis: Hypothesis | None) -> Evidence:
     best = modes[0]
     values = posterior.space.from_unit(best.point[None])
-    sds = _sds_at(best.information) * posterior.space.unit_scale(values)[0]
+    sds = np.sqrt(np.diag(covariance_of(best.information))) * posterior.space.unit_scale(values)[0]
     gain = sum(coloured_noise(rest).gain for rest in counted(posterior.record, residual_of(posterior, best.point)))
     return Evidence(
         log_likelihood=best.log_likelihood,

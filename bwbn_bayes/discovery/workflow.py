@@ -316,13 +316,13 @@ def _threaded(fit: Fit, run: Run) -> Fit:
 
 
 def _prune(grown: Grown, run: Run) -> Grown:
-    """Drop an effect that a later one has made superfluous."""
+    """Drop an effect that a later one has made superfluous; the last, if its fit only led out of a local minimum."""
     present, added = grown.present, grown.added
     if len(added) < 2:
         return grown
     run.say("checking whether each effect is still needed")
     own = present_evidence(present.posterior, present.modes, run.rng, 1000)
-    for superfluous in added[:-1]:
+    for superfluous in added:
         kept = tuple(one for one in added if one is not superfluous)
         model = run.steps[0].model
         for one in kept:
@@ -337,9 +337,11 @@ def _prune(grown: Grown, run: Run) -> Grown:
             continue
         without = present_evidence(posterior, modes, run.rng, 1000)
         if own.total - without.total < THRESHOLD:
-            run.withdraw("a later effect makes it superfluous", superfluous.decision)
+            later = superfluous is not added[-1]
+            why = "a later effect makes it superfluous" if later else "the fit that it led to is as good without it"
+            run.withdraw(why, superfluous.decision)
             run.say(f"{superfluous.candidate.hypothesis.label} is no longer needed")
             smaller = Present(posterior=posterior, modes=modes, starts=points[:3])
-            first = None if superfluous is added[0] else grown.first
+            first = None if superfluous is added[0] else smaller if len(kept) == 1 else grown.first
             return _prune(grown._replace(present=smaller, added=kept, first=first), run)
     return grown

@@ -21,11 +21,28 @@ LEAST_NAMED = 3
 
 
 def covariance_of(information: Floats) -> Floats:
-    """Covariance ``(n, n)`` in prior units: the inverse of the data's information and the prior's own.
+    """Covariance ``(..., n, n)`` in prior units: the inverse of the data's information and the prior's own.
 
     Of some of the coordinates only, with their part of the information: while the others are held.
     """
-    return np.linalg.inv(information + np.eye(len(information)) / PRIOR_SD**2)
+    factor = covariance_factor(information)
+    return factor @ np.swapaxes(factor, -1, -2)
+
+
+def covariance_factor(information: Floats) -> Floats:
+    """The covariance's lower Cholesky factor ``(..., n, n)``, from the information and not from its inverse.
+
+    Information that spans many orders of magnitude comes out indefinite by rounding, and so would its inverse; here no
+    direction is wider than the prior's.
+    """
+    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", information), 0.0) + 1.0 / PRIOR_SD**2)
+    values, vectors = np.linalg.eigh(information / (scale[..., :, None] * scale[..., None, :]))
+    seen = scale[..., :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    prior = np.broadcast_to(np.eye(seen.shape[-1]) / PRIOR_SD, seen.shape)
+    # Rows whose sum of squares is the precision; in reverse order the inverse of their R is the factor, turned about.
+    rows = np.concatenate([np.swapaxes(seen, -1, -2), prior], axis=-2)[..., ::-1]
+    factor = np.linalg.inv(np.linalg.qr(rows, mode="r"))[..., ::-1, ::-1]
+    return np.asarray(np.tril(factor * np.sign(np.einsum("...ii->...i", factor))[..., None, :]))
 
 
 def unseen_directions(information: Floats) -> list[tuple[float, Floats]]:

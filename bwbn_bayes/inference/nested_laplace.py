@@ -24,7 +24,7 @@ from typing import Self
 import numpy as np
 from scipy.special import logsumexp
 
-from bwbn_bayes.inference.identifiability import covariance_of
+from bwbn_bayes.inference.identifiability import covariance_factor, covariance_of
 from bwbn_bayes.inference.importance import Mixture, WeightedDraws, laplace_mixture, sample_importance
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode
@@ -103,7 +103,7 @@ class NestedLaplace:
         mean = nodes.points[:, rest] + step
         sd = np.sqrt(np.einsum("nii->ni", covariance))
         order = _drawing_order(mean[nodes.alive], sd[nodes.alive])
-        factor = np.linalg.cholesky(_WIDEN * covariance[:, order][:, :, order])
+        factor = np.sqrt(_WIDEN) * covariance_factor(_held_back(nodes.local, rest[order]))
         diagonal = np.einsum("nii->ni", factor)
         # What Laplace's approximation leaves of the density at a node when the rest is integrated out, bounds aside.
         height = nodes.local.log_likelihood - _log_normal(nodes.points[:, rest[order]] - mean[:, order], factor)
@@ -300,7 +300,13 @@ class Sheet:
 
 
 def _newton(local: Linearisation, coordinates: Integers) -> tuple[Floats, Floats]:
-    """Covariances ``(n, m, m)`` of some coordinates and their steps ``(n, m)`` to the mean.
+    """Covariances ``(n, m, m)`` of some coordinates and their steps ``(n, m)`` to the mean."""
+    covariance = covariance_of(_held_back(local, coordinates))
+    return covariance, np.einsum("nij,nj->ni", covariance, local.gradient[:, coordinates])
+
+
+def _held_back(local: Linearisation, coordinates: Integers) -> Floats:
+    """The information ``(n, m, m)`` on some coordinates.
 
     What a bound holds back can have its mean many standard deviations beyond it, where a hundredth of either between
     two nodes is worth many nats at the bound. There the information grows, with the slope kept, until it is a few.
@@ -309,8 +315,7 @@ def _newton(local: Linearisation, coordinates: Integers) -> tuple[Floats, Floats
     information = local.information[:, coordinates][:, :, coordinates]
     short = np.square(gradient / _FURTHEST) - np.einsum("nii->ni", information)
     np.einsum("nii->ni", information)[...] += np.maximum(short, 0.0)
-    covariance = np.array([covariance_of(one) for one in information])
-    return covariance, np.einsum("nij,nj->ni", covariance, gradient)
+    return information
 
 
 def _log_normal(deviations: Floats, factor: Floats) -> Floats:

@@ -145,22 +145,31 @@ def test_the_second_search_weighs_against_the_first_rounds_hypotheses(monkeypatc
     assert weighed == [first]
 
 
-def test_an_effect_without_which_nothing_can_be_solved_is_needed(
-    record: Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As a damper that holds a storey which snaps through."""
+def with_two(record: Record) -> tuple[Grown, Run]:
+    """A run that added a damper and a cubic spring, at two draws of their prior; each decision is its number."""
     effects = (QuadraticDamping(c2=Uniform(0, 1)), CubicStiffness(k3=Uniform(0, 1e5)))
     model = MODEL.with_effect(effects[0]).with_effect(effects[1])
     posterior = Posterior(model=model, record=record, engine=Lanes(), noise=default_noise(record))
     modes = tuple(SimpleNamespace(point=point) for point in posterior.sample_prior(np.random.default_rng(1), 2))
     present: Any = SimpleNamespace(posterior=posterior, modes=modes)
     added: Any = tuple(
-        SimpleNamespace(candidate=SimpleNamespace(hypothesis=SimpleNamespace(effect=effect, storeys=())))
-        for effect in effects
+        SimpleNamespace(
+            candidate=SimpleNamespace(hypothesis=SimpleNamespace(effect=effect, storeys=(), label=effect.name)),
+            decision=number,
+        )
+        for number, effect in enumerate(effects)
     )
     run = Run(DiscoverySettings(), np.random.default_rng(1), None)
-    steps: Any = [SimpleNamespace(model=MODEL)]
+    steps: Any = [SimpleNamespace(model=MODEL, decision=None)]
     run.steps = steps
+    return Grown(present, added, None, False), run
+
+
+def test_an_effect_without_which_nothing_can_be_solved_is_needed(
+    record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a damper that holds a storey which snaps through."""
+    grown, run = with_two(record)
 
     def fail(view: Posterior, points: Floats, **_: object) -> tuple[Floats, Linearisation]:
         local = view.linearise(points)
@@ -168,5 +177,30 @@ def test_an_effect_without_which_nothing_can_be_solved_is_needed(
 
     monkeypatch.setattr(workflow, "polish", fail)
     monkeypatch.setattr(workflow, "present_evidence", lambda *_: SimpleNamespace(total=0.0))
-    grown = Grown(present, added, None, False)
     assert workflow._prune(grown, run) == grown
+
+
+@pytest.mark.parametrize(
+    ("needed", "why"),
+    [
+        (0, "the fit that it led to is as good without it"),
+        (1, "a later effect makes it superfluous"),
+    ],
+)
+def test_an_effect_is_dropped_without_which_the_last_fit_is_as_good(
+    record: Record, monkeypatch: pytest.MonkeyPatch, needed: int, why: str
+) -> None:
+    grown, run = with_two(record)
+    told: list[tuple[str, int]] = []
+
+    def evidence(posterior: Posterior, *_: object) -> SimpleNamespace:
+        here = {placed.effect.name for placed in posterior.model.effects}
+        return SimpleNamespace(total=0.0 if grown.added[needed].candidate.hypothesis.label in here else -50.0)
+
+    monkeypatch.setattr(workflow, "polish", lambda view, points, **_: (points, view.linearise(points)))
+    monkeypatch.setattr(workflow, "present_evidence", evidence)
+    monkeypatch.setattr(run, "withdraw", lambda reason, decision: told.append((reason, decision)))
+    found = workflow._prune(grown, run)
+    assert found.added == (grown.added[needed],)
+    assert told == [(why, 1 - needed)]
+    assert found.first is (found.present if needed == 0 else None)

@@ -6,7 +6,14 @@ from inference_cases import climbed, posterior_of, sdof_model, true_point, with_
 from scipy import stats
 
 from bwbn_bayes import Record
-from bwbn_bayes.inference.identifiability import PRIOR_SD, describe, flag, unseen_directions
+from bwbn_bayes.inference.identifiability import (
+    PRIOR_SD,
+    covariance_factor,
+    covariance_of,
+    describe,
+    flag,
+    unseen_directions,
+)
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 
@@ -26,6 +33,28 @@ def test_directions_are_those_of_the_information() -> None:
     assert next_one == pytest.approx(1.0 / np.sqrt(30.0) / PRIOR_SD)
     assert abs(first @ frame[:, 2]) == pytest.approx(1.0)
     assert abs(second @ frame[:, 1]) == pytest.approx(1.0)
+
+
+def test_the_factor_of_the_covariance_is_that_of_the_inverse() -> None:
+    slopes = np.random.default_rng(2).standard_normal((3, 30, 5)) * [1.0, 30.0, 0.1, 5.0, 200.0]
+    information = np.swapaxes(slopes, 1, 2) @ slopes
+    expected = np.linalg.inv(information + np.eye(5) / PRIOR_SD**2)
+    np.testing.assert_allclose(covariance_of(information), expected, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(covariance_factor(information), np.linalg.cholesky(expected), rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("sharpest", [1e13, 1e16, 1e22])
+def test_information_that_rounding_leaves_indefinite_has_a_factor(sharpest: float) -> None:
+    """Two directions are sharp; the rest, as far as rounding lets one see, is held by the prior alone."""
+    frame, _ = np.linalg.qr(np.random.default_rng(5).standard_normal((6, 6)))
+    information = (frame[:, :2] * [sharpest, 1e-3 * sharpest]) @ frame[:, :2].T
+    assert np.linalg.eigvalsh(information)[0] < 0.0
+    factor = covariance_factor(information)
+    assert np.all(np.diag(factor) > 0.0)
+    assert np.max(np.linalg.eigvalsh(factor @ factor.T)) < 1.001 * PRIOR_SD**2
+    if sharpest < 1e14:
+        rest = PRIOR_SD**2 * (np.eye(6) - frame[:, :2] @ frame[:, :2].T)
+        np.testing.assert_allclose(factor @ factor.T, rest, atol=1e-3)
 
 
 def test_a_parameter_without_effect_is_named_alone() -> None:

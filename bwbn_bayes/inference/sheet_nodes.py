@@ -28,6 +28,8 @@ _N_NODES = (32, 32, 64, 128)
 _SPREAD = 8.0
 """The nodes reach this many standard deviations to each side of the modes."""
 _STRETCH = 1.15
+_STEEPEST = 1e20
+"""Derivatives run away with the solution; information beyond this knows a coordinate of the cube to below 1e-10."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,10 +187,15 @@ def first_nodes(posterior: Posterior, modes: Sequence[Mode]) -> Nodes:
 
 
 def refitted(posterior: Posterior, points: Floats, wide: Integers, n_iterations: int) -> tuple[Floats, Linearisation]:
-    """Climb from points ``(n, n_dim)`` with the wide coordinates held; those that cannot be solved are left out."""
+    """Climb from points ``(n, n_dim)`` with the wide coordinates held.
+
+    Those that cannot be solved are left out, and those whose derivatives have run away.
+    """
     held = np.isin(np.arange(points.shape[1]), wide)
     found, local = polish(posterior, points, n_iterations=n_iterations, held=held, reach=2.0 * REACH)
-    solved = np.flatnonzero(np.isfinite(local.log_likelihood))
+    derivatives = np.hstack([local.gradient, np.einsum("nii->ni", local.information)])
+    tame = np.max(np.abs(derivatives), axis=1) < _STEEPEST
+    solved = np.flatnonzero(np.isfinite(local.log_likelihood) & tame)
     return found[solved], local[solved]
 
 

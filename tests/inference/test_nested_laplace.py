@@ -232,15 +232,29 @@ def test_nodes_are_alive_within_reach_of_the_best_but_never_too_few() -> None:
     assert np.count_nonzero(nodes.alive) == 10
 
 
+@pytest.mark.parametrize(
+    ("log_likelihood", "gradient", "information"),
+    [
+        pytest.param(-np.inf, np.nan, np.nan, id="unsolved"),
+        pytest.param(-1e4, 4e129, 3e257, id="runaway derivatives"),
+        pytest.param(-1e4, 2e169, 0.0, id="information that overflowed"),
+    ],
+)
 def test_what_cannot_be_solved_is_no_node(
-    free_posterior: Posterior, free_mode: Mode, monkeypatch: pytest.MonkeyPatch
+    log_likelihood: float,
+    gradient: float,
+    information: float,
+    free_posterior: Posterior,
+    free_mode: Mode,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Half of the refits fail; the sheet goes through the rest."""
 
     def failing(*given: object, **options: object) -> tuple[Floats, Linearisation]:
         points, local = polish(*given, **options)  # type: ignore[arg-type]
-        local.log_likelihood[1::2] = -np.inf
-        local.information[1::2] = np.nan
+        local.log_likelihood[1::2] = log_likelihood
+        local.gradient[1::2] = gradient
+        local.information[1::2] = information
         return points, local
 
     monkeypatch.setattr("bwbn_bayes.inference.sheet_nodes.polish", failing)

@@ -61,7 +61,7 @@ class Backlash(Effect):
     @classmethod
     @override
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(b=HalfNormal(0.15 * scales.drift), w=0.01 * scales.drift),)
+        return (cls(b=HalfNormal(0.15 * scales.drift), w=0.004 * scales.drift),)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

@@ -8,6 +8,7 @@ whole checkpoint behind.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -51,6 +52,7 @@ def save(path: Path, state: RunState, identity: Identity) -> None:
         What a resuming run must match.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
+    before = _named_arrays(path)
     arrays = path.with_name(f"{path.name}.stage-{state.facts[-1].stage}.npz")
     population = state.population
     with arrays.open("wb") as stream:
@@ -74,9 +76,8 @@ def save(path: Path, state: RunState, identity: Identity) -> None:
     fresh = _description(path).with_suffix(".json.new")
     fresh.write_text(json.dumps(description, indent=1))
     fresh.replace(_description(path))
-    for stale in path.parent.glob(f"{path.name}.stage-*.npz"):
-        if stale != arrays:
-            stale.unlink()
+    if before is not None and before != arrays:
+        before.unlink(missing_ok=True)
 
 
 def load(path: Path, identity: Identity) -> RunState | None:
@@ -91,7 +92,7 @@ def load(path: Path, identity: Identity) -> RunState | None:
         return None
     try:
         description = json.loads(_description(path).read_text())
-        with path.with_name(description["arrays"]).open("rb") as stream, np.load(stream) as arrays:
+        with _arrays(path, description["arrays"]).open("rb") as stream, np.load(stream) as arrays:
             cloud = Cloud(*(arrays[name] for name in Cloud._fields))
             tuning = Tuning(arrays["shares"], arrays["scales"])
             population = Population(cloud, arrays["families"], description["effective_size"], tuning)
@@ -117,3 +118,18 @@ def load(path: Path, identity: Identity) -> RunState | None:
 
 def _description(path: Path) -> Path:
     return path.with_name(f"{path.name}.json")
+
+
+def _arrays(path: Path, name: object) -> Path:
+    """The arrays that a description names: of this checkpoint and beside it, or ValueError."""
+    if not isinstance(name, str) or not re.fullmatch(re.escape(path.name) + r"\.stage-\d+\.npz", name):
+        raise ValueError(f"its arrays are said to be in {name!r}")
+    return path.with_name(name)
+
+
+def _named_arrays(path: Path) -> Path | None:
+    """The arrays of the checkpoint as it stands; None where there is none, or none that can be read."""
+    try:
+        return _arrays(path, json.loads(_description(path).read_text())["arrays"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

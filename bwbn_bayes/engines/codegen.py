@@ -8,8 +8,9 @@ of the time loop.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import sympy as sp
 from sympy.codegen.cfunctions import exp2, log2
@@ -276,10 +277,7 @@ def spelled(law: StoreyLaw) -> StoreyLaw:
 
 def law_programs(law: StoreyLaw) -> LawPrograms:
     """Generate the programs of a law that :func:`spelled` has named, and of its derivatives."""
-    own = (DRIFT, DRIFT_RATE, *law.states)
-    inputs = tuple(sp.Symbol(INPUT_NAMES[s], real=True) for s in FLOOR_INPUTS)
-    has_floor, has_base = law.acceleration is not None, law.base is not None
-    variables = (*own, *law.symbols, *(inputs if has_floor or has_base else ()))
+    own, variables = (DRIFT, DRIFT_RATE, *law.states), _variables(law)
     constants = frozenset({*law.symbols, INVERSE_MASS, *(event.indicator for event in law.events)})
     n = law.n_storey_states
     storey = _part((law.force, *law.rates[:n]), tuple(range(1 + n)), variables, constants, 0)
@@ -294,6 +292,43 @@ def law_programs(law: StoreyLaw) -> LawPrograms:
         first = (floor or storey).end
         base = _part(base_outputs, tuple(range(len(base_outputs))), columns, constants, first)
     return LawPrograms(storey=storey, floor=floor, base=base, variables=variables)
+
+
+def _variables(law: StoreyLaw) -> tuple[sp.Symbol, ...]:
+    inputs = tuple(sp.Symbol(INPUT_NAMES[s], real=True) for s in FLOOR_INPUTS)
+    around = inputs if law.acceleration is not None or law.base is not None else ()
+    return (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *around)
+
+
+def packed(programs: LawPrograms) -> list[dict[str, Any] | None]:
+    """Programs as plain data; the variables are the law's own."""
+    return [None if part is None else asdict(part) for part in (programs.storey, programs.floor, programs.base)]
+
+
+def unpacked(plain: Sequence[Mapping[str, Any] | None], law: StoreyLaw) -> LawPrograms:
+    """The programs of a law from what :func:`packed` made of them."""
+    storey, floor, base = (None if part is None else _unpacked_part(part) for part in plain)
+    assert storey is not None
+    return LawPrograms(storey=storey, floor=floor, base=base, variables=_variables(law))
+
+
+def _unpacked_part(plain: Mapping[str, Any]) -> Part:
+    """Lists are tuples again."""
+    program = {
+        name: Program(
+            hoisted=tuple((symbol, source) for symbol, source in plain[name]["hoisted"]),
+            lines=tuple((symbol, source) for symbol, source in plain[name]["lines"]),
+            outputs=tuple(plain[name]["outputs"]),
+        )
+        for name in ("rates", "tangent")
+    }
+    return Part(
+        **program,
+        rows=tuple(plain["rows"]),
+        partials=tuple((row, column) for row, column in plain["partials"]),
+        first_rates=plain["first_rates"],
+        first_tangent=plain["first_tangent"],
+    )
 
 
 def _part(

@@ -19,8 +19,10 @@ from bwbn_bayes.engines.scalar_source import FLAGS, HEAD, layout, scalar_source
 
 _CALLBACKS = '''
 
-from numba import carray, cfunc, types
+from numba import carray, types
 from numba.extending import intrinsic
+
+from bwbn_bayes.engines.kernel_cache import cfunc
 
 _C = {{"i": types.int32, "l": types.int64, "p": types.intp, "d": types.float64, "v": types.void}}
 
@@ -115,7 +117,7 @@ def _tangents_callback(n_directions, t, y, dy, tangents, rates_of_tangents, data
 
 _P = types.intp
 _FAST = {{"contract", "reassoc", "arcp", "nsz"}}
-_OPTIONS = {{"nopython": True, "cache": True, "error_model": "numpy", "fastmath": _FAST}}
+_OPTIONS = {{"nopython": True, "error_model": "numpy", "fastmath": _FAST}}
 rates_callback = cfunc(types.int32(types.float64, _P, _P, _P), **_OPTIONS)(_rates_callback)
 jacobian_callback = cfunc(types.int32(types.float64, _P, _P, _P, _P, _P, _P, _P), **_OPTIONS)(_jacobian_callback)
 tangents_callback = cfunc(types.int32(types.int32, types.float64, _P, _P, _P, _P, _P, _P, _P), **_OPTIONS)(

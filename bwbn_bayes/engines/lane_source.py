@@ -41,7 +41,7 @@ from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
 LANES = 16
 WITH_TANGENTS = "_with_tangents"
 """How the names of functions end that carry derivatives."""
-FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, nogil=True, cache=True'
+FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, nogil=True'
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,10 @@ The march stands in a kernel twice, with derivatives (``_with_tangents``) and wi
 
 MATHEMATICS = '''\
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from bwbn_bayes.engines.kernel_cache import njit
 
 LANES = {lanes}
 BLOCK = {block} * LANES

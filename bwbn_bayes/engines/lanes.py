@@ -430,7 +430,8 @@ _MAKING = threading.Lock()
 def is_compiled(law: StoreyLaw, driven: bool) -> bool:
     """Whether the cache holds the law's kernel, or another process has begun to compile it."""
     safe, programs = programs_of(law)
-    return kernel_path("lanes", lane_source(safe, programs, driven=driven)).exists()
+    path = kernel_path("lanes", lane_source(safe, programs, driven=driven))
+    return path is not None and path.exists()
 
 
 def compile_law(law: StoreyLaw, driven: bool, with_tangents: bool) -> None:

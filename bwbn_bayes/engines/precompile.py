@@ -1,20 +1,29 @@
 """Compile lane kernels in a process of their own: compiling holds the interpreter, so threads do not help.
 
-``python -m bwbn_bayes.engines.precompile FILE`` compiles the pickled laws of a file into the kernel cache.
+The child compiles the pickled laws that its parent sends it into the kernel cache, and ends when the parent does.
 """
 
 from __future__ import annotations
 
+import os
 import pickle
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from bwbn_bayes.elements.law import StoreyLaw
+from bwbn_bayes.engines.cache_files import cache_directory
 from bwbn_bayes.engines.lanes import compile_law, is_compiled
+
+_CHILD = """
+import sys
+sys.path.append(sys.argv[1])
+from bwbn_bayes.engines.precompile import compile_laws_sent
+compile_laws_sent()
+"""
 
 
 def precompile(laws: Mapping[StoreyLaw, bool], *, driven: bool) -> threading.Thread | None:
@@ -27,24 +36,40 @@ def precompile(laws: Mapping[StoreyLaw, bool], *, driven: bool) -> threading.Thr
     driven : bool
         True for a specimen whose displacement is given, False for a base-excited building.
     """
+    directory = cache_directory()
     missing = {law: with_tangents for law, with_tangents in laws.items() if not is_compiled(law, driven)}
-    if not missing:
+    if not missing or directory is None:
         return None
-    with tempfile.NamedTemporaryFile(suffix=".laws", delete=False) as file:
-        pickle.dump((missing, driven), file)
-    command = [sys.executable, "-m", "bwbn_bayes.engines.precompile", file.name]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    waiting = threading.Thread(target=process.wait, daemon=True)
+    process = subprocess.Popen(
+        # -P: the current folder may be anybody's, it is no place to import from.
+        [sys.executable, "-P", "-c", _CHILD, str(Path(__file__).parents[2])],
+        env={**os.environ, "BWBN_CACHE_DIR": str(directory)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    waiting = threading.Thread(target=_attend, args=(process, pickle.dumps((missing, driven))), daemon=True)
     waiting.start()
     return waiting
 
 
-def _main(path: Path) -> None:
-    laws, driven = pickle.loads(path.read_bytes())
-    path.unlink()
+def _attend(process: subprocess.Popen[bytes], laws: bytes) -> None:
+    """Send the laws, and keep the pipe open until they are compiled: its end tells the child that nobody waits."""
+    assert process.stdin is not None
+    with suppress(BrokenPipeError), process.stdin:
+        process.stdin.write(laws)
+        process.stdin.flush()
+        process.wait()
+
+
+def compile_laws_sent() -> None:
+    """Compile what the parent sends."""
+    laws, driven = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     for law, with_tangents in laws.items():
         compile_law(law, driven, with_tangents)
 
 
-if __name__ == "__main__":
-    _main(Path(sys.argv[1]))
+def _end_with_parent() -> None:
+    sys.stdin.buffer.read()
+    os._exit(1)

@@ -28,7 +28,7 @@ from bwbn_bayes.engines.base import (
     check_record,
     masses,
 )
-from bwbn_bayes.engines.codegen import LawPrograms, law_programs, spelled
+from bwbn_bayes.engines.codegen import LawPrograms, law_programs, packed, spelled, unpacked
 from bwbn_bayes.engines.kernel_cache import load_kernel, remembered
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
@@ -175,7 +175,7 @@ def programs_of(law: StoreyLaw) -> tuple[StoreyLaw, LawPrograms]:
     safe = spelled(law)
     generator = Path(codegen.__file__).read_text()
     key = "\n".join((repr(safe), generator, sympy.__version__, platform.python_version()))
-    return safe, remembered("programs", key, lambda: law_programs(safe))
+    return safe, unpacked(remembered("programs", key, lambda: packed(law_programs(safe))), safe)
 
 
 @cache

@@ -26,7 +26,7 @@ from bwbn_bayes.engines.scalar_template import EVENTS, LAW, RUNGE_KUTTA
 from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
 
 HEAD = 4
-FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, nogil=True, cache=True'
+FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, nogil=True'
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ The law, its slopes and directions; events, the driven top and what is observed;
 LAW = '''\
 import numpy as np
 from math import exp2 as _exp2, log2 as _log2
-from numba import njit
+from bwbn_bayes.engines.kernel_cache import njit
 
 
 @njit({flags})

@@ -67,7 +67,7 @@ def test_what_was_made_is_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert remembered("other", "key", lambda: make("third")) == {"third": 3}
     assert made == ["first", "second", "third"]
     assert len(list((tmp_path / "new").iterdir())) == 3
-    assert all(path.suffix == ".pickle" for path in (tmp_path / "new").iterdir())
+    assert all(path.suffix == ".kept" for path in (tmp_path / "new").iterdir())
 
 
 def test_what_cannot_be_made_is_not_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

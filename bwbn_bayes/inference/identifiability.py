@@ -101,6 +101,6 @@ def flag(points: Floats) -> str:
     Unidentified: the posterior keeps more than 80 % of the prior's standard deviation.
     """
     mean, sd = float(np.mean(points)), float(np.std(points))
-    if sd > 0.8 * PRIOR_SD:
+    if not sd <= 0.8 * PRIOR_SD:  # nor is a posterior of NaN identified
         return "unidentified"
     return "prior-bound" if min(mean, 1.0 - mean) < 1.65 * sd else ""

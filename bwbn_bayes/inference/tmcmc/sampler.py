@@ -44,6 +44,8 @@ from bwbn_bayes.results import StageFacts
 Variant = Literal["default", "plain"]
 TARGET_VARIATION = {"default": 0.5, "plain": 1.0}
 """Coefficient of variation of the weights that each variant steps to."""
+_SOLVED_AGAIN = 16
+"""Points of a checkpoint that are solved again before it is believed: as many as cost no more than one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,11 +213,12 @@ def _announce(
 
 
 def _require_same_target(state: RunState, evaluator: Evaluator, checkpoint: Path | None) -> None:
-    """Solve one saved point again: another model or record would continue to a wrong posterior without a word."""
+    """Solve some saved points again: another model or record would continue to a wrong posterior without a word."""
     cloud = state.population.cloud
-    chosen = np.flatnonzero(np.isfinite(cloud.log_ratio))[:1]
-    again, _ = evaluator(cloud.points[chosen])
-    if not np.allclose(again.log_ratio, cloud.log_ratio[chosen], rtol=1e-9, atol=1e-6):
+    finite = np.flatnonzero(np.isfinite(cloud.log_ratio))
+    saved = cloud.take(finite[:: max(1, len(finite) // _SOLVED_AGAIN)][:_SOLVED_AGAIN])
+    again, _ = evaluator(saved.points)
+    if not all(np.allclose(one, other, rtol=1e-9, atol=1e-6) for one, other in zip(again, saved, strict=True)):
         raise UserError(
             f"checkpoint {checkpoint}: its likelihoods are not those of this model and record; delete it to start anew"
         )

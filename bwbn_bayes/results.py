@@ -33,9 +33,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import xarray as xr
 
@@ -199,24 +200,34 @@ class Result:
         try:
             tree = xr.open_datatree(path, engine="h5netcdf").load()
             raw = json.loads(tree.attrs.pop("facts"))
+            facts = _built(Facts, raw)
         except FileNotFoundError:
             raise UserError(f"result file {path} does not exist: give the path of a saved result.nc") from None
-        except (OSError, KeyError, ValueError) as error:
+        except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
             raise UserError(f"{path} is no saved result: give a result.nc that Result.save wrote") from error
-        facts = Facts(
-            **{
-                **raw,
-                "parameters": tuple(ParameterFacts(**{**p, "hdi90": tuple(p["hdi90"])}) for p in raw["parameters"]),
-                "checks": tuple(Check(**c) for c in raw["checks"]),
-                "stages": tuple(StageFacts(**s) for s in raw["stages"]),
-                "equations": tuple(Equation(**e) for e in raw["equations"]),
-                "evidences": {road: tuple(pair) for road, pair in raw["evidences"].items()},
-                "verdict": tuple(raw["verdict"]),
-                "identifiability": tuple(raw["identifiability"]),
-                "assumptions": tuple(raw["assumptions"]),
-            }
-        )
         return cls(tree=tree, facts=facts)
+
+
+def _built(kind: Any, raw: Any) -> Any:
+    """A value of an annotated kind from what JSON keeps of it; TypeError where it is of another."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return raw
+    if is_dataclass(kind) and isinstance(kind, type):
+        kinds = get_type_hints(kind)
+        return kind(**{name: _built(kinds[name], value) for name, value in dict(raw).items()})
+    if origin is Union or origin is UnionType:
+        return None if raw is None and NoneType in inner else _built(inner[0], raw)
+    if origin is tuple and isinstance(raw, list):
+        each = (inner[0],) * len(raw) if inner[-1] is Ellipsis else inner
+        return tuple(_built(one, value) for one, value in zip(each, raw, strict=True))
+    if origin is Mapping and isinstance(raw, dict):
+        return {key: _built(inner[1], value) for key, value in raw.items()}
+    if kind is float and type(raw) in (int, float):
+        return float(raw)
+    if type(raw) is kind:
+        return raw
+    raise TypeError(f"{raw!r} is no {kind}")
 
 
 def finite(value: Any) -> Any:

@@ -250,6 +250,16 @@ def test_a_nan_is_named_by_line_and_column(run: Run, simulated: Path, tmp_path: 
     _is_one_sentence(outcome, f"{path}, line {len(lines)}", "acceleration_1", "nan")
 
 
+def test_a_refusal_steers_no_terminal(run: Run, simulated: Path, tmp_path: Path) -> None:
+    """What a file says is quoted in the sentence that refuses it, an ESC included."""
+    path = tmp_path / "record.csv"
+    text = simulated.read_text(encoding="utf-8").replace("acceleration_1 [m/s^2]", "acceleration_1 [\x1b[31m/s]", 1)
+    path.write_text(text, encoding="utf-8")
+    outcome = run("identify", SDOF, "--record", path, "--out", tmp_path / "out")
+    _is_one_sentence(outcome, "acceleration_1")
+    assert "\x1b" not in outcome.err
+
+
 def test_a_record_without_channels_is_one_sentence(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "motion.csv"
     write_record(sine(amplitude=1.0, frequency_hz=1.0, duration=5.0, time_step=0.02), path)

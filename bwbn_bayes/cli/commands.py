@@ -29,7 +29,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.history import Listener
 from bwbn_bayes.inference.settings import Method, Settings
 from bwbn_bayes.records.readers import read_record, write_record
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Record, one_line
 from bwbn_bayes.report.discovery_text import discovery_in_words
 from bwbn_bayes.reproduction.cases import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
@@ -287,7 +287,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _refuse(sentence: str) -> None:
-    message = Text.assemble(("error: ", "bold red"), " ".join(sentence.split()))
+    message = Text.assemble(("error: ", "bold red"), one_line(sentence))
     Console(stderr=True).print(message, soft_wrap=True)
     sys.exit(2)
 

@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bwbn_bayes.inference.history import Listener
+from bwbn_bayes.records.record import one_line
 from bwbn_bayes.report.numbers import decimal_place
 from bwbn_bayes.results import ParameterFacts, Result, StageFacts
 
@@ -108,7 +109,7 @@ def summarise(result: Result, directory: Path) -> None:
     """Print parameters, verdict, evidences and where the report lies."""
     facts = result.facts
     console = results_console()
-    console.print(Text(f"{facts.model}, {facts.record}\n", "bold"))
+    console.print(Text(one_line(f"{facts.model}, {facts.record}") + "\n", "bold"))
     if facts.parameters:
         console.print(parameter_table(facts.parameters))
         console.print()

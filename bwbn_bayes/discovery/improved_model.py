@@ -60,7 +60,7 @@ def improved_model_source(
     writer = _Writer(added=added)
     blocks = [writer.structure(model), *(writer.placed(one) for one in model.effects)]
     if record_file is not None:
-        blocks.append(f'\nrecord = {writer.function("read_record")}(Path(__file__).with_name("{record_file}"))')
+        blocks.append(f"\nrecord = {writer.function('read_record')}(Path(__file__).with_name({_text(record_file)}))")
     if assumptions:
         blocks.append("\n".join(["", "assumptions = [", *(f"    {_text(one)}," for one in assumptions), "]"]))
     return "\n".join([_docstring(name, added), "", *writer.header(origin), "", *blocks, ""])
@@ -69,7 +69,8 @@ def improved_model_source(
 def _docstring(name: str, added: Sequence[Added]) -> str:
     what = ", ".join(one.candidate.hypothesis.label for one in added)
     first = f"{name} with what discovery found missing: {what}." if added else f"{name} as given: nothing was added."
-    lines = textwrap.wrap(first, _WIDTH, break_long_words=False)
+    escaped = _printable(first).replace("\\", "\\\\").replace('"', '\\"')
+    lines = textwrap.wrap(escaped, _WIDTH, break_long_words=False)
     rest = ("", "Units: N, m, s, kg, J.", '"""')
     return "\n".join(('"""' + lines[0], *lines[1:], *rest))
 
@@ -192,7 +193,7 @@ def _factor(added: Added) -> str:
 
 def _wrapped(sentence: str) -> Iterable[str]:
     # A number stays on one line with its error.
-    kept = sentence.replace(" +- ", "\N{NO-BREAK SPACE}+-\N{NO-BREAK SPACE}")
+    kept = _printable(sentence).replace(" +- ", "\N{NO-BREAK SPACE}+-\N{NO-BREAK SPACE}")
     lines = textwrap.wrap(kept, _WIDTH - 2, break_long_words=False)
     return (f"# {line.replace('\N{NO-BREAK SPACE}', ' ')}" for line in lines)
 
@@ -202,7 +203,14 @@ def _taken(name: str) -> str:
 
 
 def _text(value: str) -> str:
-    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    """A string literal; what would end a line, or steer a terminal, is written as an escape."""
+    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(each if each.isprintable() else repr(each)[1:-1] for each in escaped) + '"'
+
+
+def _printable(sentence: str) -> str:
+    """A sentence for a comment or a docstring, which a line's end would leave."""
+    return "".join(each if each.isprintable() else " " for each in sentence)
 
 
 def _number(value: float) -> str:

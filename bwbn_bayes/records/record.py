@@ -68,7 +68,7 @@ class Record:
     """One excitation and the channels measured under it.
 
     Arrays are copied on entry and read-only; mappings are read-only. Names, labels and provenance are kept as single
-    lines of text (runs of white space become one space). Compare with :meth:`equals`.
+    lines of text (white space, and what cannot be printed, becomes one space). Compare with :meth:`equals`.
 
     Parameters
     ----------
@@ -109,11 +109,11 @@ class Record:
 
     def __post_init__(self) -> None:
         frozen = {
-            "name": _one_line(self.name),
+            "name": one_line(self.name),
             "time_step": float(self.time_step),
             "excitation": _frozen_array(self.excitation, self.excitation_kind),
             "channels": MappingProxyType({key: _frozen_array(value, key) for key, value in self.channels.items()}),
-            "provenance": MappingProxyType({_label(k): _one_line(v) for k, v in self.provenance.items()}),
+            "provenance": MappingProxyType({_label(k): one_line(v) for k, v in self.provenance.items()}),
             "truth": MappingProxyType({_label(k): float(v) for k, v in self.truth.items()}),
             "noise_sd": MappingProxyType({k: float(v) for k, v in self.noise_sd.items()}),
         }
@@ -348,12 +348,13 @@ def _frozen_array(values: ArrayLike, column: str) -> Floats:
     return array
 
 
-def _one_line(text: str) -> str:
-    return " ".join(str(text).split())
+def one_line(text: str) -> str:
+    """Text as one line that a terminal only shows: what cannot be printed, an ESC say, becomes a space."""
+    return " ".join("".join(each if each.isprintable() else " " for each in str(text)).split())
 
 
 def _label(text: str) -> str:
-    label = _one_line(text)
+    label = one_line(text)
     if not label or ":" in label:
         raise UserError(f"the label {text!r} is empty or holds a colon: use a plain word")
     return label

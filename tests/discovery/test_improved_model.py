@@ -1,5 +1,6 @@
 """The improved model's file: read back, it is the same model, for every effect of the catalogue."""
 
+import ast
 from dataclasses import replace
 from pathlib import Path
 
@@ -170,3 +171,33 @@ def test_a_class_of_the_users_own_comes_from_the_given_file(tmp_path: Path) -> N
 def test_what_a_file_may_need_is_public() -> None:
     needed = {"Specimen", "ShearBuilding", "BoucWen", "Uniform", "Normal", "HalfNormal", "LogNormal", "PerStorey"}
     assert needed | {effect.__name__ for effect in registered()} <= set(bwbn_bayes.__all__)
+
+
+@pytest.mark.parametrize(
+    "hostile",
+    [
+        "two\nlines",
+        'a "quote"',
+        '"""',
+        "\\",
+        "ends in \\",
+        "\x1b[31mred",
+        "\x00",
+        "\r",
+        "\u2028",
+        "\ud800",
+        "{braces} %s",
+    ],
+)
+def test_what_a_user_calls_things_stays_text(hostile: str, tmp_path: Path) -> None:
+    """A newline or quotes in an assumption or a name made a file that was no Python, or other Python."""
+    source = improved_model_source(BASE, name=hostile, record_file=hostile, assumptions=[hostile])
+    path = tmp_path / "improved_model.py"
+    path.write_text(source, encoding="utf-8")
+    names: dict[str, object] = {}
+    exec(compile(source.split("\nrecord = ")[0], "improved_model.py", "exec"), names)
+    assert names["model"] == BASE
+    module = ast.parse(source)
+    (assumptions,) = (node.value for node in module.body if isinstance(node, ast.Assign) and "assum" in ast.dump(node))
+    assert ast.literal_eval(assumptions) == [hostile]
+    assert all(each.isprintable() or each == "\n" for each in source)

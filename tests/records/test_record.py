@@ -222,3 +222,11 @@ def test_units_of_channels() -> None:
     assert si_unit("force") == si_unit("force_3") == "N"
     with pytest.raises(UserError, match="channel speed is not known"):
         si_unit("speed")
+
+
+def test_what_a_terminal_would_obey_is_not_kept() -> None:
+    """An ESC in the name of a record that somebody else sent reached the terminal."""
+    motion = Record(name="\x1b]0;mine\x07A\u202eB\x9b31m", time_step=0.1, excitation=np.arange(8.0),
+                    provenance={"by\x1b[2J": "me\x00\x1b[31m"})  # fmt: skip
+    assert motion.name == "]0;mine A B 31m"
+    assert dict(motion.provenance) == {"by [2J": "me [31m"}

@@ -183,10 +183,17 @@ class Result:
     facts: Facts
 
     def save(self, path: Path | str) -> None:
-        """Write arrays and facts to one netCDF file."""
+        """Write arrays and facts to one netCDF file.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
         tree = self.tree.copy()
         tree.attrs["facts"] = json.dumps(asdict(self.facts))
-        tree.to_netcdf(path, engine="h5netcdf")
+        # By way of memory: HDF5 on a full disk ends in pages of its own.
+        Path(path).write_bytes(tree.to_netcdf(engine="h5netcdf"))
 
     @classmethod
     def load(cls, path: Path | str) -> Result:

@@ -189,6 +189,13 @@ BAD_MODELS = [
     (SDOF.read_text(encoding="utf-8") + "excitation = [1.0]\n", "`excitation` must be a Record"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = '30 dB'\n", "`snr_db` is '30 dB'"),
     (SDOF.read_text(encoding="utf-8") + "assumptions = 'one'\n", "`assumptions` must be a list of sentences"),
+    # Each of these ended in a traceback, the last ones after the search had begun.
+    ("class Odd(BaseException):\n    pass\n\nraise Odd('mine')\n", "line 4: Odd: mine"),
+    ("raise GeneratorExit\n", "line 1: GeneratorExit"),
+    (SDOF.read_text(encoding="utf-8") + "snr_db = -1e6\n", "`snr_db` is '-1e+06'"),
+    (SDOF.read_text(encoding="utf-8") + "snr_db = 10**400\n", "`snr_db` is 'beyond all bounds'"),
+    (SDOF.read_text(encoding="utf-8") + "snr_db = float('nan')\n", "`snr_db` is 'nan'"),
+    (SDOF.read_text(encoding="utf-8") + "truth = dict.fromkeys(truth, 10**5000)\n", "`truth`: k is larger"),
 ]
 
 
@@ -214,6 +221,15 @@ BAD_OPTIONS = [
     (("identify", PLAIN), "give one with --record FILE"),
     (("simulate", PLAIN), "give it with --record FILE"),
     (("dance",), "No such command 'dance'"),
+    # Each of these ended in a traceback, or in a refusal only when the work was done.
+    (("identify", SDOF, "--particles", 10**12), "--particles"),
+    (("discover", SDOF, "--particles", 10**12), "--particles"),
+    (("reproduce", "zhao2019", "--particles", 10**12), "--particles"),
+    (("reproduce", "zhao2019", "--generations", 10**12), "--generations"),
+    (("identify", SDOF, "--out", "o" * 300), "File name too long"),
+    (("reproduce", "zhao2019", "--sine-amplitude", "nan"), "amplitude is nan"),
+    (("reproduce", "zhao2019", "--sine-frequency", "1e9"), "frequency_hz is 1e+09"),
+    (("reproduce", "zhao2019", "--el-centro-scale", "inf"), "El Centro scale is inf"),
 ]
 
 
@@ -223,6 +239,7 @@ def test_a_bad_option_is_one_sentence(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     _is_one_sentence(run(*arguments), sentence)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -319,6 +336,16 @@ def test_an_out_that_cannot_be_written_is_found_before_the_run(
     for command in ("identify", "simulate"):
         out = tmp_path / "file" / "below"
         _is_one_sentence(run(command, SDOF, "--out", out), f"--out {out} cannot be written")
+
+
+@pytest.mark.parametrize("place", ["/proc/nowhere/ck", "/dev/full/ck", "/", "o" * 300])
+def test_a_checkpoint_that_cannot_be_kept_is_found_before_the_search(
+    run: Run, simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    """It was found when the search was done, in a traceback."""
+    monkeypatch.chdir(tmp_path)
+    outcome = run("identify", SDOF, "--record", simulated, "--method", "tmcmc", "--checkpoint", place)
+    _is_one_sentence(outcome, f"checkpoint {place}")
 
 
 def test_a_run_that_fails_leaves_the_old_files_whole(

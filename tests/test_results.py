@@ -74,3 +74,13 @@ def test_facts_of_another_kind_are_no_result(foreign: object, tmp_path: Path) ->
 def test_facts_that_are_no_text_are_no_result(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="is no saved result"):
         Result.load(_stored(3, tmp_path / "result.nc"))
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_is_an_error_of_the_system_alone(tmp_path: Path) -> None:
+    """HDF5 told of it in pages, and again when the interpreter ended."""
+    path = tmp_path / "result.nc"
+    path.symlink_to("/dev/full")
+    result = Result(tree=xr.DataTree(xr.Dataset({"x": ("time", [1.0] * 5000)})), facts=FACTS)
+    with pytest.raises(OSError, match="No space left on device"):
+        result.save(path)

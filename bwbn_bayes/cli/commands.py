@@ -27,7 +27,7 @@ from bwbn_bayes.engines.available import engines as available_engines
 from bwbn_bayes.engines.simulation import simulate as simulate_record
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.history import Listener
-from bwbn_bayes.inference.settings import Method, Settings
+from bwbn_bayes.inference.settings import MOST_PARTICLES, Method, Settings
 from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.records.record import Record, one_line
 from bwbn_bayes.report.discovery_text import discovery_in_words
@@ -73,7 +73,9 @@ def identify(
     engine: EngineOption = "lanes",
     particles: Annotated[
         int,
-        typer.Option("--particles", min=100, help="Posterior draws wanted; importance weighs 2000 at least."),
+        typer.Option(
+            "--particles", min=100, max=MOST_PARTICLES, help="Posterior draws wanted; importance weighs 2000 at least."
+        ),
     ] = 5000,
     variant: Annotated[
         Literal["default", "plain"],
@@ -133,7 +135,7 @@ def discover(
     ] = None,
     seed: SeedOption = 1,
     particles: Annotated[
-        int, typer.Option("--particles", min=100, help="Posterior draws of the final model.")
+        int, typer.Option("--particles", min=100, max=MOST_PARTICLES, help="Posterior draws of the final model.")
     ] = DiscoverySettings.particles,
 ) -> None:
     """Find the physical effect that MODEL lacks to explain a record, add it, and write a report."""
@@ -196,9 +198,13 @@ def reproduce(
     quick: Annotated[bool, typer.Option("--quick", help="A first look: 500 particles, 60 generations.")] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Directory to write to; reports/PAPER by default.")] = None,
     seed: SeedOption = 1,
-    seeds: Annotated[int, typer.Option("--seeds", min=1, help="Seeds of TMCMC with noise, group 1.")] = 1,
-    particles: Annotated[int, typer.Option("--particles", min=100, help="TMCMC particles.")] = Options.particles,
-    generations: Annotated[int, typer.Option("--generations", min=1, help="Of the GA.")] = Options.generations,
+    seeds: Annotated[int, typer.Option("--seeds", min=1, max=1000, help="Seeds of TMCMC with noise, group 1.")] = 1,
+    particles: Annotated[
+        int, typer.Option("--particles", min=100, max=MOST_PARTICLES, help="TMCMC particles.")
+    ] = Options.particles,
+    generations: Annotated[
+        int, typer.Option("--generations", min=1, max=100_000, help="Of the GA.")
+    ] = Options.generations,
     whole_record: Annotated[
         bool, typer.Option("--whole-record", help="GA: judge every generation by the whole record.")
     ] = False,

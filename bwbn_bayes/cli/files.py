@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from bwbn_bayes.discovery.improved_model import improved_model_source
 from bwbn_bayes.discovery.outcome import Discovery
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import writing
 from bwbn_bayes.records.readers import write_record
 from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.report.canvas import is_ours
@@ -19,12 +19,17 @@ from bwbn_bayes.results import Result
 
 def writable(directory: Path) -> Path:
     """The directory, tried before a long run, not after it; one that was not there is left for the results to make."""
-    missing = [one for one in (directory, *directory.parents) if not one.exists()]
-    with replacing(directory):
-        pass
-    for made in missing:
-        made.rmdir()
+    with _writing(directory):
+        missing = [one for one in (directory, *directory.parents) if not one.exists()]
+        with replacing(directory):
+            pass
+        for made in missing:
+            made.rmdir()
     return directory
+
+
+def _writing(directory: Path) -> AbstractContextManager[None]:
+    return writing(f"--out {directory}", "choose another directory")
 
 
 @contextmanager
@@ -33,7 +38,7 @@ def replacing(directory: Path, *, report: bool = False) -> Iterator[Path]:
 
     Of an earlier report in the same directory, figures that the new one does not have are removed.
     """
-    try:
+    with _writing(directory):
         directory.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=directory, prefix=".partial-") as name:
             yield Path(name)
@@ -46,10 +51,6 @@ def replacing(directory: Path, *, report: bool = False) -> Iterator[Path]:
                 for old in set(place.glob("*.png")) - set(made):
                     if is_ours(old):
                         old.unlink()
-    except OSError as error:
-        raise UserError(
-            f"--out {directory} cannot be written to ({error.strerror or error}): choose another directory"
-        ) from error
 
 
 def write_result(result: Result, directory: Path) -> None:

@@ -8,6 +8,7 @@ draw fills several lanes, each with some of its derivatives.
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -41,6 +42,13 @@ from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
 
+def usable_processors() -> int:
+    """Processors that this process may use: a container or a scheduler may lend fewer than the machine has."""
+    if sys.version_info >= (3, 13):
+        return os.process_cpu_count() or 1
+    return len(os.sched_getaffinity(0))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Lanes:
     """Runge-Kutta of order 4 on sixteen draws at once.
@@ -61,7 +69,7 @@ class Lanes:
     substeps: int = 1
     resolution: float = 0.0
     cut_at_turns: bool = True
-    n_threads: int = os.cpu_count() or 1
+    n_threads: int = usable_processors()
 
     name = "lanes"
 

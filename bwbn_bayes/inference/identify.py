@@ -28,6 +28,7 @@ from bwbn_bayes.inference.residuals import residual_checks
 from bwbn_bayes.inference.scale_of_z import Section, section_of
 from bwbn_bayes.inference.settings import METHODS, Settings
 from bwbn_bayes.inference.summary import Draws, build_result
+from bwbn_bayes.inference.tmcmc.checkpoint import require_place
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, fewest_particles, require_particles, sample
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
@@ -95,6 +96,8 @@ def identify(
         require_noise(noise, record)
     if settings.method == "tmcmc":
         require_particles(settings.particles, model.space.n_dim)
+    if settings.checkpoint is not None:
+        require_place(settings.checkpoint)
     began = time.perf_counter()
     history = History(listener, began, [])
     posterior = Posterior(

@@ -15,6 +15,8 @@ METHODS: tuple[Method, ...] = ("importance", "tmcmc", "smc", "nuts")
 
 _CHOICES = {"method": get_args(Method), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
 _LEAST = {"seed": 0, "particles": 1}
+MOST_PARTICLES = 10_000_000
+"""Beyond that memory ends before patience does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,3 +63,5 @@ class Settings:
             if not isinstance(given, Integral) or given < least:
                 raise UserError(f"Settings: {name} is {given!r}, it must be a whole number from {least} on")
             object.__setattr__(self, name, int(given))
+        if self.particles > MOST_PARTICLES:
+            raise UserError(f"Settings: particles is {self.particles}, it must be {MOST_PARTICLES} at most")

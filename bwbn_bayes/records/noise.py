@@ -18,6 +18,9 @@ MIN_SAMPLES = 32
 LEAST_NOISE = 1e-3
 """Noise below this share of a channel's rms cannot be told from the error of solving and rounding."""
 
+MOST_DECIBELS = 300.0
+"""Of a signal-to-noise ratio: beyond the fifteen digits of a double, one drowns the other whatever it is. [dB]"""
+
 _CLIP = 2.5
 _LEVEL_SIGMAS = 1.5
 
@@ -48,8 +51,10 @@ def add_noise(record: Record, snr_db: float | None, rng: np.random.Generator) ->
     """
     if snr_db is None or snr_db == np.inf:
         return record
-    if not np.isfinite(snr_db):
-        raise UserError(f"snr_db is {snr_db}: it must be a number of decibels, or None for no noise")
+    if not abs(snr_db) <= MOST_DECIBELS:
+        raise UserError(
+            f"snr_db is {snr_db}: it must be a number of decibels within {MOST_DECIBELS:g} of zero, or None for none"
+        )
     noisy: dict[str, Floats] = {}
     noise_sd: dict[str, float] = {}
     for channel, values in record.channels.items():

@@ -36,8 +36,8 @@ from bwbn_bayes.records.record import MIN_TIMES, RESERVED_KEYS, Record, si_unit
 from bwbn_bayes.records.units import si_factor
 
 _HEADER_CELL = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*(?:\[([^\[\]]*)\])?", re.ASCII)
-_AT2_COUNT = re.compile(r"NPTS\s*=\s*(\d+)\s*,\s*DT\s*=\s*([0-9.Ee+-]+)", re.IGNORECASE)
-_AT2_COUNT_OLD = re.compile(r"\s*(\d+)\s+([0-9.Ee+-]+)\s+NPTS\s*,\s*DT", re.IGNORECASE)
+_AT2_COUNT = re.compile(r"NPTS\s*=\s*(\d{1,12})\s*,\s*DT\s*=\s*([0-9.Ee+-]+)", re.IGNORECASE)
+_AT2_COUNT_OLD = re.compile(r"\s*(\d{1,12})\s+([0-9.Ee+-]+)\s+NPTS\s*,\s*DT", re.IGNORECASE)
 _AT2_UNIT = re.compile(r"ACCELERATION.*UNITS\s+OF\s+(.+)", re.IGNORECASE)
 
 
@@ -158,7 +158,8 @@ def write_netcdf(record: Record, path: Path | str) -> None:
         If the file cannot be written.
     """
     try:
-        as_dataset(record).to_netcdf(path, engine="h5netcdf")
+        # By way of memory: HDF5 on a full disk ends in pages of its own.
+        Path(path).write_bytes(as_dataset(record).to_netcdf(engine="h5netcdf"))
     except OSError as error:
         raise UserError(f"{path}: the file cannot be written ({error.strerror or error})") from None
 

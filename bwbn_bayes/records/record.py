@@ -22,6 +22,8 @@ from bwbn_bayes.parameters import Floats
 ExcitationKind = Literal["ground_acceleration", "displacement"]
 
 MIN_TIMES = 8
+LEAST_TIME_STEP, MOST_TIME_STEP = 1e-9, 1e6
+"""Beyond what any instrument samples, and short of where squares of rates leave the range of doubles. [s]"""
 
 RESERVED_KEYS = ("name", "time_step")
 """Comment keys of the CSV format that provenance may not use; ``true ...`` and ``noise_sd ...`` are reserved too."""
@@ -68,7 +70,7 @@ class Record:
     """One excitation and the channels measured under it.
 
     Arrays are copied on entry and read-only; mappings are read-only. Names, labels and provenance are kept as single
-    lines of text (white space, and what cannot be printed, becomes one space). Compare with :meth:`equals`.
+    lines of text (white space becomes one space; what cannot be printed is replaced). Compare with :meth:`equals`.
 
     Parameters
     ----------
@@ -132,6 +134,10 @@ class Record:
             raise UserError(f"the record has {self.n_times} points: at least {MIN_TIMES} are needed")
         if not (self.time_step > 0.0 and np.isfinite(self.time_step * self.n_times)):
             raise UserError(f"time_step is {self.time_step:g} s: it must be a positive number")
+        if not LEAST_TIME_STEP <= self.time_step <= MOST_TIME_STEP:
+            raise UserError(
+                f"time_step is {self.time_step:g} s: it must lie between {LEAST_TIME_STEP:g} and {MOST_TIME_STEP:g} s"
+            )
 
     def _check_channels(self) -> None:
         for channel, values in self.channels.items():
@@ -349,8 +355,9 @@ def _frozen_array(values: ArrayLike, column: str) -> Floats:
 
 
 def one_line(text: str) -> str:
-    """Text as one line that a terminal only shows: what cannot be printed, an ESC say, becomes a space."""
-    return " ".join("".join(each if each.isprintable() else " " for each in str(text)).split())
+    """Text as one line that a terminal only shows: what cannot be printed, an ESC say, is replaced."""
+    line = " ".join(str(text).split())
+    return "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in line)
 
 
 def _label(text: str) -> str:

@@ -7,6 +7,7 @@ References
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -102,6 +103,9 @@ class Options:
         if not self.error_floor > 0.0:
             raise UserError(f"error floor is {self.error_floor:g}: a noise-free posterior needs a positive one")
         _ = self.genetic
+        if not (math.isfinite(self.el_centro_scale) and self.el_centro_scale != 0.0):
+            raise UserError(f"El Centro scale is {self.el_centro_scale}: it must be a finite number other than zero")
+        excitation_of("Sin", self)
 
     @property
     def further_particles(self) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -15,7 +14,7 @@ import xarray as xr
 from bwbn_bayes.baselines.ipv import fit_forces, predict
 from bwbn_bayes.baselines.methods import identify
 from bwbn_bayes.engines.base import masses
-from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.engines.lanes import Lanes, usable_processors
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.inference.likelihood import KnownNoise
 from bwbn_bayes.inference.settings import Settings
@@ -149,7 +148,7 @@ def run_case(
         other=_prediction(case, options, result, model) if predicts and case.method != "IPV" else {},
         drift_variant=_drift_variant(case, options, clean, seed) if predicts and case.method == "IPV" else {},
         remarks=result.facts.verdict,
-        processor=f"{processor_name()}, {os.cpu_count()} cores",
+        processor=f"{processor_name()}, {usable_processors()} cores",
     )
     drift, true = (np.stack([clean.channels[f"{kind}_{i}"] for i in STOREYS]) for kind in ("drift", "force"))
     return outcome, Histories(drift=drift, true=true, identified=found)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, writing
 from bwbn_bayes.reproduction.cases import Case, MethodName, Options, cases_of
 from bwbn_bayes.reproduction.comparison import comparison, write_csv
 from bwbn_bayes.reproduction.figures import draw_all
@@ -81,21 +82,21 @@ def reproduce(
         for job in _jobs(case, options):
             path = job.path(directory)
             if not path.exists():
-                path.parent.mkdir(parents=True, exist_ok=True)
                 if say is not None:
                     say(f"case {i + 1} of {len(wanted)}: {case.key}, seed {job.seed}")
                 _finish(path, *run_case(case, job.options, job.seed, predicts=job.predicts))
                 n_run += 1
             outcomes.append(_read(path))
     rows = comparison(tables, outcomes)
-    csv_path = directory / "reproduction.csv"
-    write_csv(rows, csv_path)
     drawings = draw_all(rows, _histories(directory, options, wanted))
+    page = render(tables, rows, outcomes, drawings, options)
+    csv_path, html = directory / "reproduction.csv", directory / "reproduction.html"
     paths = tuple(directory / f"{name}.png" for name, _ in drawings)
-    for path, (_, png) in zip(paths, drawings, strict=True):
-        path.write_bytes(png)
-    html = directory / "reproduction.html"
-    html.write_text(render(tables, rows, outcomes, drawings, options), encoding="utf-8")
+    with _writing(directory):
+        write_csv(rows, csv_path)
+        for path, (_, png) in zip(paths, drawings, strict=True):
+            path.write_bytes(png)
+        html.write_text(page, encoding="utf-8")
     return Files(html=html, csv=csv_path, figures=paths, n_run=n_run, n_kept=len(outcomes) - n_run)
 
 
@@ -136,10 +137,16 @@ def fingerprint(options: Options, method: MethodName, *, predicts: bool) -> str:
 def _finish(path: Path, outcome: Outcome, histories: Histories) -> None:
     """Write arrays first, facts last and at once: a case with its JSON is whole."""
     thin = {name: values.astype(np.float32) for name, values in asdict(histories).items()}
-    np.savez_compressed(path.with_suffix(".npz"), allow_pickle=False, **thin)
     partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(finite(outcome.as_json()), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    partial.replace(path)
+    with _writing(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(path.with_suffix(".npz"), allow_pickle=False, **thin)
+        partial.write_text(json.dumps(finite(outcome.as_json()), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        partial.replace(path)
+
+
+def _writing(directory: Path) -> AbstractContextManager[None]:
+    return writing(str(directory), "finished cases are kept; make room and run again")
 
 
 def _read(path: Path) -> Outcome:

@@ -7,6 +7,7 @@ Record), ``truth`` (parameter values), ``snr_db`` (dB) and ``assumptions`` (sent
 
 from __future__ import annotations
 
+import math
 import runpy
 import traceback
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.records.noise import MOST_DECIBELS
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -93,7 +95,9 @@ def load_model_file(path: Path | str) -> ModelFile:
 def _run(path: Path) -> dict[str, object]:
     try:
         return runpy.run_path(str(path), run_name=path.stem)
-    except (Exception, SystemExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # the file is the user's: whatever it raises is a mistake in it
         frames = reversed(traceback.extract_tb(error.__traceback__))
         line = next((frame.lineno for frame in frames if frame.filename == str(path)), None)
         if isinstance(error, SyntaxError) and error.filename == str(path):
@@ -132,9 +136,14 @@ def _truth(values: object, model: Structure, path: Path) -> dict[str, float]:
 def _snr(value: object, path: Path) -> float | None:
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise UserError(f"{path}: `snr_db` is {value!r}, it must be a number of dB, or left out for no noise")
-    return float(value)
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        if abs(value) <= MOST_DECIBELS or value == math.inf:
+            return float(value)
+        value = f"{value:.3g}" if isinstance(value, float) else "beyond all bounds"
+    raise UserError(
+        f"{path}: `snr_db` is {value!r}, it must be a number of dB within {MOST_DECIBELS:g} of zero, or left out for "
+        "no noise"
+    )
 
 
 def _sentences(value: object, path: Path) -> tuple[str, ...]:

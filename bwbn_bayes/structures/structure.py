@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
@@ -340,6 +341,8 @@ def _spread(
 def _checked(parameter: Parameter, name: str, value: float) -> float:
     if not isinstance(value, Real):
         raise UserError(f"{name} is {value!r}: give a number")
+    if isinstance(value, int) and abs(value) > sys.float_info.max:
+        raise UserError(f"{name} is larger than any number of double precision")
     if not (np.isfinite(value) and parameter.lower <= value <= parameter.upper):
         raise UserError(
             f"{name} = {value:g} lies outside its admissible range [{parameter.lower:g}, {parameter.upper:g}]"

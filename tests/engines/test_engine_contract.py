@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import ClassVar
@@ -283,3 +285,10 @@ def test_mistakes_are_named(engine: Engine) -> None:
         engine.simulate(model, np.zeros((1, 0)), record, ["acceleration_3"])
     with pytest.raises(UserError, match="not known"):
         engine.simulate(model, np.zeros((1, 0)), record, ["speed_1"])
+
+
+def test_threads_are_those_that_this_process_may_use() -> None:
+    """A container that lends two of sixty-four processors got sixty-four threads."""
+    lent = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})"
+    code = f"{lent}; from bwbn_bayes.engines.lanes import Lanes; print(Lanes().n_threads)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "1\n"

@@ -98,3 +98,11 @@ def test_a_station_name_in_another_encoding_is_no_obstacle(tmp_path: Path) -> No
     path = tmp_path / "motion.AT2"
     path.write_bytes((HEAD.replace("Hall", "D\xfczce") + UNIT + COUNT + NUMBERS).encode("latin-1"))
     assert read_at2(path).n_times == 12
+
+
+def test_a_count_of_5000_digits_is_no_count(tmp_path: Path) -> None:
+    """Python refuses to read such a number, which ended in a traceback."""
+    path = tmp_path / "long.AT2"
+    path.write_text(f"a\nb\nACCELERATION TIME SERIES IN UNITS OF G\nNPTS= {'9' * 5000}, DT= .01 SEC\n0.1 0.2\n")
+    with pytest.raises(UserError, match="line 4: no 'NPTS="):
+        read_at2(path)

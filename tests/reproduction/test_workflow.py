@@ -14,9 +14,10 @@ import pytest
 
 from bwbn_bayes import BoucWen, ShearBuilding, Uniform, UserError, el_centro, simulate
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.reproduction import workflow
 from bwbn_bayes.reproduction.cases import Case, MethodName, Options, building, truth_of
 from bwbn_bayes.reproduction.comparison import comparison
-from bwbn_bayes.reproduction.measure import Outcome, clean_record, cramer_rao_sd
+from bwbn_bayes.reproduction.measure import Histories, Outcome, clean_record, cramer_rao_sd
 from bwbn_bayes.reproduction.page import costs, errors, findings
 from bwbn_bayes.reproduction.printed import printed
 from bwbn_bayes.reproduction.workflow import Files, _jobs, fingerprint, reproduce
@@ -157,6 +158,19 @@ def test_a_broken_cache_is_one_sentence(directory: Path) -> None:
     with pytest.raises(UserError, match="remove it and run again"):
         reproduce(directory, tables=[6], options=OPTIONS, cases=CASES[1:])
     path.write_text(whole, encoding="utf-8")
+
+
+def test_a_full_disk_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended in a traceback."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    histories = Histories(drift=np.zeros(1), true=np.zeros(1), identified=np.zeros(1))
+    monkeypatch.setattr(workflow, "run_case", lambda *_, **__: (None, histories))
+    monkeypatch.setattr("numpy.savez_compressed", full)
+    with pytest.raises(UserError, match=r"No space left on device\): finished cases are kept"):
+        reproduce(tmp_path, options=OPTIONS, cases=CASES)
 
 
 def test_an_unknown_table_is_one_sentence(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import os
 import re
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
 from io import BytesIO
 from itertools import pairwise
@@ -22,7 +23,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, writing
 from bwbn_bayes.inference.tmcmc.moves import FIRST_TUNING, Tuning
 from bwbn_bayes.inference.tmcmc.stages import Population
 from bwbn_bayes.inference.tmcmc.target import Cloud
@@ -56,7 +57,6 @@ def save(path: Path, state: RunState, identity: Identity) -> None:
     identity : Identity
         What a resuming run must match.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     before = _named_arrays(path)
     arrays = path.with_name(f"{path.name}.stage-{state.facts[-1].stage}.npz")
     population = state.population
@@ -79,10 +79,28 @@ def save(path: Path, state: RunState, identity: Identity) -> None:
         "n_solves": state.n_solves,
         "facts": [asdict(facts) for facts in state.facts],
     }
-    _write(arrays, stream.getvalue())
-    _write(_description(path), json.dumps(description, indent=1).encode())
-    if before is not None and before != arrays:
-        before.unlink(missing_ok=True)
+    with _writing(path):
+        _write(arrays, stream.getvalue())
+        _write(_description(path), json.dumps(description, indent=1).encode())
+        if before is not None and before != arrays:
+            before.unlink(missing_ok=True)
+
+
+def require_place(path: Path) -> None:
+    """Try before a long run whether a checkpoint can be kept.
+
+    Raises
+    ------
+    UserError
+        If it cannot.
+    """
+    if not path.name:
+        raise UserError(f"checkpoint {path}: it is a directory, give the name of a file in it, without suffix")
+    with writing(f"checkpoint {path}", "choose another place"):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        probe = path.with_name(f"{path.name}.stage-1000.npz.new")
+        probe.write_bytes(bytes(4096))
+        probe.unlink()
 
 
 def load(path: Path, identity: Identity) -> RunState | None:
@@ -187,11 +205,20 @@ def _arrays(path: Path, name: object) -> Path:
 def _write(path: Path, contents: bytes) -> None:
     """Replace a file by new contents, whole or not at all, even if the machine stops."""
     fresh = path.with_name(f"{path.name}.new")
-    with fresh.open("wb") as file:
-        file.write(contents)
-        file.flush()
-        os.fsync(file.fileno())
-    fresh.replace(path)
+    try:
+        with fresh.open("wb") as file:
+            file.write(contents)
+            file.flush()
+            os.fsync(file.fileno())
+        fresh.replace(path)
+    except OSError:
+        with suppress(OSError):
+            fresh.unlink()
+        raise
+
+
+def _writing(path: Path) -> AbstractContextManager[None]:
+    return writing(f"checkpoint {path}", "the last stage that was written is kept; make room there")
 
 
 def _named_arrays(path: Path) -> Path | None:

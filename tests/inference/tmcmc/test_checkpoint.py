@@ -144,3 +144,22 @@ def test_a_description_that_is_none_is_refused(tmp_path: Path, text: str) -> Non
 def test_a_posterior_of_nan_is_not_identified() -> None:
     """Comparisons with NaN are false, and so it passed for identified."""
     assert flag(np.full(100, np.nan)) == "unidentified"
+
+
+def test_a_full_disk_ends_in_one_sentence_and_keeps_the_last_good_stage(
+    half_a_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ended in a traceback."""
+    shutil.copytree(half_a_run, tmp_path, dirs_exist_ok=True)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", full)
+        with pytest.raises(UserError, match=r"cannot be written \(No space left on device\): the last stage"):
+            sample(ORACLE, n_particles=300, rng_seed=1, checkpoint=tmp_path / "run")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    resumed = sample(ORACLE, n_particles=300, rng_seed=1, checkpoint=tmp_path / "run")
+    np.testing.assert_array_equal(resumed.particles, sample(ORACLE, n_particles=300, rng_seed=1).particles)

@@ -1,13 +1,14 @@
 """The commands: options, one library call, an exit code.
 
 Results go to stdout, everything else to stderr. Exit codes: 0; 2 for a mistake of the user's, told in one sentence;
-1 for ours, with a traceback.
+130 for Ctrl-C; 1 for a mistake of ours, with a traceback.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Literal
@@ -19,6 +20,7 @@ from rich.text import Text
 from bwbn_bayes.baselines.methods import identify as identify_model
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
 from bwbn_bayes.cli.files import replacing, writable, write_discovery_files, write_result
+from bwbn_bayes.cli.interruption import EXIT_CODE, interruptible, stopped_with
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover as discover_missing
 from bwbn_bayes.elements.catalogue import catalogue
@@ -28,6 +30,7 @@ from bwbn_bayes.engines.simulation import simulate as simulate_record
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.history import Listener
 from bwbn_bayes.inference.settings import MOST_PARTICLES, Method, Settings
+from bwbn_bayes.inference.tmcmc.checkpoint import has_stages
 from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.records.record import Record, one_line
 from bwbn_bayes.report.discovery_text import discovery_in_words
@@ -92,7 +95,8 @@ def identify(
     engine_by_name(engine)
     directory = writable(out or Path("reports") / f"{file.name}_{method}")
     notes = Console(stderr=True)
-    with progress(notes, particles) as listener:
+    goes_on = partial(_goes_on, directory, checkpoint)
+    with stopped_with(goes_on), progress(notes, particles) as listener:
         measured = _record(file, record, seed, listener)
         result = identify_model(
             file.model,
@@ -142,7 +146,7 @@ def discover(
     file = load_model_file(model)
     directory = writable(out or Path("reports") / f"{file.name}_discovery")
     notes = Console(stderr=True)
-    with told(notes) as tell:
+    with stopped_with(partial(_goes_on, directory)), told(notes) as tell:
         apart = _held_out(file, held_out, record)
         discovery = discover_missing(
             file.model,
@@ -184,8 +188,8 @@ def simulate(
     made = simulate_record(
         file.model, excitation, file.truth, snr_db=file.snr_db, seed=seed, engine=engine_by_name(engine)
     )
-    with replacing(out) as partial:
-        write_record(made, partial / path.name)
+    with replacing(out) as fresh:
+        write_record(made, fresh / path.name)
     print(path)
 
 
@@ -238,12 +242,13 @@ def reproduce(
     )
     directory = writable(out or Path("reports") / paper)
     notes = Console(stderr=True)
-    files = reproduce_tables(
-        directory,
-        tables=tuple(table or TABLES),
-        options=options,
-        say=lambda text: notes.print(text, markup=False, highlight=False, soft_wrap=True),
-    )
+    with stopped_with(lambda: f"stopped: finished cases are kept in {directory}, and the same command goes on"):
+        files = reproduce_tables(
+            directory,
+            tables=tuple(table or TABLES),
+            options=options,
+            say=lambda text: notes.print(text, markup=False, highlight=False, soft_wrap=True),
+        )
     notes.print(f"{files.n_run} cases run, {files.n_kept} kept from before", highlight=False)
     print(files.html)
 
@@ -284,12 +289,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        code = app(given or ["--help"], standalone_mode=False)
+        with interruptible():
+            code = app(given or ["--help"], standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        print("stopped", file=sys.stderr)
+        code = EXIT_CODE
     except UserError as error:
         _refuse(str(error))
     except typer.TyperException as error:
         _refuse(error.format_message())
     sys.exit(code or 0)
+
+
+def _goes_on(directory: Path, checkpoint: Path | None = None) -> str:
+    """What remains of a run that is stopped."""
+    if checkpoint is None:
+        return f"stopped: nothing was written to {directory}"
+    if has_stages(checkpoint):
+        return f"stopped: the stages so far are in checkpoint {checkpoint}, and the same command goes on from there"
+    return f"stopped: no stage was finished, checkpoint {checkpoint} holds nothing yet"
 
 
 def _refuse(sentence: str) -> None:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
+import re
+import shutil
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from bwbn_bayes.cli.interruption import COMMITTING, UNFINISHED
 from bwbn_bayes.discovery.improved_model import improved_model_source
 from bwbn_bayes.discovery.outcome import Discovery
 from bwbn_bayes.errors import writing
@@ -15,6 +20,9 @@ from bwbn_bayes.records.readers import write_record
 from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.report.canvas import is_ours
 from bwbn_bayes.results import Result
+
+_PREFIX = ".partial-"
+_OURS = re.compile(re.escape(_PREFIX) + r"[a-z0-9_]{8}")
 
 
 def writable(directory: Path) -> Path:
@@ -40,17 +48,45 @@ def replacing(directory: Path, *, report: bool = False) -> Iterator[Path]:
     """
     with _writing(directory):
         directory.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=directory, prefix=".partial-") as name:
+        _sweep(directory)
+        with TemporaryDirectory(dir=directory, prefix=_PREFIX) as name, _claimed(Path(name)):
             yield Path(name)
-            made = []
-            for path in sorted(found for found in Path(name).rglob("*") if found.is_file()):
-                made.append(directory / path.relative_to(name))
-                made[-1].parent.mkdir(exist_ok=True)
-                path.replace(made[-1])
+            with COMMITTING:
+                made = _take_names(Path(name), directory)
             for place in {path.parent for path in made} if report else ():
                 for old in set(place.glob("*.png")) - set(made):
                     if is_ours(old):
                         old.unlink()
+
+
+def _take_names(fresh: Path, directory: Path) -> list[Path]:
+    made = []
+    for path in sorted(found for found in fresh.rglob("*") if found.is_file()):
+        made.append(directory / path.relative_to(fresh))
+        made[-1].parent.mkdir(exist_ok=True)
+        path.replace(made[-1])
+    return made
+
+
+@contextmanager
+def _claimed(directory: Path) -> Iterator[None]:
+    """Say of a directory that this process writes it; the system forgets it when the process ends, however it does."""
+    handle = os.open(directory, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        UNFINISHED.add(directory)
+        yield
+    finally:
+        UNFINISHED.discard(directory)
+        os.close(handle)
+
+
+def _sweep(directory: Path) -> None:
+    """Remove what runs that were killed left half-written."""
+    for path in directory.iterdir():
+        if _OURS.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
+            with suppress(OSError), _claimed(path):
+                shutil.rmtree(path)
 
 
 def write_result(result: Result, directory: Path) -> None:

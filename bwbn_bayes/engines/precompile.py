@@ -48,9 +48,19 @@ def precompile(laws: Mapping[StoreyLaw, bool], *, driven: bool) -> threading.Thr
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
+    _RUNNING.append(process)
     waiting = threading.Thread(target=_attend, args=(process, pickle.dumps((missing, driven))), daemon=True)
     waiting.start()
     return waiting
+
+
+def stop_compiling() -> None:
+    """End every child at once."""
+    for process in _RUNNING:
+        process.kill()
+
+
+_RUNNING: list[subprocess.Popen[bytes]] = []
 
 
 def _attend(process: subprocess.Popen[bytes], laws: bytes) -> None:

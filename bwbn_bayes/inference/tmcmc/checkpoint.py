@@ -103,6 +103,11 @@ def require_place(path: Path) -> None:
         probe.unlink()
 
 
+def has_stages(path: Path) -> bool:
+    """Whether a run has been saved under a name."""
+    return _description(path).exists()
+
+
 def load(path: Path, identity: Identity) -> RunState | None:
     """Read a checkpoint; ``None`` where there is none yet.
 

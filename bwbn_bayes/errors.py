@@ -1,7 +1,15 @@
 """The one exception that means "the user can mend this"."""
 
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from zipfile import BadZipFile
+
+UNREADABLE_ARRAYS = (
+    *(OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError),
+    *(BadZipFile, EOFError, MemoryError, NotImplementedError, RuntimeError, zlib.error),
+)
+"""What reading JSON and an archive of arrays may raise where they are not what was written, or no such thing at all."""
 
 
 class UserError(ValueError):

@@ -41,6 +41,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import xarray as xr
 
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.records.hdf5 import require_hdf5
 
 SCHEMA = 1
 
@@ -205,6 +206,7 @@ class Result:
             If there is no such file, or another than a saved result.
         """
         try:
+            require_hdf5(path)
             tree = xr.open_datatree(path, engine="h5netcdf").load()
             raw = json.loads(tree.attrs.pop("facts"))
             facts = _built(Facts, raw)

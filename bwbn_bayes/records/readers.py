@@ -32,6 +32,7 @@ from bwbn_bayes.records.columns import (
     printed_quantum,
     record_from_columns,
 )
+from bwbn_bayes.records.hdf5 import require_hdf5
 from bwbn_bayes.records.record import MIN_TIMES, RESERVED_KEYS, Record, si_unit
 from bwbn_bayes.records.units import si_factor
 
@@ -174,6 +175,7 @@ def read_netcdf(path: Path | str) -> Record:
     """
     _bytes(Path(path))
     try:
+        require_hdf5(path)
         # decode_cf would turn a time in "seconds" into a timedelta.
         dataset = xr.load_dataset(path, engine="h5netcdf", decode_cf=False)
     except (OSError, ValueError, KeyError, RuntimeError):

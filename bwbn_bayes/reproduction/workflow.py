@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bwbn_bayes.errors import UserError, writing
+from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, writing
 from bwbn_bayes.reproduction.cases import Case, MethodName, Options, cases_of
 from bwbn_bayes.reproduction.comparison import comparison, write_csv
 from bwbn_bayes.reproduction.figures import draw_all
@@ -166,6 +166,11 @@ def _histories(directory: Path, options: Options, cases: Sequence[Case]) -> dict
     for case in cases:
         path = _jobs(case, options)[0].path(directory).with_suffix(".npz")
         if case.group == 1 and case.snr == "inf" and path.exists():
-            with np.load(path) as arrays:
-                found[case] = Histories(**{name: arrays[name] for name in arrays.files})
+            try:
+                with np.load(path, allow_pickle=False) as arrays:
+                    found[case] = Histories(**{name: arrays[name] for name in arrays.files})
+            except UNREADABLE_ARRAYS as error:
+                raise UserError(
+                    f"{path} holds no histories ({error}): remove it and its JSON, and run again"
+                ) from error
     return found

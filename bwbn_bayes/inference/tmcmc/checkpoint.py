@@ -11,7 +11,6 @@ import hashlib
 import json
 import os
 import re
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
@@ -19,11 +18,10 @@ from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import BadZipFile
 
 import numpy as np
 
-from bwbn_bayes.errors import UserError, writing
+from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, writing
 from bwbn_bayes.inference.tmcmc.moves import FIRST_TUNING, Tuning
 from bwbn_bayes.inference.tmcmc.stages import Population
 from bwbn_bayes.inference.tmcmc.target import Cloud
@@ -124,7 +122,7 @@ def load(path: Path, identity: Identity) -> RunState | None:
         state = _state(path, description)
         other = [key for key, value in identity.items() if found.get(key) != value]
         fault = None if other else next((said for said, holds in _expectations(state, identity) if not holds), None)
-    except _UNREADABLE as error:
+    except UNREADABLE_ARRAYS as error:
         what = f"{type(error).__name__}: {error}" if isinstance(error, KeyError) else error
         raise UserError(f"checkpoint {path}: it cannot be read ({what}); delete it to start anew") from error
     if other:
@@ -135,13 +133,6 @@ def load(path: Path, identity: Identity) -> RunState | None:
     if fault is not None:
         raise UserError(f"checkpoint {path}: {fault}, so that no run can have written it; delete it to start anew")
     return state
-
-
-_UNREADABLE = (
-    *(OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError),
-    *(BadZipFile, EOFError, MemoryError, NotImplementedError, RuntimeError, zlib.error),
-)
-"""What reading a file that is not a checkpoint may raise, in the description and in the arrays' archive."""
 
 
 def _state(path: Path, description: Mapping[str, Any]) -> RunState:

@@ -157,7 +157,7 @@ def _pointwise(posterior: Posterior, points: Floats, noise_sd: Floats) -> xr.Dat
     most = _POINTWISE_NUMBERS // record.measured.size
     chosen = evenly(len(points), min(max(most, _FEWEST_POINTWISE), _MOST_POINTWISE))
     values, _ = posterior.split(points[chosen])
-    posterior.solves.total += len(chosen)
+    posterior.solves.add(len(chosen))
     response = posterior.engine.simulate(posterior.model, values, record).values
     sd = noise_sd[chosen][:, :, None]
     density = -0.5 * np.square((record.measured - response) / sd) - np.log(sd) - 0.5 * _LOG_2PI

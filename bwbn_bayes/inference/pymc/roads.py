@@ -75,12 +75,12 @@ def sample_road(
         kernel: KernelName = "imh" if plain else "batched"
         say(f"sampling by PyMC's sequential Monte Carlo, kernel {kernel}", None)
         run = sample_smc(twin, draws=draws, chains=N_CHAINS, seed=seed, kernel=kernel, listener=_stage_listener(say))
-        posterior.solves.total += run.n_solves
+        posterior.solves.add(run.n_solves)
         return Road(_draws(posterior, run.tree), _evidences(run), (_spread_check(run),))
     say(f"sampling by NUTS of {sampler}", None)
     start = laplace_start(twin, posterior.space, modes[0], N_CHAINS, np.random.default_rng(seed))
     nuts = sample_nuts(twin, start, sampler=sampler, draws=draws, tune=_TUNE, chains=N_CHAINS, seed=seed)
-    posterior.solves.total += nuts.n_solves
+    posterior.solves.add(nuts.n_solves)
     return Road(_draws(posterior, nuts.tree), {}, _nuts_checks(nuts))
 
 

@@ -1,11 +1,16 @@
 """The one result every method returns and every report reads: a DataTree of arrays and a dataclass of facts.
 
-Groups of the tree (dimensions in brackets; ``floor`` and ``storey`` count from 1):
+Groups of the tree (dimensions in brackets; ``floor`` and ``storey`` count from 1; units are attributes; ``draw`` is a
+draw's number in the posterior, also where a group holds a part of them):
 
 ``posterior``, ``prior``
-    one variable per parameter symbol: ``alpha (chain, draw)``, ``k (chain, draw, storey)``
+    one variable per parameter symbol: ``alpha (chain, draw)``, ``k (chain, draw, storey)``; the posterior's
+    ``noise_sd (chain, draw, channel)``, drawn for each draw where the likelihood integrates it out
 ``sample_stats``
-    ``log_likelihood (chain, draw)``
+    ``lp (chain, draw)``: log likelihood and log prior density
+``log_likelihood``
+    ``measured (chain, draw, channel, time)``: of every sample given draw and noise scale, for a subset of the draws;
+    ``az.loo`` reads it. Behind a filter samples are not independent: the sum then exceeds what the likelihood counts
 ``observed_data``
     one variable per measured channel ``(time)``
 ``constant_data``

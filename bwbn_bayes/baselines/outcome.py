@@ -10,19 +10,16 @@ import xarray as xr
 from bwbn_bayes.baselines.genetic import GeneticFit, GeneticSettings
 from bwbn_bayes.baselines.ipv import HIGH_PASS_HZ, ForceFit, force_noise_sd, kinematics
 from bwbn_bayes.engines.base import masses
+from bwbn_bayes.inference.arrays import constant_dataset, parameter_dataset, response_dataset, storey_parameters
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import residual_checks
 from bwbn_bayes.inference.summary import (
-    constant_dataset,
     conventions,
     fit_error,
     force_agreement,
     observe,
-    parameter_dataset,
     predicted_channels,
     provenance_of,
-    response_dataset,
-    storey_parameters,
     true_histories,
 )
 from bwbn_bayes.parameters import Floats

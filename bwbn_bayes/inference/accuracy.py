@@ -89,7 +89,7 @@ class Judge:
         values, noise_values = posterior.split(point[None])
         _, slopes = posterior.engine.sensitivities(model, values, record)
         exact = finest.simulate(model, values, record).values[0]
-        posterior.solves.total += 2
+        posterior.solves.add(2)
         misfit = np.sum(np.square(record.measured - exact), axis=1)[None]
         weight = np.sqrt(posterior.noise.precision(misfit, record.n_times, noise_values)[0])[:, None]
         scale = model.space.unit_scale(values)[0]
@@ -100,7 +100,7 @@ class Judge:
         """What the engine's error does to the posterior."""
         record = self.posterior.record
         response = engine.simulate(self.posterior.model, self.values, record).values[0]
-        self.posterior.solves.total += 1
+        self.posterior.solves.add(1)
         whitened = ((self.exact - response) * self.weight).ravel()
         residual = ((record.measured - self.exact) * self.weight).ravel()
         information = self.jacobian @ self.jacobian.T

@@ -106,7 +106,7 @@ def identify(
         engine=on_rung(engine_by_name(settings.engine), LADDER[0]),
         noise=noise or default_noise(record),
     )
-    streams = np.random.SeedSequence(settings.seed).spawn(N_ATTEMPTS + 2)
+    streams = _streams(settings.seed)
     posterior, modes, discretisation, checks = _fit(posterior, streams[:N_ATTEMPTS], history)
     fitted = _Fitted(posterior, modes, discretisation, checks)
     return _sampled(fitted, settings, np.random.default_rng(streams[-1]), history, name, assumptions)
@@ -140,7 +140,12 @@ def identify_from(
     settings = settings or Settings()
     history = History(listener, time.perf_counter(), [])
     fitted = _Fitted(*_finish(posterior, points))
-    return _sampled(fitted, settings, np.random.default_rng(settings.seed), history, name, assumptions)
+    return _sampled(fitted, settings, np.random.default_rng(_streams(settings.seed)[-1]), history, name, assumptions)
+
+
+def _streams(seed: int) -> list[np.random.SeedSequence]:
+    """A stream for each attempt to find the modes, one for the road from the prior, one for draws."""
+    return np.random.SeedSequence(seed).spawn(N_ATTEMPTS + 2)
 
 
 class _Fitted(NamedTuple):
@@ -349,7 +354,8 @@ def _from_prior(posterior: Posterior, settings: Settings, history: History) -> T
     return sample(
         coarse,
         n_particles=fewest,
-        rng_seed=settings.seed,
+        # Not the bridge's: roads that share their random numbers do not check each other.
+        rng_seed=int(_streams(settings.seed)[N_ATTEMPTS].generate_state(1)[0]),
         variant="plain",
         progress=lambda facts: history.tell_stage("from the prior", facts),
     )

@@ -6,6 +6,7 @@ is known, sampled (a further coordinate), or integrated out under a proper inver
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Protocol
@@ -186,9 +187,18 @@ def default_noise(record: Record) -> IntegratedNoise:
 
 @dataclass
 class SolveCount:
-    """Counts solves of one run; shared by every view of a posterior."""
+    """Counts solves of one run; shared by every view of a posterior, in every thread."""
 
     total: int = 0
+
+    def add(self, n: int) -> None:
+        """Count ``n`` more."""
+        with _COUNTING:
+            self.total += n
+
+
+_COUNTING = threading.Lock()
+"""One for all counts: a lock of each one's own could not be sent to another process."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,7 +278,7 @@ class Posterior:
 
     def misfit(self, points: Floats) -> Floats:
         """Squared residuals ``(n_draws, n_channels)``; infinite where the solve failed."""
-        self.solves.total += len(points)
+        self.solves.add(len(points))
         return self.engine.misfit(self.model, self.split(points)[0], self.record)
 
     def log_likelihood(self, points: Floats) -> Floats:
@@ -288,7 +298,7 @@ class Posterior:
 
         So have coordinates that are not ``free``, ``(n_draws, n_dim)``; their derivatives are not computed.
         """
-        self.solves.total += len(points)
+        self.solves.add(len(points))
         values, noise_values = self.split(points)
         d = self.model.space.n_dim
         own = None if free is None else free[:, :d]

@@ -175,7 +175,7 @@ def leaves_noise(posterior: Posterior, point: Floats) -> bool:
     record = posterior.record
     modelled = _modelled(posterior, point)
     values, _ = posterior.split(point[None])
-    posterior.solves.total += 1
+    posterior.solves.add(1)
     rows = observe(posterior.engine, posterior.model, values, record)
     motions = np.concatenate([modelled, *(rows[kind][0] for kind in _MOTIONS)])
     band = noise_band(record)
@@ -186,7 +186,7 @@ def leaves_noise(posterior: Posterior, point: Floats) -> bool:
 def _modelled(posterior: Posterior, point: Floats) -> Floats:
     """Channels ``(n_channels, n_times)`` at a point of the unit cube."""
     values, _ = posterior.split(point[None])
-    posterior.solves.total += 1
+    posterior.solves.add(1)
     return np.asarray(posterior.engine.simulate(posterior.model, values, posterior.record).values[0])
 
 

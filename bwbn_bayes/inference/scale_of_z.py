@@ -8,21 +8,23 @@ prior is that of the whole orbit; a draw of the section is spread along its orbi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import NamedTuple, override
 
 import numpy as np
-from scipy.special import logsumexp
+from numpy.typing import NDArray
 
 from bwbn_bayes.elements.scaling import Power, powers_of_scale, springs_at
 from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.panels import Panels, resolve
 from bwbn_bayes.parameters import Floats, ParameterSpace, Prior, Uniform
 from bwbn_bayes.structures.structure import Structure
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
-_CELLS = 128
 _TAIL = 1e-9
 """Probability left out at either end of a prior without bounds."""
+_MARKS = np.array([_TAIL, 0.5, 1.0 - _TAIL])
+"""Probabilities of a prior between which its density has no second peak."""
 
 
 class _Entry(NamedTuple):
@@ -124,22 +126,36 @@ class Orbit:
 
     def log_marginal(self, values: Floats) -> Floats:
         """Log prior density ``(n,)`` of the section's values of what follows A, integrated along the orbit."""
-        low, high = self.span(values)
-        half = 0.5 * np.maximum(high - low, 0.0)[:, None]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            density = self.log_density(values, low[:, None] + half * (1.0 + _NODES)) + np.log(half * _WEIGHTS)
-            return np.asarray(logsumexp(np.where(half > 0.0, density, -np.inf), axis=1))
+        return self._panels(values).log_integral
 
     def spread(self, values: Floats, rng: np.random.Generator) -> Floats:
-        """One draw along the orbit of each of the section's values, by the prior; any point where it has no mass."""
+        """One draw along the orbit of each of the section's values, by the prior; where it has no mass, the value."""
+        drawn = self._panels(values).draw(partial(self._log_density_at, values), rng)
+        return self.moved(values, np.where(np.isfinite(drawn), drawn, 0.0))
+
+    def _panels(self, values: Floats) -> Panels:
+        """Panels along the orbits, between marks where some prior has its mass."""
         low, high = self.span(values)
-        at = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _CELLS + 1)
-        log_density = self.log_density(values, at[:, :-1] + 0.5 * np.diff(at, axis=1))
-        top = np.max(log_density, axis=1, keepdims=True)
-        reached = np.cumsum(np.exp(log_density - np.where(np.isfinite(top), top, 0.0)), axis=1)
-        wanted = rng.random(len(values)) * reached[:, -1]
-        cell = np.sum(reached < wanted[:, None], axis=1)
-        return self.moved(values, low + (high - low) * (cell + rng.random(len(values))) / _CELLS)
+        marks = np.clip(np.stack([low, *self._marks(values), high], axis=1), low[:, None], high[:, None])
+        return resolve(partial(self._log_density_at, values), np.sort(np.where(low < high, marks.T, 0.0).T, axis=1))
+
+    def _log_density_at(self, values: Floats, rows: NDArray[np.int64], log_scale: Floats) -> Floats:
+        return self.log_density(values[rows], log_scale)
+
+    def _marks(self, values: Floats) -> list[Floats]:
+        """Log scales ``(n,)`` at which a parameter comes to the middle or the ends of its prior.
+
+        A uniform prior needs none: where it ends, the orbit does.
+        """
+        prior = self.space.parameters[self.a].prior
+        own = [] if isinstance(prior, Uniform) else np.log(prior.quantile(_MARKS) / self.origin).tolist()
+        marks = [np.full(len(values), mark) for mark in own]
+        for follower in self.followers:
+            prior = self.space.parameters[follower.column].prior
+            for end in () if isinstance(prior, Uniform) else prior.quantile(_MARKS):
+                met = follower.meets(values, np.full(len(values), end))
+                marks.append(np.where(np.isfinite(met), met, 0.0))
+        return marks
 
 
 @dataclass(frozen=True, kw_only=True)

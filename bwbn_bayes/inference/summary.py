@@ -12,16 +12,16 @@ from typing import Self
 
 import arviz_stats.base as arviz_base
 import numpy as np
-import xarray as xr
 
-from bwbn_bayes.engines.base import BASE_DISPLACEMENT, OBSERVED_KINDS, Engine, channel_map, masses
+from bwbn_bayes.engines.base import BASE_DISPLACEMENT, OBSERVED_KINDS, Engine, channel_map
 from bwbn_bayes.inference.accuracy import Discretisation
+from bwbn_bayes.inference.arrays import Responses, evenly, noise_scales, posterior_tree
 from bwbn_bayes.inference.identifiability import describe, flag
 from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult
-from bwbn_bayes.parameters import Floats, FreeParameter
+from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import (
     Check,
@@ -32,7 +32,6 @@ from bwbn_bayes.results import (
     StageFacts,
 )
 from bwbn_bayes.structures.equations import structure_equations
-from bwbn_bayes.structures.quantities import engineering_quantities
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
@@ -117,14 +116,14 @@ def build_result(
     """Assemble arrays and facts of a finished run."""
     record, model = posterior.record, posterior.model
     parameters = _parameter_facts(posterior, draws)
-    chosen = np.linspace(0, len(draws.points) - 1, min(N_RESPONSES, len(draws.points))).astype(np.int64)
-    values, noise_values = posterior.split(draws.points[chosen])
+    chosen = evenly(len(draws.points), N_RESPONSES)
+    values = posterior.split(draws.points[chosen])[0]
     rows = observe(posterior.engine, model, values, record)
     signals = predicted_channels(model, record, rows)
-    misfit = np.sum(np.square(record.measured - signals), axis=2)
-    noise_sd = posterior.noise.draw_sd(rng, misfit, record.n_times, noise_values)
     truth = true_histories(model, record)
-    tree = _tree(posterior, draws, values, rows, signals, noise_sd, truth, rng)
+    noise_sd = noise_scales(posterior, draws.points, rng)
+    responses = Responses(draws=chosen, values=values, rows=rows, signals=signals)
+    tree = posterior_tree(posterior, draws.points, draws.log_likelihood, noise_sd, responses, truth, rng)
     none = (math.nan, math.nan)
     log_evidence, log_evidence_se = evidences.get("tmcmc (bridge)" if method == "tmcmc" else method, none)
     facts = Facts(
@@ -223,98 +222,6 @@ def densest_interval(draws: Floats, support: tuple[float, float], prob: float = 
     if high >= np.max(draws) > support[1] - near:
         high = support[1]
     return low, high
-
-
-def _tree(
-    posterior: Posterior,
-    draws: Draws,
-    values: Floats,
-    rows: Mapping[str, Floats],
-    signals: Floats,
-    noise_sd: Floats,
-    truth: Mapping[str, Floats] | None,
-    rng: np.random.Generator,
-) -> xr.DataTree:
-    record, model = posterior.record, posterior.model
-    space, times = posterior.space, record.times
-    prior = space.from_unit(posterior.sample_prior(rng, 2000))
-    noisy = signals + noise_sd[:, :, None] * rng.standard_normal(signals.shape)
-    storeys = list(range(1, model.n_storeys + 1))
-    by_storey = storey_parameters(model, values)
-    response = response_dataset(rows, times, storeys)
-    groups = {
-        "posterior": parameter_dataset(space.parameters, space.from_unit(draws.points), model.n_storeys),
-        "prior": parameter_dataset(space.parameters, prior, model.n_storeys),
-        "sample_stats": xr.Dataset({"log_likelihood": (("chain", "draw"), draws.log_likelihood[None])}),
-        "observed_data": xr.Dataset(
-            {name: ("time", np.array(signal)) for name, signal in record.channels.items()}, coords={"time": times}
-        ),
-        "constant_data": constant_dataset(model, record, storeys),
-        "posterior_predictive": xr.Dataset(
-            {
-                name: (("chain", "draw", "time"), noisy[None, :, i].astype(np.float32))
-                for i, name in enumerate(record.channels)
-            },
-            coords={"time": times},
-        ),
-        "response": response,
-        "parameters_by_storey": by_storey,
-    }
-    if isinstance(model, ShearBuilding):
-        groups["quantities"] = engineering_quantities(response, by_storey, masses(model), model.law)
-    if truth is not None:
-        groups["true_response"] = response_dataset(truth, times, storeys).isel(draw=0)
-    return xr.DataTree.from_dict(groups)
-
-
-def storey_parameters(model: Structure, values: Floats) -> xr.Dataset:
-    """Every parameter of the storey law, by symbol ``(draw, storey)``, from identified ones ``(n_draws, n_dim)``."""
-    local = model.table.local(values)
-    return xr.Dataset(
-        {p.symbol: (("draw", "storey"), local[:, :, i]) for i, p in enumerate(model.law.parameters)},
-        coords={"storey": list(range(1, model.n_storeys + 1))},
-    )
-
-
-def response_dataset(rows: Mapping[str, Floats], times: Floats, storeys: list[int]) -> xr.Dataset:
-    """Histories ``(n_draws, n_storeys, n_times)`` by kind, with the names of storeys, floors and times."""
-    place = {kind: {"acceleration": "floor", BASE_DISPLACEMENT: "base"}.get(kind, "storey") for kind in rows}
-    return xr.Dataset(
-        {kind: (("draw", place[kind], "time"), values.astype(np.float32)) for kind, values in rows.items()},
-        coords={"storey": storeys, "floor": storeys, "time": times},
-    )
-
-
-def parameter_dataset(parameters: Sequence[FreeParameter], values: Floats, n_storeys: int) -> xr.Dataset:
-    """One variable per symbol; per-storey parameters get a storey dimension of their own where not all have one."""
-    variables: dict[str, tuple[tuple[str, ...], Floats]] = {}
-    coords: dict[str, list[int]] = {}
-    for symbol in dict.fromkeys(p.symbol for p in parameters):
-        members = [i for i, p in enumerate(parameters) if p.symbol == symbol]
-        numbered = [parameters[i].storeys for i in members]
-        if len(members) == 1 and parameters[members[0]].name == symbol:
-            variables[symbol] = (("chain", "draw"), values[None, :, members[0]])
-        elif all(len(storeys) == 1 for storeys in numbered):
-            storeys = [storeys[0] for storeys in numbered]
-            dimension = "storey" if storeys == list(range(1, n_storeys + 1)) else f"storey_{symbol}"
-            coords[dimension] = storeys
-            variables[symbol] = (("chain", "draw", dimension), values[None][:, :, members])
-        else:
-            for i in members:
-                variables[parameters[i].name] = (("chain", "draw"), values[None, :, i])
-    return xr.Dataset(variables, coords=coords)
-
-
-def constant_dataset(model: Structure, record: Record, storeys: list[int]) -> xr.Dataset:
-    """The excitation and, where masses and sensors allow, the measured storey forces; a specimen's own force."""
-    dataset = xr.Dataset({record.excitation_kind: ("time", np.array(record.excitation))}, coords={"time": record.times})
-    if isinstance(model, ShearBuilding) and set(storeys) <= set(record.floors):
-        forces = record.storey_forces(masses(model))
-        return dataset.assign(measured_storey_force=(("storey", "time"), forces)).assign_coords(storey=storeys)
-    if "force" in record.channels:
-        force = np.array(record.channels["force"])[None]
-        return dataset.assign(measured_storey_force=(("storey", "time"), force)).assign_coords(storey=storeys)
-    return dataset
 
 
 def fit_error(record: Record, signals: Floats) -> dict[str, float]:

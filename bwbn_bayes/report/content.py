@@ -334,17 +334,20 @@ def _histories(tree: xr.DataTree) -> tuple[StoreyHistory, ...]:
 
 def _marginals(tree: xr.DataTree, facts: Facts) -> tuple[Marginal, ...]:
     posterior, prior = _group(tree, "posterior"), _group(tree, "prior")
-    return tuple(
-        Marginal(parameter=p, posterior=_draws(posterior, p), prior=_draws(prior, p).ravel())
-        for p in facts.parameters
-        if p.name in posterior or p.symbol in posterior
-    )
+    known = (p for p in facts.parameters if _variable(posterior, p) is not None)
+    return tuple(Marginal(parameter=p, posterior=_draws(posterior, p), prior=_draws(prior, p).ravel()) for p in known)
+
+
+def _variable(dataset: xr.Dataset, parameter: ParameterFacts) -> str | None:
+    """The variable that holds a parameter, alone or as one of its places."""
+    names = (parameter.name, parameter.symbol, parameter.name.partition("[")[0])
+    return next((name for name in names if name in dataset), None)
 
 
 def _draws(dataset: xr.Dataset, parameter: ParameterFacts) -> Floats:
     """Draws ``(n_chains, n_draws)`` of one parameter; empty where the dataset lacks it."""
-    name = parameter.name if parameter.name in dataset else parameter.symbol
-    if name not in dataset:
+    name = _variable(dataset, parameter)
+    if name is None:
         return np.empty((1, 0))
     array = dataset[name]
     for dim in [str(dim) for dim in array.dims if dim not in ("chain", "draw")]:

@@ -1,5 +1,8 @@
 """Likelihoods against scipy.stats and quadrature, slopes against finite differences."""
 
+import pickle
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -229,3 +232,21 @@ def test_information_on_a_sampled_noise_scale_is_fishers() -> None:
     assert information[-1, -1] == pytest.approx(expected, rel=1e-5)
     assert not np.any(information[-1, :-1])
     assert posterior.space.names[-1] == "noise_sd[acceleration_1]"
+
+
+class _Interrupted(np.ndarray):
+    """Points in the midst of whose counting another thread takes over."""
+
+    def __len__(self) -> int:
+        time.sleep(0.05)
+        return int(self.shape[0])
+
+
+def test_no_solve_is_lost_between_threads() -> None:
+    """``total += len(points)`` reads the total before it asks for the length: two threads counted 7 solves for 14."""
+    posterior = posterior_of(sdof_model(), recorded(1))
+    points = np.full((7, posterior.n_dim), 0.5).view(_Interrupted)
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(posterior.misfit, [points, points]))
+    assert posterior.solves.total == 14
+    assert pickle.loads(pickle.dumps(posterior.solves)).total == 14

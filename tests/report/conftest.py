@@ -185,7 +185,7 @@ def build_result(
     groups = {
         "posterior": parameter_group(draws, n_chains, n_storeys),
         "prior": parameter_group(prior, 1, n_storeys),
-        "sample_stats": xr.Dataset({"log_likelihood": (("chain", "draw"), np.zeros((n_chains, n_draws // n_chains)))}),
+        "sample_stats": xr.Dataset({"lp": (("chain", "draw"), np.zeros((n_chains, n_draws // n_chains)))}),
         "observed_data": xr.Dataset(
             {name: ("time", measured[i]) for i, name in enumerate(channels)}, coords={"time": time}
         ),

@@ -90,27 +90,34 @@ class ForwardProblem:
         _, slopes = self.solver.sensitivities(self.model, values, self.record)
         return self._counted_slopes(np.einsum("npct,nct->np", slopes, cotangents))
 
-    def squared_residuals(self, values: Floats) -> Floats:
+    def squared_residuals(self, values: Floats, measured: Floats | None = None) -> Floats:
         """Sums over time ``(n_draws, n_channels)``; infinite where the solve failed."""
-        misfit = self.solver.misfit(self.model, values, self.record)
+        misfit = self.solver.misfit(self.model, values, self._record_with(measured))
         self._count(np.all(np.isfinite(misfit), axis=1))
         return misfit
 
-    def squared_residuals_pullback(self, values: Floats, cotangents: Floats) -> Floats:
+    def squared_residuals_pullback(self, values: Floats, cotangents: Floats, measured: Floats | None = None) -> Floats:
         """Products ``(n_draws, n_parameters)`` of cotangents and the sums' exact derivatives; zero where failed."""
+        record = self._record_with(measured)
         if isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint":
-            residual = self.measured - self.solver.simulate(self.model, values, self.record).values
+            residual = record.measured - self.solver.simulate(self.model, values, record).values
             return self.response_pullback(values, -2.0 * cotangents[:, :, None] * residual)
-        gradient = self.solver.normal_equations(self.model, values, self.record).gradient
+        gradient = self.solver.normal_equations(self.model, values, record).gradient
         return self._counted_slopes(-2.0 * np.einsum("nc,ncp->np", cotangents, gradient))
 
     def log_admissible(self, values: Floats) -> Floats:
         """Zero ``(n_draws,)`` where every joint constraint of the law holds, minus infinity elsewhere."""
         return np.where(self.model.space.admissible(values), 0.0, -np.inf)
 
+    def _record_with(self, measured: Floats | None) -> Record:
+        """The record, with other measured channels ``(n_channels, n_times)`` where they are given."""
+        if measured is None or np.array_equal(measured, self.measured):
+            return self.record
+        return self.record.with_channels(dict(zip(self.channels, measured, strict=True)))
+
     def _count(self, ok: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> None:
-        self.solves.total += len(ok)
-        self.failures.total += int(np.count_nonzero(~ok))
+        self.solves.add(len(ok))
+        self.failures.add(int(np.count_nonzero(~ok)))
 
     def _counted_slopes(self, products: Floats) -> Floats:
         ok = np.all(np.isfinite(products), axis=1)
@@ -134,7 +141,7 @@ def forward_problem(model: Structure, record: Record, engine: Engine) -> Forward
     return _PROBLEMS.setdefault(key, ForwardProblem(model=model, record=record, engine=engine, key=key))
 
 
-def solved(quantity: str, key: str, arrays: Sequence[Floats]) -> Floats:
+def solved(quantity: str, key: str, arrays: Sequence[Floats], *measured: Floats) -> Floats:
     """Evaluate one quantity of a registered problem: what compiled code calls.
 
     Parameters
@@ -145,10 +152,12 @@ def solved(quantity: str, key: str, arrays: Sequence[Floats]) -> Floats:
         Of the problem.
     arrays : sequence of arrays
         Values ``(n_parameters,)`` or ``(n_draws, n_parameters)``, and cotangents where the quantity takes them.
+    *measured : (n_channels, n_times) array, optional
+        In place of the record's.
     """
     single = arrays[0].ndim == 1
     batched = [np.ascontiguousarray(array[None] if single else array, dtype=np.float64) for array in arrays]
-    result = getattr(_PROBLEMS[key], quantity)(*batched)
+    result = getattr(_PROBLEMS[key], quantity)(*batched, *measured)
     return np.ascontiguousarray(result[0] if single else result, dtype=np.float64)
 
 

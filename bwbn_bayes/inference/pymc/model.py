@@ -15,12 +15,13 @@ import pymc as pm
 import pytensor
 import pytensor.tensor as pt
 import xarray as xr
-from pytensor.graph.basic import Constant
+from pytensor.compile.sharedvalue import SharedVariable
 from pytensor.graph.replace import vectorize_graph
 
 from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.base import Engine, require_parameters, require_usable
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.accuracy import Discretisation
 from bwbn_bayes.inference.likelihood import (
     IntegratedNoise,
     KnownNoise,
@@ -32,6 +33,7 @@ from bwbn_bayes.inference.likelihood import (
 from bwbn_bayes.inference.pymc.forward import ForwardProblem, forward_problem
 from bwbn_bayes.inference.pymc.operators import ChannelResponse, LogAdmissible, SquaredResiduals
 from bwbn_bayes.inference.pymc.priors import prior_twin
+from bwbn_bayes.inference.pymc.scheme import fine_enough, require_fine_enough
 from bwbn_bayes.parameters import Floats, FreeParameter
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -55,6 +57,10 @@ class Observation:
         Sampled noise scales ``(n_channels,)``.
     dims : tuple of str
         Dimensions of the measured matrix: channel and time.
+    data : SharedVariable
+        The measured matrix, which ``pm.set_data`` may replace.
+    discretisation : Discretisation or None
+        What the scheme does to the posterior; unknown where the caller chose it.
     """
 
     problem: ForwardProblem
@@ -62,6 +68,8 @@ class Observation:
     values: pt.TensorVariable
     noise_sd: pt.TensorVariable | None
     dims: tuple[str, str]
+    data: SharedVariable
+    discretisation: Discretisation | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +126,8 @@ def to_pymc(
     noise : Noise or sequence of Noise, optional
         For each record; by default the scales are integrated out under priors from that record.
     engine : str or Engine
-        What solves. One engine with fixed settings serves the whole model; an engine object sets its own.
+        What solves. Of ``"lanes"`` the scheme is the one that ``identify`` would take, fine enough for every record; to
+        tell costs a search for each record's fit. An engine object is taken as it is; :func:`complete` checks it.
     name : str
         Prefix of all names; needed where two structures share one PyMC model.
     parameters : mapping, optional
@@ -129,7 +138,8 @@ def to_pymc(
     -------
     pymc.Model
         Free variables are the identified parameters in their own units; ``measured`` (``measured_1`` and so on for
-        several records) is observed, with dimensions channel and time.
+        several records) is observed, with dimensions channel and time. ``pm.set_data`` replaces ``measured_data``, the
+        measured channels; noise priors and scheme stay those of the records.
 
     Raises
     ------
@@ -148,6 +158,7 @@ def to_pymc(
     for record, own in zip(several, noises, strict=True):
         require_usable(model, record)
         require_noise(own, record)
+    solver, discretisations = fine_enough(model, several, noises, solver, fixed=not isinstance(engine, str))
     problems = [forward_problem(model, record, solver) for record in several]
     given = dict(parameters or {})
     prefix = f"{name}_" if name else ""
@@ -156,8 +167,8 @@ def to_pymc(
         if model.space.constraints:
             mass = 0.0 if given else model.space.log_admissible_mass
             pm.Potential("admissible", LogAdmissible(problems[0])(values) - mass)
-        for number, (problem, own_noise) in enumerate(zip(problems, noises, strict=True), start=1):
-            _observe(values, problem, own_noise, f"_{number}" if len(several) > 1 else "", prefix)
+        for number, parts in enumerate(zip(problems, noises, discretisations, strict=True), start=1):
+            _observe(values, *parts, f"_{number}" if len(several) > 1 else "", prefix)
     return twin
 
 
@@ -201,7 +212,14 @@ def _storey_dimension(model: Structure, group: NamedParameters, prefix: str) -> 
     return dims
 
 
-def _observe(values: pt.TensorVariable, problem: ForwardProblem, noise: Noise, suffix: str, prefix: str) -> None:
+def _observe(
+    values: pt.TensorVariable,
+    problem: ForwardProblem,
+    noise: Noise,
+    discretisation: Discretisation | None,
+    suffix: str,
+    prefix: str,
+) -> None:
     """Add one record's likelihood."""
     twin = pm.modelcontext(None)
     dims = (f"{prefix}channel{suffix}", f"{prefix}time{suffix}")
@@ -216,7 +234,7 @@ def _observe(values: pt.TensorVariable, problem: ForwardProblem, noise: Noise, s
         )
 
     def log_density(measured: pt.TensorVariable, values: pt.TensorVariable, *sd: pt.TensorVariable) -> object:
-        return noise_log_likelihood(noise, _misfit(problem, measured, values), problem.record.n_times, *sd)
+        return noise_log_likelihood(noise, SquaredResiduals(problem)(values, measured), problem.record.n_times, *sd)
 
     def predict(values: pt.TensorVariable, *sd_and_size: pt.TensorVariable) -> pt.TensorVariable:
         *sd, _ = sd_and_size
@@ -226,25 +244,26 @@ def _observe(values: pt.TensorVariable, problem: ForwardProblem, noise: Noise, s
 
     inputs = [values] if noise_sd is None else [values, noise_sd]
     cores = ["(p)"] if noise_sd is None else ["(p)", "(c)"]
+    data = pm.Data(f"measured_data{suffix}", problem.measured, dims=dims)
     variable = pm.CustomDist(
         f"measured{suffix}",
         *inputs,
         dist=predict,
         logp=log_density,
         signature=f"{','.join(cores)}->(c,t)",
-        observed=problem.measured,
+        observed=data,
         dims=dims,
         class_name="Structure",
     )
-    variable.tag.observation = Observation(problem=problem, noise=noise, values=values, noise_sd=noise_sd, dims=dims)
-
-
-def _misfit(problem: ForwardProblem, measured: pt.TensorVariable, values: pt.TensorVariable) -> pt.TensorVariable:
-    """Squared residuals: summed by the engine against the record, here against any other data."""
-    if isinstance(measured, Constant) and np.array_equal(measured.data, problem.measured):
-        return SquaredResiduals(problem)(values)
-    squares = pt.sum(pt.square(measured - ChannelResponse(problem)(values)), axis=-1)
-    return pt.switch(pt.isnan(squares), np.inf, squares)
+    variable.tag.observation = Observation(
+        problem=problem,
+        noise=noise,
+        values=values,
+        noise_sd=noise_sd,
+        dims=dims,
+        data=data,
+        discretisation=discretisation,
+    )
 
 
 def noise_log_likelihood(
@@ -313,7 +332,10 @@ def complete(tree: xr.DataTree, twin: pm.Model, *, rng: np.random.Generator, mos
     thinned = xr.DataTree.from_dict(groups)
     pointwise, replicates = xr.Dataset(), xr.Dataset()
     for name, observation in observations(twin).items():
-        density, replicate = _predictions(observation, draws_of(twin, thinned, _inputs_of(observation)), rng)
+        drawn = draws_of(twin, thinned, _inputs_of(observation))
+        density, replicate = _predictions(observation, drawn, rng)
+        if observation.discretisation is None:
+            require_fine_enough(observation.problem, observation.noise, drawn[np.argmax(density.sum(axis=(1, 2)))])
         dims = ("chain", "draw", *observation.dims)
         shape = (chains, -1, *density.shape[1:])
         coords = dict(
@@ -338,7 +360,7 @@ def _predictions(observation: Observation, draws: Floats, rng: np.random.Generat
     problem = observation.problem
     values, noise_values = np.split(draws, [problem.model.space.n_dim], axis=1)
     response = problem.response(values)
-    residual = problem.measured - response
+    residual = np.asarray(observation.data.get_value()) - response
     misfit = np.sum(np.square(residual), axis=2)
     sd = observation.noise.draw_sd(rng, misfit, problem.record.n_times, noise_values)[:, :, None]
     density = -0.5 * np.square(residual / sd) - np.log(sd) - 0.5 * _LOG_2PI

@@ -33,6 +33,8 @@ class Solve(Op):
 
     __props__ = ("key",)
     quantity: ClassVar[str]
+    n_batched: ClassVar[int] = 1
+    """Inputs that have a batch dimension; one more may hold measured channels, the same for all draws."""
 
     def __init__(self, problem: ForwardProblem) -> None:
         self.problem = problem
@@ -46,9 +48,9 @@ class Solve(Op):
         """Shape of the result for one draw."""
         raise NotImplementedError
 
-    def make_node(self, values: Variable, *cotangents: Variable) -> Apply:
-        """Values of the identified parameters in their own units, and cotangents of the same batch."""
-        inputs = [pt.as_tensor_variable(x).astype("float64") for x in (values, *cotangents)]
+    def make_node(self, values: Variable, *others: Variable) -> Apply:
+        """Values of the identified parameters in their own units, and what else the quantity takes."""
+        inputs = [pt.as_tensor_variable(x).astype("float64") for x in (values, *others)]
         if inputs[0].type.ndim not in (1, 2):
             raise TypeError(f"{type(self).__name__} takes a vector of parameters or a matrix of draws")
         shape = (*inputs[0].type.shape[:-1], *self.core_shape())
@@ -56,7 +58,7 @@ class Solve(Op):
 
     def perform(self, node: Apply, inputs: Sequence[np.ndarray], output_storage: list[list[object]]) -> None:
         """Solve."""
-        output_storage[0][0] = solved(self.quantity, self.key, inputs)
+        output_storage[0][0] = solved(self.quantity, self.key, inputs[: self.n_batched], *inputs[self.n_batched :])
 
     def infer_shape(self, node: Apply, shapes: Sequence[tuple[Variable, ...]]) -> list[tuple[object, ...]]:
         """Batch dimensions of the values, then the result's own."""
@@ -65,6 +67,8 @@ class Solve(Op):
 
 class _Pullback(Solve):
     """Base of the vector-Jacobian products; a failed solve pulls back zero."""
+
+    n_batched = 2
 
     def core_shape(self) -> tuple[int, ...]:
         return (self.problem.model.space.n_dim,)
@@ -99,7 +103,10 @@ class ChannelResponse(Solve):
 
 
 class SquaredResiduals(Solve):
-    """Sum over time of squared residuals ``(n_channels,)``; infinite where the solve fails."""
+    """Sum over time of squared residuals ``(n_channels,)``; infinite where the solve fails.
+
+    Against the record's channels, or against those ``(n_channels, n_times)`` given beside the values.
+    """
 
     quantity = "squared_residuals"
 
@@ -111,7 +118,10 @@ class SquaredResiduals(Solve):
         self, inputs: Sequence[Variable], outputs: Sequence[Variable], cotangents: Sequence[Variable]
     ) -> list[Variable]:
         """Vector-Jacobian product from the engine's normal equations."""
-        return [SquaredResidualsPullback(self.problem)(inputs[0], cotangents[0])]
+        values, *measured = inputs
+        slopes = [SquaredResidualsPullback(self.problem)(values, cotangents[0], *measured)]
+        residual = [data - ChannelResponse(self.problem)(values) for data in measured]
+        return slopes + [2.0 * pt.shape_padright(cotangents[0]) * left for left in residual]
 
 
 class LogAdmissible(Solve):
@@ -133,17 +143,20 @@ class LogAdmissible(Solve):
 @_vectorize_node.register(Solve)
 def _one_call(op: Solve, node: Apply, *inputs: Variable) -> Sequence[Variable]:
     """All batch dimensions in one call of the engine."""
-    cores = [x.type.ndim for x in node.inputs]
+    own, measured = inputs[: op.n_batched], inputs[op.n_batched :]
+    if any(x.type.ndim != 2 for x in measured):
+        raise NotImplementedError("several sets of measured channels in one batch: take one at a time")
+    cores = [x.type.ndim for x in node.inputs[: op.n_batched]]
     if cores[0] == 2:
         # The node was batched already: its own draws are one more batch dimension.
         cores = [core - 1 for core in cores]
-    n_batch = max(x.type.ndim - core for x, core in zip(inputs, cores, strict=True))
-    if n_batch <= 1 and all(x.type.ndim - core == n_batch for x, core in zip(inputs, cores, strict=True)):
+    n_batch = max(x.type.ndim - core for x, core in zip(own, cores, strict=True))
+    if n_batch <= 1 and all(x.type.ndim - core == n_batch for x, core in zip(own, cores, strict=True)):
         return list(op.make_node(*inputs).outputs)
-    padded = [pt.shape_padleft(x, n_batch - (x.type.ndim - core)) for x, core in zip(inputs, cores, strict=True)]
+    padded = [pt.shape_padleft(x, n_batch - (x.type.ndim - core)) for x, core in zip(own, cores, strict=True)]
     batch = pt.broadcast_shape(*([x.shape[i] for i in range(n_batch)] for x in padded), arrays_are_shapes=True)
     flat = [pt.broadcast_to(x, (*batch, *x.shape[n_batch:])).reshape((-1, *x.shape[n_batch:])) for x in padded]
-    (result,) = op.make_node(*flat).outputs
+    (result,) = op.make_node(*flat, *measured).outputs
     return [result.reshape((*batch, *op.core_shape()), ndim=n_batch + len(op.core_shape()))]
 
 
@@ -153,6 +166,7 @@ def _compiled(op: Solve, node: Apply, **_: object) -> tuple[Callable[..., np.nda
     quantity, key = op.quantity, op.key
     result_type = get_numba_type(node.outputs[0].type)
 
+    # Compiled code has no arguments of any number: one function for each.
     if len(node.inputs) == 1:
 
         @numba_njit
@@ -160,6 +174,22 @@ def _compiled(op: Solve, node: Apply, **_: object) -> tuple[Callable[..., np.nda
             with numba.objmode(result=result_type):
                 result = solved(quantity, key, (values,))
             return result  # noqa: RET504  (what leaves the block must have a name)
+
+    elif len(node.inputs) == 3:
+
+        @numba_njit
+        def solve(values: np.ndarray, cotangents: np.ndarray, measured: np.ndarray) -> np.ndarray:
+            with numba.objmode(result=result_type):
+                result = solved(quantity, key, (values, cotangents), measured)
+            return result  # noqa: RET504
+
+    elif op.n_batched == 1:
+
+        @numba_njit
+        def solve(values: np.ndarray, measured: np.ndarray) -> np.ndarray:
+            with numba.objmode(result=result_type):
+                result = solved(quantity, key, (values,), measured)
+            return result  # noqa: RET504
 
     else:
 

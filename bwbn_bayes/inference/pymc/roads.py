@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-import arviz_stats
 import numpy as np
 import xarray as xr
 
@@ -75,13 +74,13 @@ def sample_road(
         kernel: KernelName = "imh" if plain else "batched"
         say(f"sampling by PyMC's sequential Monte Carlo, kernel {kernel}", None)
         run = sample_smc(twin, draws=draws, chains=N_CHAINS, seed=seed, kernel=kernel, listener=_stage_listener(say))
-        posterior.solves.total += run.n_solves
-        return Road(_draws(posterior, run.tree), _evidences(run), (_spread_check(run),))
+        posterior.solves.add(run.n_solves)
+        return Road(_draws(posterior, run.tree, run.effective_sample_size), _evidences(run), (_spread_check(run),))
     say(f"sampling by NUTS of {sampler}", None)
     start = laplace_start(twin, posterior.space, modes[0], N_CHAINS, np.random.default_rng(seed))
     nuts = sample_nuts(twin, start, sampler=sampler, draws=draws, tune=_TUNE, chains=N_CHAINS, seed=seed)
-    posterior.solves.total += nuts.n_solves
-    return Road(_draws(posterior, nuts.tree), {}, _nuts_checks(nuts))
+    posterior.solves.add(nuts.n_solves)
+    return Road(_draws(posterior, nuts.tree, nuts.least_ess), {}, _nuts_checks(nuts))
 
 
 def values_of(tree: xr.DataTree, space: ParameterSpace) -> Floats:
@@ -99,15 +98,14 @@ def values_of(tree: xr.DataTree, space: ParameterSpace) -> Floats:
     return values
 
 
-def _draws(posterior: Posterior, tree: xr.DataTree) -> Draws:
+def _draws(posterior: Posterior, tree: xr.DataTree, effective: float) -> Draws:
     points = posterior.space.to_unit(values_of(tree, posterior.space))
-    ess = arviz_stats.ess(tree["posterior"].dataset)
     return Draws(
         points=points,
         log_likelihood=posterior.log_likelihood(points),
         weighted_points=points,
         weights=np.full(len(points), 1.0 / len(points)),
-        effective_sample_size=min(float(value.min()) for value in ess.data_vars.values()),
+        effective_sample_size=effective,
     )
 
 
@@ -125,7 +123,7 @@ def _stage_listener(say: Say) -> Callable[[Mapping[str, float]], None]:
                 stage=0,
                 tempering_parameter=past,
                 acceptance=facts["accept_rate"],
-                effective_sample_size=float("nan"),
+                effective_sample_size=facts["effective_sample_size"],
                 n_solves=int(facts["n_solves"]),
                 log_evidence=facts["log_marginal_likelihood"],
                 elapsed_s=0.0,

@@ -2,8 +2,15 @@
 
 PyMC's kernels evaluate particles one by one, stop the search for the next tempering parameter at an absolute 1e-6, and
 add 1e-6 to the variances of their proposals. A long record needs first steps below 1e-6 and leaves posteriors narrower
-than 1e-3. :class:`Batched` solves all particles in one call, searches to a relative tolerance as our TMCMC does, scales
-its proposals by the cloud alone, and moves until the cloud has forgotten where it started.
+than 1e-3. :class:`Batched` solves all particles in one call, searches to a relative tolerance as our TMCMC does, and
+moves until the cloud has forgotten where it started. Its moves are TMCMC's too: a proposal fitted to the very particle
+that it moves favours that particle, a bias that adds up over the stages, and so does a step size that follows the
+acceptance it meets. So each half of the particles is moved by what the other half looks like, unchanged for a stage.
+
+References
+----------
+.. [1] J. Olsson and R. Douc, "Numerically stable online estimation of variance in particle filters", Bernoulli 25(2),
+   2019 (the effective size, from ancestors a few stages back).
 """
 
 from __future__ import annotations
@@ -22,14 +29,17 @@ from pymc.pytensorf import join_nonshared_inputs, make_shared_replacements
 from pymc.smc.kernels import IMH
 from pytensor.graph.replace import vectorize_graph
 
-from bwbn_bayes.inference.tmcmc.mixture import GaussianMixture, fit_mixture
+from bwbn_bayes.inference.tmcmc import moves
+from bwbn_bayes.inference.tmcmc.coordinates import Coordinates
+from bwbn_bayes.inference.tmcmc.mixture import fit_mixture
+from bwbn_bayes.inference.tmcmc.moves import EMPTY_TALLY, FIRST_TUNING, Shape, retune
+from bwbn_bayes.inference.tmcmc.target import Integers
 from bwbn_bayes.inference.tmcmc.tempering import log_mean, next_tempering_parameter, normalised
 from bwbn_bayes.parameters import Booleans, Floats
 
 _LEAST_SWEEPS = 4
-_WANTED_ACCEPTANCE = 0.25
-_DEGREES = 8.0
-_WORTH_REPEATING = 0.1
+_LAG = 3
+"""Stages back to the ancestors by which particles are related; further back too few are left to tell them apart."""
 
 StageListener = Callable[[Mapping[str, float]], None]
 """Called with the statistics of each finished stage."""
@@ -38,8 +48,7 @@ StageListener = Callable[[Mapping[str, float]], None]
 class Batched(IMH):
     """Batched kernel for ``pm.sample_smc``.
 
-    Each stage mixes sweeps of independence proposals (a Student-t mixture fitted to the cloud), as long as they are
-    accepted, and of random-walk proposals (the cloud's covariance, one scale for all that finds its acceptance rate),
+    Each stage sweeps with the moves of :mod:`bwbn_bayes.inference.tmcmc.moves`, in PyMC's unconstrained coordinates,
     until the log likelihood and every coordinate have lost their correlation with the start.
 
     Parameters
@@ -62,6 +71,7 @@ class Batched(IMH):
         "n_sweeps": (int, []),
         "n_solves": (int, []),
         "n_failed": (int, []),
+        "effective_sample_size": (float, []),
     }
 
     def __init__(
@@ -75,7 +85,6 @@ class Batched(IMH):
         super().__init__(*args, correlation_threshold=correlation_threshold, **kwargs)
         self.most_sweeps = most_sweeps
         self.listener = listener
-        self.scale = 0.0
         self.n_solves = self.n_failed = 0
         self.density = _batched_density(pm.modelcontext(kwargs.get("model")), kwargs.get("compile_kwargs") or {})
 
@@ -85,7 +94,8 @@ class Batched(IMH):
         self.tempered_posterior = np.concatenate(columns, axis=1)
         self.n_solves = self.n_failed = 0
         self.prior_logp, self.likelihood_logp = self._evaluate(self.tempered_posterior)
-        self.scale = 2.38 / np.sqrt(self.tempered_posterior.shape[1])
+        self.tuning = FIRST_TUNING
+        self.lineage: list[Integers] = []
 
     def _evaluate(self, points: Floats) -> tuple[Floats, Floats]:
         prior, likelihood = self.density(points)
@@ -104,49 +114,63 @@ class Batched(IMH):
         self.weights = normalised(log_weights)
         self.log_marginal_likelihood += log_mean(log_weights)
 
+    def resample(self) -> None:
+        """Resample, and remember the ancestors of the last stages."""
+        super().resample()
+        generations = [np.arange(self.draws), *self.lineage[: _LAG - 1]]
+        self.lineage = [labels[self.resampling_indexes] for labels in generations]
+
+    @property
+    def families(self) -> Integers:
+        """Common ancestors ``(n,)`` some stages back."""
+        return self.lineage[-1]
+
     def tune(self) -> None:
-        """Fit the proposals to the cloud."""
-        covariance = np.atleast_2d(np.cov(self.tempered_posterior.T))
-        # Few distinct particles leave the matrix singular; a share of its own diagonal mends that at any scale.
-        covariance = covariance + 1e-6 * np.diag(np.diag(covariance))
-        distinct = len(np.unique(self.resampling_indexes))
-        equal = np.full(self.draws, 1.0 / self.draws)
-        self.mixture = fit_mixture(self.tempered_posterior, equal, float(distinct))
-        self.factor = np.linalg.cholesky(covariance)
+        """Fit to each half of the families what moves the other half."""
+        halves = [self.families % 2 == parity for parity in (0, 1)]
+        fewest = 2 * (self.tempered_posterior.shape[1] + 1)
+        if min(len(np.unique(self.resampling_indexes[half])) for half in halves) < fewest:
+            halves = [np.ones(self.draws, dtype=np.bool_)] * 2
+        self.groups = self.families % 2
+        self.shapes = [self._shape(half) for half in reversed(halves)]
+
+    def _shape(self, chosen: Booleans) -> Shape:
+        points = self.tempered_posterior[chosen]
+        distinct = len(np.unique(self.resampling_indexes[chosen]))
+        mixture = fit_mixture(points, np.full(len(points), 1.0 / len(points)), float(distinct))
+        return Shape.of(Coordinates.probit(points.shape[1]), mixture, points)
 
     def mutate(self) -> None:
         """Sweep until log likelihood and coordinates have lost their correlation with the start."""
-        start = self._watched()
-        accepted: list[float] = []
-        pause, until_next = 1, 0
-        while len(accepted) < self.most_sweeps:
-            if until_next == 0:
-                accepted.append(float(np.mean(self._independent())))
-                # Where the fitted mixture hardly meets the density, its sweeps are solves lost.
-                pause = 1 if accepted[-1] > _WORTH_REPEATING else min(2 * pause, 16)
-                until_next = pause
-            else:
-                accepted.append(float(np.mean(self._walk())))
-                until_next -= 1
-            left = _largest_correlation(start, self._watched())
-            if len(accepted) >= _LEAST_SWEEPS and left < self.correlation_threshold:
+        start, tally = self._watched(), EMPTY_TALLY
+        for sweep in range(1, self.most_sweeps + 1):
+            tally = self._sweep(tally)
+            if sweep >= _LEAST_SWEEPS and _largest_correlation(start, self._watched()) < self.correlation_threshold:
                 break
-        self.n_steps = len(accepted)
-        self.acc_rate = float(np.mean(accepted))
+        self.n_steps, self.acc_rate = sweep, tally.acceptance
+        self.tuning = retune(self.tuning, tally)
 
     def _watched(self) -> Floats:
         return np.column_stack([self.tempered_posterior, self.likelihood_logp])
 
-    def _independent(self) -> Booleans:
-        proposal = _student_sample(self.mixture, self.rng, self.draws)
-        back, forth = (_student_log_density(self.mixture, x) for x in (self.tempered_posterior, proposal))
-        return self._accept(proposal, back - forth)
-
-    def _walk(self) -> Booleans:
-        step = self.rng.standard_normal(self.tempered_posterior.shape) @ self.factor.T
-        accepted = self._accept(self.tempered_posterior + self.scale * step, np.zeros(self.draws))
-        self.scale *= float(np.exp(np.mean(accepted) - _WANTED_ACCEPTANCE))
-        return accepted
+    def _sweep(self, tally: moves.Tally) -> moves.Tally:
+        """One Metropolis-Hastings step of every particle, in one batch of solves."""
+        present = self.tempered_posterior
+        proposed = np.empty_like(present)
+        kinds = np.empty(self.draws, dtype=np.int64)
+        log_asymmetry, jumps = np.empty((2, self.draws))
+        for group, shape in enumerate(self.shapes):
+            mine = self.groups == group
+            fit = shape.mixture.log_density(present[mine])
+            proposal = moves.propose(present[mine], fit, shape, self.tuning, self.rng)
+            proposed[mine], kinds[mine], log_asymmetry[mine] = (
+                proposal.positions,
+                proposal.moves,
+                proposal.log_asymmetry,
+            )
+            jumps[mine] = shape.squared_jumps(present[mine], proposal.positions)
+        accepted = self._accept(proposed, log_asymmetry)
+        return tally.add(kinds, accepted.astype(np.float64), jumps)
 
     def _accept(self, proposal: Floats, log_correction: Floats) -> Booleans:
         prior, likelihood = self._evaluate(proposal)
@@ -168,6 +192,7 @@ class Batched(IMH):
             "n_sweeps": self.n_steps,
             "n_solves": self.n_solves,
             "n_failed": self.n_failed,
+            "effective_sample_size": effective_size(self._watched(), self.families),
         }
         if self.listener is not None:
             self.listener(facts)
@@ -188,22 +213,20 @@ def _batched_density(model: pm.Model, compile_kwargs: Mapping[str, Any]) -> Call
     return function  # type: ignore[no-any-return]
 
 
-def _student_sample(mixture: GaussianMixture, rng: np.random.Generator, n: int) -> Floats:
-    """Draws ``(n, d)`` of the mixture with Student-t components; light tails would leave far particles behind."""
-    labels = mixture.labels(rng, n)
-    noise = rng.standard_normal((n, mixture.means.shape[1])) / np.sqrt(rng.chisquare(_DEGREES, (n, 1)) / _DEGREES)
-    return np.asarray(mixture.means[labels] + np.einsum("nij,nj->ni", mixture.factors[labels], noise))
+def effective_size(points: Floats, families: Integers) -> float:
+    """Independent draws that particles ``(n, d)`` are worth, of which those of one family ``(n,)`` may be alike.
 
-
-def _student_log_density(mixture: GaussianMixture, points: Floats) -> Floats:
-    """Its log density ``(n,)`` but for a constant."""
-    end = 0.5 * (_DEGREES + points.shape[1])
-    parts = []
-    for weight, mean, inverse in zip(mixture.weights, mixture.means, mixture.inverses, strict=True):
-        radius = np.sum(np.square((points - mean) @ inverse.T), axis=1)
-        log_scale = np.log(weight) + np.sum(np.log(np.diag(inverse)))
-        parts.append(log_scale - end * np.log1p(radius / _DEGREES))
-    return np.asarray(np.logaddexp.reduce(parts, axis=0))
+    The mean's variance is that of the families' sums; the order of the particles says nothing.
+    """
+    centred = points - np.mean(points, axis=0)
+    sums = np.zeros((int(np.max(families)) + 1, points.shape[1]))
+    np.add.at(sums, families, centred)
+    error = np.sum(np.square(sums), axis=0) / len(points)
+    variance = np.mean(np.square(centred), axis=0)
+    varying = variance > 0.0
+    if not np.any(varying):
+        return 1.0
+    return min(float(len(points)), len(points) * float(np.min(variance[varying] / error[varying])))
 
 
 def _largest_correlation(start: Floats, now: Floats) -> float:
@@ -235,6 +258,14 @@ class SmcRun:
     log_evidences: Floats
     log_evidence: float
     log_evidence_se: float
+
+    @property
+    def effective_sample_size(self) -> float:
+        """Independent draws that all chains are worth; not a number for PyMC's own kernels, which do not tell."""
+        stats_ = self.tree["sample_stats"].dataset
+        if "effective_sample_size" not in stats_:
+            return float("nan")
+        return sum(float(row[np.isfinite(row)][-1]) for row in stats_["effective_sample_size"].values)
 
     @property
     def n_solves(self) -> int:

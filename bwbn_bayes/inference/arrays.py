@@ -1,0 +1,222 @@
+"""Arrays of a result, as ``results.py`` lists them: named dimensions, coordinates and units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from bwbn_bayes.engines.base import BASE_DISPLACEMENT, masses
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.parameters import Floats, FreeParameter
+from bwbn_bayes.records.record import Record, si_unit
+from bwbn_bayes.structures.quantities import engineering_quantities
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
+
+_LOG_2PI = float(np.log(2.0 * np.pi))
+_N_PRIOR = 2000
+_MOST_POINTWISE, _FEWEST_POINTWISE = 1000, 100
+_POINTWISE_NUMBERS = 4_000_000
+"""Pointwise log likelihoods kept at most, for as many draws between these as that allows: 16 MB."""
+_UNITS = {
+    "drift": "m",
+    "drift_rate": "m/s",
+    "restoring_force": "N",
+    "hysteretic_displacement": "m",
+    "hysteretic_energy": "J",
+    "acceleration": "m/s^2",
+    BASE_DISPLACEMENT: "m",
+}
+
+
+class Responses(NamedTuple):
+    """Solved histories of some draws.
+
+    Attributes
+    ----------
+    draws : (n,) array
+        Their positions among all draws.
+    values : (n, n_parameters) array
+        Identified parameters.
+    rows : mapping of str to (n, n_storeys, n_times) array
+        Every observable by kind.
+    signals : (n, n_channels, n_times) array
+        The measured channels.
+    """
+
+    draws: NDArray[np.int64]
+    values: Floats
+    rows: Mapping[str, Floats]
+    signals: Floats
+
+
+def evenly(n: int, most: int) -> NDArray[np.int64]:
+    """At most so many positions, spread evenly over ``n``."""
+    return np.linspace(0, n - 1, min(most, n)).astype(np.int64)
+
+
+def noise_scales(posterior: Posterior, points: Floats, rng: np.random.Generator) -> Floats:
+    """Noise standard deviations ``(n_draws, n_channels)``, one from each draw's own posterior of them."""
+    different, place = np.unique(points, axis=0, return_inverse=True)
+    misfit = posterior.misfit(different)[place]
+    return np.array(posterior.noise.draw_sd(rng, misfit, posterior.record.n_times, posterior.split(points)[1]))
+
+
+def posterior_tree(
+    posterior: Posterior,
+    points: Floats,
+    log_likelihood: Floats,
+    noise_sd: Floats,
+    responses: Responses,
+    truth: Mapping[str, Floats] | None,
+    rng: np.random.Generator,
+) -> xr.DataTree:
+    """All groups of a result.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        What was sampled.
+    points : (n_draws, n_dim) array
+        Draws in the unit cube.
+    log_likelihood : (n_draws,) array
+        Of each draw.
+    noise_sd : (n_draws, n_channels) array
+        Noise scales of each draw.
+    responses : Responses
+        Of the draws that predictions and figures are made of.
+    truth : mapping, optional
+        The noise-free response at the true parameters.
+    rng : numpy.random.Generator
+        For prior draws and noise.
+    """
+    record, model, space = posterior.record, posterior.model, posterior.space
+    n_own = model.space.n_dim
+    values, prior = space.from_unit(points), space.from_unit(posterior.sample_prior(rng, _N_PRIOR))
+    storeys = list(range(1, model.n_storeys + 1))
+    draw = {"draw": responses.draws}
+    response = response_dataset(responses.rows, record.times, storeys).assign_coords(draw)
+    by_storey = storey_parameters(model, responses.values).assign_coords(draw)
+    density = sum((p.prior.log_density(values[:, i]) for i, p in enumerate(space.parameters)), np.zeros(len(points)))
+    lp = log_likelihood + density - model.space.log_admissible_mass
+    groups = {
+        "posterior": _draws(model, record, values[:, :n_own], noise_sd),
+        "prior": _draws(model, record, prior[:, :n_own], prior[:, n_own:]),
+        "sample_stats": _numbered(xr.Dataset({"lp": (("chain", "draw"), lp[None])})),
+        "log_likelihood": _pointwise(posterior, points, noise_sd),
+        "observed_data": _histories(record, {name: ("time", np.array(s)) for name, s in record.channels.items()}),
+        "constant_data": constant_dataset(model, record, storeys),
+        "posterior_predictive": _predictive(record, responses, noise_sd[responses.draws], rng),
+        "response": response,
+        "parameters_by_storey": by_storey,
+    }
+    if isinstance(model, ShearBuilding):
+        groups["quantities"] = engineering_quantities(response, by_storey, masses(model), model.law)
+    if truth is not None:
+        groups["true_response"] = response_dataset(truth, record.times, storeys).isel(draw=0, drop=True)
+    return xr.DataTree.from_dict(groups)
+
+
+def _draws(model: Structure, record: Record, values: Floats, noise_sd: Floats) -> xr.Dataset:
+    """Parameters ``(n, n_parameters)`` and, unless they have no columns, noise scales ``(n, n_channels)``."""
+    dataset = parameter_dataset(model.space.parameters, values, model.n_storeys)
+    if noise_sd.size:
+        units = {"units": ", ".join(dict.fromkeys(si_unit(name) for name in record.channels))}
+        dataset = dataset.assign(noise_sd=(("chain", "draw", "channel"), noise_sd[None], units))
+        dataset = dataset.assign_coords(channel=list(record.channels))
+    return _numbered(dataset)
+
+
+def _numbered(dataset: xr.Dataset) -> xr.Dataset:
+    return dataset.assign_coords(chain=[0], draw=np.arange(dataset.sizes["draw"]))
+
+
+def _histories(record: Record, variables: Mapping[str, tuple[Any, Any]]) -> xr.Dataset:
+    """Variables by channel over the record's time."""
+    return xr.Dataset(
+        {name: (*variable, {"units": si_unit(name)}) for name, variable in variables.items()},
+        coords={"time": ("time", record.times, {"units": "s"})},
+    )
+
+
+def _predictive(record: Record, responses: Responses, noise_sd: Floats, rng: np.random.Generator) -> xr.Dataset:
+    """Predictions with noise, of the same draws as the responses."""
+    signals = responses.signals
+    noisy = (signals + noise_sd[:, :, None] * rng.standard_normal(signals.shape)).astype(np.float32)
+    names = {name: (("chain", "draw", "time"), noisy[None, :, i]) for i, name in enumerate(record.channels)}
+    return _histories(record, names).assign_coords(chain=[0], draw=responses.draws)
+
+
+def _pointwise(posterior: Posterior, points: Floats, noise_sd: Floats) -> xr.Dataset:
+    """Log density of every measured sample given draw and noise scales: white noise makes them independent."""
+    record = posterior.record
+    most = _POINTWISE_NUMBERS // record.measured.size
+    chosen = evenly(len(points), min(max(most, _FEWEST_POINTWISE), _MOST_POINTWISE))
+    values, _ = posterior.split(points[chosen])
+    posterior.solves.add(len(chosen))
+    response = posterior.engine.simulate(posterior.model, values, record).values
+    sd = noise_sd[chosen][:, :, None]
+    density = -0.5 * np.square((record.measured - response) / sd) - np.log(sd) - 0.5 * _LOG_2PI
+    return xr.Dataset(
+        {"measured": (("chain", "draw", "channel", "time"), density[None].astype(np.float32))},
+        coords={"chain": [0], "draw": chosen, "channel": list(record.channels), "time": record.times},
+    )
+
+
+def storey_parameters(model: Structure, values: Floats) -> xr.Dataset:
+    """Every parameter of the storey law, by symbol ``(draw, storey)``, from identified ones ``(n_draws, n_dim)``."""
+    local = model.table.local(values)
+    return xr.Dataset(
+        {p.symbol: (("draw", "storey"), local[:, :, i], {"units": p.unit}) for i, p in enumerate(model.law.parameters)},
+        coords={"storey": list(range(1, model.n_storeys + 1))},
+    )
+
+
+def response_dataset(rows: Mapping[str, Floats], times: Floats, storeys: list[int]) -> xr.Dataset:
+    """Histories ``(n_draws, n_storeys, n_times)`` by kind, with the names of storeys, floors and times."""
+    place = {kind: {"acceleration": "floor", BASE_DISPLACEMENT: "base"}.get(kind, "storey") for kind in rows}
+    return xr.Dataset(
+        {
+            kind: (("draw", place[kind], "time"), values.astype(np.float32), {"units": _UNITS[kind]})
+            for kind, values in rows.items()
+        },
+        coords={"storey": storeys, "floor": storeys, "time": ("time", times, {"units": "s"})},
+    )
+
+
+def parameter_dataset(parameters: Sequence[FreeParameter], values: Floats, n_storeys: int) -> xr.Dataset:
+    """One variable per symbol; per-storey parameters get a storey dimension of their own where not all have one."""
+    variables: dict[str, tuple[tuple[str, ...], Floats, dict[str, str]]] = {}
+    coords: dict[str, list[int]] = {}
+    for symbol in dict.fromkeys(p.symbol for p in parameters):
+        members = [i for i, p in enumerate(parameters) if p.symbol == symbol]
+        numbered = [parameters[i].storeys for i in members]
+        unit = {"units": parameters[members[0]].unit}
+        if len(members) == 1 and parameters[members[0]].name == symbol:
+            variables[symbol] = (("chain", "draw"), values[None, :, members[0]], unit)
+        elif all(len(storeys) == 1 for storeys in numbered):
+            storeys = [storeys[0] for storeys in numbered]
+            dimension = "storey" if storeys == list(range(1, n_storeys + 1)) else f"storey_{symbol}"
+            coords[dimension] = storeys
+            variables[symbol] = (("chain", "draw", dimension), values[None][:, :, members], unit)
+        else:
+            for i in members:
+                variables[parameters[i].name] = (("chain", "draw"), values[None, :, i], unit)
+    return xr.Dataset(variables, coords=coords)
+
+
+def constant_dataset(model: Structure, record: Record, storeys: list[int]) -> xr.Dataset:
+    """The excitation and, where masses and sensors allow, the measured storey forces; a specimen's own force."""
+    dataset = _histories(record, {record.excitation_kind: ("time", np.array(record.excitation))})
+    if isinstance(model, ShearBuilding) and set(storeys) <= set(record.floors):
+        forces = record.storey_forces(masses(model))
+    elif "force" in record.channels:
+        forces = np.array(record.channels["force"])[None]
+    else:
+        return dataset
+    measured = (("storey", "time"), forces, {"units": "N"})
+    return dataset.assign(measured_storey_force=measured).assign_coords(storey=storeys)

@@ -1,0 +1,65 @@
+"""The scheme under which a PyMC model solves: by the rule of :func:`~bwbn_bayes.inference.identify.identify`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bwbn_bayes.engines.base import Engine
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.accuracy import LADDER, Discretisation, Judge, choose_scheme, on_rung
+from bwbn_bayes.inference.likelihood import Noise, Posterior
+from bwbn_bayes.inference.modes import find_modes
+from bwbn_bayes.inference.pymc.forward import ForwardProblem
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
+
+_SEED = 1
+
+
+def fine_enough(
+    model: Structure, records: Sequence[Record], noises: Sequence[Noise], engine: Engine, *, fixed: bool
+) -> tuple[Engine, list[Discretisation | None]]:
+    """The engine with the finest of the schemes that the records ask for, and what each would do with its own.
+
+    Parameters
+    ----------
+    model : Structure
+        With priors.
+    records, noises : sequences of Record and of Noise
+        One noise for each record.
+    engine : Engine
+        One that is not of lanes has a tolerance of its own and is returned as it is.
+    fixed : bool
+        Whether the caller has chosen the scheme.
+    """
+    if fixed or not isinstance(engine, Lanes):
+        return engine, [None] * len(records)
+    schemes, facts = zip(*(_chosen(model, *pair, engine) for pair in zip(records, noises, strict=True)), strict=True)
+    ladder = [replace(rung, n_threads=engine.n_threads) for rung in LADDER]
+    return max(schemes, key=ladder.index), list(facts)
+
+
+def require_fine_enough(problem: ForwardProblem, noise: Noise, draw: Floats) -> None:
+    """Warn where a scheme moves the posterior at a draw (model, then noise) by half its standard deviation or more."""
+    if not isinstance(problem.engine, Lanes):
+        return
+    posterior = Posterior(model=problem.model, record=problem.record, engine=problem.engine, noise=noise)
+    finest = replace(LADDER[-1], n_threads=problem.engine.n_threads)
+    facts = Judge.at(posterior, posterior.space.to_unit(draw[None])[0], finest)(problem.engine)
+    if not facts.acceptable:
+        warnings.warn(
+            f"the scheme ({facts.scheme}) moves the posterior by {facts.joint_shift_sd:.2g} sd and the "
+            f'log likelihood by {abs(facts.log_likelihood_shift):.2g}: leave the choice to to_pymc with engine="lanes"',
+            stacklevel=3,
+        )
+
+
+def _chosen(model: Structure, record: Record, noise: Noise, engine: Lanes) -> tuple[Lanes, Discretisation]:
+    coarse = Posterior(model=model, record=record, engine=on_rung(engine, LADDER[0]), noise=noise)
+    modes = find_modes(coarse, np.random.default_rng(_SEED))
+    return choose_scheme(coarse, modes[0].point, engine)

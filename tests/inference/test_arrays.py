@@ -1,0 +1,79 @@
+"""Arrays of a result as ArviZ reads them: draws by number, pointwise densities, noise scales, units."""
+
+from __future__ import annotations
+
+import arviz as az
+import numpy as np
+import pytest
+from inference_cases import ENGINE, recorded, sdof_model
+from scipy import stats
+
+from bwbn_bayes import LogNormal, Record, Result, SampledNoise, Settings, identify
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.report.content import gather
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return identify(sdof_model(), recorded(1), settings=Settings(particles=2000))
+
+
+def test_leave_one_out_sees_samples(result: Result, record: Record) -> None:
+    """Nine effective parameters, eight and the noise; ``az.loo`` took one scalar per draw for the one observation.
+
+    A sample's own density at the truth has mean ``-log(sd) - log(2 pi e) / 2``; a parameter costs a nat.
+    """
+    loo = az.loo(result.tree)
+    sd = record.noise_sd["acceleration_1"]
+    expected = -record.n_times * (np.log(sd) + 0.5 * np.log(2.0 * np.pi) + 0.5)
+    assert loo.n_data_points == record.n_times
+    assert abs(loo.elpd - expected) < 4.0 * loo.se
+    assert loo.p == pytest.approx(9.0, abs=2.0)
+
+
+def test_draws_of_all_groups_are_the_posteriors(result: Result, posterior: Posterior) -> None:
+    """By number: a response is that of its draw, a log density is that of its draw and its noise scale."""
+    tree = result.tree
+    number = tree["response"]["draw"].values[7]
+    assert number == tree["posterior_predictive"]["draw"].values[7] == tree["parameters_by_storey"]["draw"].values[7]
+    draw = tree["posterior"].sel(chain=0, draw=number)
+    values = np.array([[draw[name].item() for name in sdof_model().space.names]])
+    np.testing.assert_array_equal(tree["parameters_by_storey"]["k"].sel(draw=number), draw["k"])
+    solved = ENGINE.simulate(sdof_model(), values, posterior.record, ["acceleration_1"]).values[0, 0]
+    np.testing.assert_allclose(
+        tree["posterior_predictive"]["acceleration_1"].sel(chain=0, draw=number), solved,
+        atol=5.5 * draw["noise_sd"].item(),
+    )  # fmt: skip
+    number = tree["log_likelihood"]["draw"].values[7]
+    draw = tree["posterior"].sel(chain=0, draw=number)
+    values = np.array([[draw[name].item() for name in sdof_model().space.names]])
+    solved = ENGINE.simulate(sdof_model(), values, posterior.record).values[0]
+    expected = stats.norm(solved, draw["noise_sd"].item()).logpdf(posterior.record.measured)
+    np.testing.assert_allclose(
+        tree["log_likelihood"]["measured"].sel(chain=0, draw=number).sum(), np.sum(expected), atol=0.5
+    )
+    one = posterior.space.to_unit(values)
+    density = float(
+        np.sum([p.prior.log_density(v) for p, v in zip(posterior.space.parameters, values[0], strict=True)])
+    )
+    own = float(posterior.log_likelihood(one)[0]) + density - posterior.space.log_admissible_mass
+    assert tree["sample_stats"]["lp"].sel(chain=0, draw=number).item() == pytest.approx(own, abs=0.5)
+
+
+def test_units_are_attributes(result: Result) -> None:
+    tree = result.tree
+    assert tree["posterior"]["k"].attrs["units"] == "N/m"
+    assert tree["posterior"]["noise_sd"].attrs["units"] == tree["observed_data"]["acceleration_1"].attrs["units"]
+    assert tree["response"]["drift"].attrs["units"] == "m"
+    assert tree["observed_data"]["time"].attrs["units"] == "s"
+
+
+def test_sampled_noise_is_under_the_same_name(record: Record) -> None:
+    """``noise_sd`` by channel, as where it is integrated out, in posterior, prior and report."""
+    noise = SampledNoise(channels=tuple(record.channels), priors=(LogNormal(0.02, 0.5),))
+    sampled = identify(sdof_model(), record, settings=Settings(particles=400), noise=noise)
+    for group in ("posterior", "prior"):
+        assert sampled.tree[group]["noise_sd"].dims == ("chain", "draw", "channel")
+    assert sampled.tree["posterior"]["noise_sd"].mean().item() == pytest.approx(0.0177, rel=0.05)
+    names = [marginal.parameter.name for marginal in gather(sampled).marginals]
+    assert names[-1] == "noise_sd[acceleration_1]"

@@ -97,8 +97,8 @@ class Record:
     Raises
     ------
     UserError
-        If a number is not finite, lengths differ, ``time_step`` is not positive, there are fewer than 8 points, a channel
-        or label is not understood, or a ground motion has no time.
+        If a number is not finite, lengths differ, ``time_step`` is not positive, there are fewer than 8 points, a
+        channel or label is not understood, or a ground motion has no time.
     """
 
     name: str

@@ -45,6 +45,7 @@ from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.results import Result
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
+from bwbn_bayes.structures.starting_model import starting_model
 
 if TYPE_CHECKING:
     from bwbn_bayes.inference.pymc.model import to_pymc
@@ -98,6 +99,7 @@ __all__ = [
     "register",
     "simulate",
     "sine",
+    "starting_model",
     "to_pymc",
     "write_discovery",
     "write_record",

@@ -138,6 +138,37 @@ def test_simulate_writes_what_identify_reads(simulated: Path) -> None:
     assert record.truth["delta_eta"] == 0.4
 
 
+def test_a_starting_model_is_written_and_identified(run: Run, tmp_path: Path) -> None:
+    u = np.concatenate([a * np.sin(np.linspace(0.0, 4.0 * np.pi, 81)[1:]) for a in (0.002, 0.01, 0.03)])
+    force = 2e5 * np.tanh(u / 0.01) + 1e3 * np.random.default_rng(1).standard_normal(len(u))
+    test = Record(
+        name="brace", time_step=1.0, excitation=u, excitation_kind="displacement", channels={"force": force},
+        has_time=False,
+    )  # fmt: skip
+    write_record(test, tmp_path / "brace.csv")
+    path = tmp_path / "start.py"
+    outcome = run("model", tmp_path / "brace.csv", "--out", path)
+    assert (outcome.code, outcome.out, outcome.err) == (0, f"{path}\n", "")
+    for source in (path, tmp_path / "brace.csv"):
+        assert run("identify", source, "--particles", 200, "--out", tmp_path / source.stem).code == 0
+    facts = [json.loads((tmp_path / name / "result.json").read_text(encoding="utf-8")) for name in ("start", "brace")]
+    assert facts[0]["parameters"] == facts[1]["parameters"] != {}
+
+
+def test_a_building_s_starting_model_asks_for_its_masses(run: Run, tmp_path: Path) -> None:
+    outcome = run("model", MODELS / "hidden_effect.csv", "--out", tmp_path / "start.py")
+    assert outcome.code == 0
+    assert outcome.err.startswith("Type the mass of each floor")
+
+
+def test_an_edited_model_file_is_not_overwritten(run: Run, tmp_path: Path) -> None:
+    path = _file(tmp_path, "model = 1")
+    _is_one_sentence(run("model", MODELS / "hidden_effect.csv", "--out", path), "exists already")
+    assert path.read_text(encoding="utf-8") == "model = 1"
+    _is_one_sentence(run("model", tmp_path / "none.csv", "--out", tmp_path / "a.py"), "no such file")
+    _is_one_sentence(run("model", MODELS / "hidden_effect.csv", "--out", tmp_path / "no" / "a.py"), "cannot be written")
+
+
 def test_effects_lists_the_catalogue(run: Run) -> None:
     outcome = run("effects")
     assert outcome.code == 0

@@ -19,7 +19,7 @@ from rich.text import Text
 
 from bwbn_bayes.baselines.methods import identify as identify_model
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
-from bwbn_bayes.cli.files import replacing, writable, write_discovery_files, write_result
+from bwbn_bayes.cli.files import replacing, writable, write_discovery_files, write_result, write_starting_model
 from bwbn_bayes.cli.interruption import EXIT_CODE, interruptible, stopped_with
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover as discover_missing
@@ -47,7 +47,10 @@ app = typer.Typer(
 )
 
 EngineName = Literal["lanes", "cvodes", "reference", "scalar", "sunode"]
-ModelArgument = Annotated[Path, typer.Argument(help="Python file that defines `model`.", show_default=False)]
+ModelArgument = Annotated[
+    Path,
+    typer.Argument(help="Python file that defines `model`, or a record for its starting model.", show_default=False),
+]
 OutOption = Annotated[Path, typer.Option("--out", help="Directory to write to.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="The run is a function of it.")]
 EngineOption = Annotated[EngineName, typer.Option("--engine", help="What solves the model; see `bwbn engines`.")]
@@ -165,6 +168,20 @@ def discover(
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     for made in ("improved_model.py", "report.html"):
         console.print(Text(f"{made.split('.')[0].replace('_', ' ')}: {directory / made}"), soft_wrap=True)
+
+
+@app.command(name="model")
+def starting_model(
+    record: Annotated[Path, typer.Argument(help="Measured record: CSV or netCDF.", show_default=False)],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="File to write, a new one; RECORD's name with .py, here, by default.")
+    ] = None,
+) -> None:
+    """Write a commented model file to start from, its priors of the sizes that RECORD shows."""
+    path = out or Path(f"{record.stem}.py")
+    for sentence in write_starting_model(record, path):
+        Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
+    print(path)
 
 
 @app.command()

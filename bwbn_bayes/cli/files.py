@@ -15,11 +15,12 @@ from tempfile import TemporaryDirectory
 from bwbn_bayes.cli.interruption import COMMITTING, UNFINISHED
 from bwbn_bayes.discovery.improved_model import improved_model_source
 from bwbn_bayes.discovery.outcome import Discovery
-from bwbn_bayes.errors import writing
-from bwbn_bayes.records.readers import write_record
+from bwbn_bayes.errors import UserError, writing
+from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.report.canvas import is_ours
 from bwbn_bayes.results import Result
+from bwbn_bayes.structures.starting_source import starting_source
 
 _PREFIX = ".partial-"
 _OURS = re.compile(re.escape(_PREFIX) + r"[a-z0-9_]{8}")
@@ -120,3 +121,23 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
             assumptions=discovery.assumptions,
         )
         (partial / "improved_model.py").write_text(source, encoding="utf-8")
+
+
+def write_starting_model(record: Path, path: Path) -> tuple[str, ...]:
+    """A new model file for a record; what is left for the user to do in it.
+
+    Raises
+    ------
+    UserError
+        If the record is wrong, or the file exists already: it may have been edited.
+    """
+    beside = record.resolve().parent == path.resolve().parent
+    source = starting_source(read_record(record), Path(record.name) if beside else record.resolve())
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(source.text)
+    except FileExistsError:
+        raise UserError(f"--out {path} exists already: give another name") from None
+    except OSError as error:
+        raise UserError(f"--out {path} cannot be written ({error.strerror}): choose another place") from error
+    return source.to_do

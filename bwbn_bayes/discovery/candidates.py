@@ -265,8 +265,9 @@ def _present(base: Structure, effect: Effect, storeys: tuple[int, ...]) -> bool:
     own = getattr(effect, "parameter", None) if effect.name == "storey_parameter" else None
     if own is None:
         return False
-    value = base.storey.values[own]
-    free_here = isinstance(value, PerStorey) or (base.n_storeys == 1 and isinstance(value, Prior))
+    # Yield displacement and ratio together stand for beta and gamma.
+    values = [base.storey.values[name] for name in ([own] if own in base.storey.values else ["u_y", "rho"])]
+    free_here = all(isinstance(v, PerStorey) or (base.n_storeys == 1 and isinstance(v, Prior)) for v in values)
     return len(storeys) > 1 or free_here
 
 
@@ -278,6 +279,7 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
     parameters = dict(
         zip((p.symbol for p in model.parameters), np.moveaxis(model.table.local(values)[0], 1, 0), strict=True)
     )
+    parameters |= model.law.derived_from(parameters)
     energy = np.cumsum(np.square(record.excitation))
     onset = float(np.searchsorted(energy, ONSET_SHARE * energy[-1])) * record.time_step
     floor_rate = np.max(np.abs(np.cumsum(rows["drift_rate"], axis=0)), axis=1)

@@ -8,10 +8,50 @@ from typing import ClassVar
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import symbol
+from bwbn_bayes.elements.law import Definition, symbol
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Parameter, Value
 
 _WEN = "Wen 1976; Ismail et al. 2009, doi:10.1007/s11831-009-9031-8"
+_NORMALISED = "Ikhouane and Rodellar 2007; doi:10.1002/9780470513200"
+
+_SPRINGS = (
+    Parameter(symbol="k", unit="N/m", neutral=0.0, lower=0.0, description="initial stiffness", source=_WEN),
+    Parameter(symbol="c", unit="N s/m", neutral=0.0, lower=0.0, description="viscous damping", source=_WEN),
+    Parameter(
+        symbol="alpha",
+        unit="",
+        neutral=0.0,
+        lower=-1.0,
+        upper=1.0,
+        description="post-yield to initial stiffness",
+        source=_WEN,
+    ),
+    Parameter(symbol="A", unit="", neutral=1.0, lower=1e-6, description="initial rate of z", source=_WEN),
+)
+_SHAPE = (
+    Parameter(symbol="beta", unit="1/m^n", neutral=0.0, description="loop shape", source=_WEN),
+    Parameter(symbol="gamma", unit="1/m^n", neutral=0.0, description="loop shape", source=_WEN),
+)
+_YIELD = (
+    Parameter(symbol="u_y", unit="m", neutral=1.0, lower=1e-9, description="yield displacement", source=_NORMALISED),
+    Parameter(symbol="rho", unit="", neutral=0.5, description="beta over beta + gamma", source=_NORMALISED),
+)
+_SHARPNESS = (Parameter(symbol="n", unit="", neutral=1.0, lower=1.0, description="sharpness of yield", source=_WEN),)
+
+
+def _shape_from_yield() -> tuple[Definition, ...]:
+    """``beta`` and ``gamma`` that make ``u_y`` the drift at which the initial slope ``A`` meets the bound of z."""
+    A, u_y, rho, n = (symbol(name) for name in ("A", "u_y", "rho", "n"))
+    bounding = A * (A * u_y) ** -n
+    caption = "loop shape, from the yield displacement"
+    return (
+        Definition(caption=caption, subject=symbol("beta"), expression=rho * bounding),
+        Definition(caption=caption, subject=symbol("gamma"), expression=(1 - rho) * bounding),
+    )
+
+
+_SHAPE_FROM_YIELD = _shape_from_yield()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,43 +69,59 @@ class BoucWen:
     A : float, Prior or PerStorey
         Initial rate of the hysteretic displacement; redundant with the scale of z, so 1 unless a comparison asks
         otherwise (Ma et al., J. Appl. Mech. 71(3), 2004).
-    beta, gamma : float, Prior or PerStorey
-        Shape of the loop; ``beta + gamma > 0`` bounds the hysteretic displacement. [1/m^n]
+    beta, gamma : float, Prior or PerStorey, optional
+        Shape of the loop; ``beta + gamma > 0`` bounds the hysteretic displacement. [1/m^n] Their unit depends on n:
+        where n is identified, give ``u_y`` and ``rho`` instead.
+    u_y : float, Prior or PerStorey, optional
+        Yield displacement, at which the initial slope meets the bound of z: ``beta + gamma = A / (A u_y)^n``. [m]
+    rho : float, Prior or PerStorey, optional
+        Ratio ``beta / (beta + gamma)``: 0.5 where unloading has the initial stiffness, more where it is stiffer
+        (``gamma`` is negative above 1); below 0.5 a loop can give back more than it took in.
     n : float, Prior or PerStorey
         Sharpness of yield.
+
+    Raises
+    ------
+    UserError
+        If not one of the two pairs, ``beta`` and ``gamma`` or ``u_y`` and ``rho``, is given as a whole and alone.
 
     References
     ----------
     .. [1] Y.-K. Wen, "Method for Random Vibration of Hysteretic Systems", J. Eng. Mech. Div. 102(2), 1976.
     .. [2] M. Ismail et al., "The Hysteresis Bouc-Wen Model, a Survey", 2009, doi:10.1007/s11831-009-9031-8.
+    .. [3] F. Ikhouane and J. Rodellar, "Systems with Hysteresis", 2007, doi:10.1002/9780470513200 (the normalised
+       model: its sigma is the ratio ``rho`` here, its rho ``1 / u_y``).
     """
 
     k: Value
     c: Value = 0.0
     alpha: Value = 0.0
     A: Value = 1.0
-    beta: Value
-    gamma: Value
+    beta: Value | None = None
+    gamma: Value | None = None
+    u_y: Value | None = None
+    rho: Value | None = None
     n: Value = 1.0
 
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(symbol="k", unit="N/m", neutral=0.0, lower=0.0, description="initial stiffness", source=_WEN),
-        Parameter(symbol="c", unit="N s/m", neutral=0.0, lower=0.0, description="viscous damping", source=_WEN),
-        Parameter(
-            symbol="alpha",
-            unit="",
-            neutral=0.0,
-            lower=-1.0,
-            upper=1.0,
-            description="post-yield to initial stiffness",
-            source=_WEN,
-        ),
-        Parameter(symbol="A", unit="", neutral=1.0, lower=1e-6, description="initial rate of z", source=_WEN),
-        Parameter(symbol="beta", unit="1/m^n", neutral=0.0, description="loop shape", source=_WEN),
-        Parameter(symbol="gamma", unit="1/m^n", neutral=0.0, description="loop shape", source=_WEN),
-        Parameter(symbol="n", unit="", neutral=1.0, lower=1.0, description="sharpness of yield", source=_WEN),
-    )
     constraints: ClassVar[tuple[sp.Basic, ...]] = (symbol("beta") + symbol("gamma") >= 0,)
+
+    def __post_init__(self) -> None:
+        given = [name for name in ("beta", "gamma", "u_y", "rho") if getattr(self, name) is not None]
+        if given not in (["beta", "gamma"], ["u_y", "rho"]):
+            raise UserError(
+                f"BoucWen has {' and '.join(given) or 'no shape of its loop'}: give beta and gamma, or u_y and rho, "
+                "one pair of the two"
+            )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The seven parameters, ``u_y`` and ``rho`` in the place of ``beta`` and ``gamma`` where those are given."""
+        return (*_SPRINGS, *(_SHAPE if self.u_y is None else _YIELD), *_SHARPNESS)
+
+    @property
+    def derived(self) -> tuple[Definition, ...]:
+        """``beta`` and ``gamma`` in terms of the parameters, where they are not parameters themselves."""
+        return () if self.u_y is None else _SHAPE_FROM_YIELD
 
     @property
     def values(self) -> Mapping[str, Value]:

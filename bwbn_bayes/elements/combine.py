@@ -11,6 +11,7 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import sympy as sp
@@ -46,7 +47,10 @@ from bwbn_bayes.parameters import Parameter
 
 
 def combine(
-    parameters: tuple[Parameter, ...], constraints: tuple[sp.Basic, ...], effects: tuple[Effect, ...]
+    parameters: tuple[Parameter, ...],
+    constraints: tuple[sp.Basic, ...],
+    effects: tuple[Effect, ...],
+    derived: tuple[Definition, ...] = (),
 ) -> StoreyLaw:
     """Combine the Bouc-Wen storey with effects, in the one order that holds everywhere.
 
@@ -61,15 +65,17 @@ def combine(
         Joint admissibility conditions of the element.
     effects : tuple of Effect
         In the order in which they were added.
+    derived : tuple of Definition
+        Symbols of the storey's physics that the element's parameters stand for, such as ``beta`` and ``gamma``.
     """
     # Discovery builds hundreds of models with few laws.
-    key = parameters, constraints, tuple(map(kind_of, effects))
+    key = parameters, constraints, derived, tuple(map(kind_of, effects))
     if key not in _COMBINED:
         slots = Slots()
         for effect in effects:
             slots = effect.fill(slots)
         own = tuple(parameter for effect in effects for parameter in effect.parameters)
-        _COMBINED[key] = _law_of(parameters + own, constraints, slots)
+        _COMBINED[key] = _law_of(parameters + own, constraints, derived, slots)
     return _COMBINED[key]
 
 
@@ -88,17 +94,26 @@ _COMBINED: dict[tuple[object, ...], StoreyLaw] = {}
 """Laws by element and kinds of effects: an effect's expressions are of its symbols, not of its values."""
 
 
-def _law_of(parameters: tuple[Parameter, ...], constraints: tuple[sp.Basic, ...], slots: Slots) -> StoreyLaw:
+def _law_of(
+    parameters: tuple[Parameter, ...],
+    constraints: tuple[sp.Basic, ...],
+    derived: tuple[Definition, ...],
+    slots: Slots,
+) -> StoreyLaw:
     slots = _with_floor_velocity(slots)
     definitions = (*_definitions(slots), *surroundings(slots))
-    outputs = expanded(definitions)
+    increments = dict(slots.increments)
+    # A derived symbol has no place of its own in the law: what changes it joins its definition.
+    changed = tuple(replace(one, expression=one.expression + increments.pop(one.subject, 0)) for one in derived)
+    outputs = expanded((*changed, *definitions))
     f, eta, slip = outputs[step("f")], slots.eta.xreplace(outputs), slots.slip_compliance.xreplace(outputs)
     # The same rate as f v / (1 + slip f), with one division.
     rate = DRIFT_RATE * slots.drift_rate_share.xreplace(outputs)
     outputs[rate_of(HYSTERETIC_DISPLACEMENT)] = f * eta * rate / (eta + slip * f * eta)
-    raised = {old: old + increment for old, increment in slots.increments.items()}
+    raised = {old: old + increment.xreplace(outputs) for old, increment in increments.items()}
     before_events = dict.fromkeys((*(e.indicator for e in slots.events), *(a.state for a in slots.added_states)), 0)
-    offsets = {old: old + increment.subs(before_events) for old, increment in slots.increments.items()}
+    offsets = {old: grown.subs(before_events) for old, grown in raised.items()}
+    spelled_out = {one.subject: outputs[one.subject].subs(before_events) for one in derived}
     own = (HYSTERETIC_DISPLACEMENT, ENERGY, *(added.state for added in slots.added_states))
     outputs.setdefault(GROUND_ACCELERATION, RECORDED_ACCELERATION)
     acceleration = _floor_acceleration(slots, outputs)
@@ -108,14 +123,20 @@ def _law_of(parameters: tuple[Parameter, ...], constraints: tuple[sp.Basic, ...]
         force=outputs[FORCE].subs(raised),
         rates=(*(outputs[rate_of(state)].subs(raised) for state in own), *_floor_rates(slots, acceleration, outputs)),
         events=slots.events,
-        sharp_features=slots.sharp_features,
-        constraints=tuple(constraint.subs(offsets) for constraint in constraints + slots.constraints),
-        definitions=definitions,
+        sharp_features=tuple(replace(one, width=one.width.xreplace(outputs)) for one in slots.sharp_features),
+        constraints=tuple(_spelled_out(one, spelled_out).subs(offsets) for one in constraints + slots.constraints),
+        definitions=(*derived, *definitions),
         increments=tuple(slots.increments.items()),
+        derived=derived,
         n_floor_states=len(slots.floor_states),
         acceleration=acceleration,
         base=_base_law(slots, outputs),
     )
+
+
+def _spelled_out(constraint: sp.Basic, derived: Mapping[sp.Symbol, sp.Expr]) -> sp.Basic:
+    # Multiplied out, so that a sum such as beta + gamma is left without what cancels in it.
+    return sp.expand_mul(constraint.xreplace(derived)) if derived else constraint
 
 
 def _definitions(slots: Slots) -> tuple[Definition, ...]:

@@ -261,6 +261,9 @@ class StoreyLaw:
     damping force too. ``definitions`` are the same law in named steps, for printing; the subjects :data:`FORCE` and
     :func:`rate_of` a state stand for the outputs. ``increments`` says which parameters change, and by how much.
 
+    Effects may refer to the symbols that are ``derived`` from parameters as if they were parameters, and change them:
+    ``force``, ``rates`` and ``constraints`` have them written out.
+
     The last ``n_floor_states`` states belong to the floor above the storey. Their rates, and the floor's total
     ``acceleration`` where it is not ``(F_above - F_i) / m_i``, may also use :data:`FLOOR_INPUTS`, :data:`MASS` and
     :data:`RECORDED_ACCELERATION`. ``base`` is left out where the first storey stands on the recorded ground.
@@ -275,6 +278,7 @@ class StoreyLaw:
     constraints: tuple[sp.Basic, ...]
     definitions: tuple[Definition, ...]
     increments: tuple[tuple[sp.Symbol, sp.Expr], ...]
+    derived: tuple[Definition, ...] = ()
     n_floor_states: int = 0
     acceleration: sp.Expr | None = None
     base: BaseLaw | None = None
@@ -294,6 +298,11 @@ class StoreyLaw:
         """The parameters' SymPy symbols, in order."""
         return tuple(symbol(parameter.symbol) for parameter in self.parameters)
 
+    def derived_from[T](self, parameters: Mapping[str, T]) -> dict[str, T]:
+        """The derived symbols by name from the parameters by symbol, numbers or arrays of one shape."""
+        own = [parameters[one.name] for one in self.symbols]
+        return {one.subject.name: sp.lambdify(self.symbols, one.expression, "numpy")(*own) for one in self.derived}
+
     @cached_property
     def event_parameters(self) -> tuple[int, ...]:
         """For each event, the position of its time among the parameters."""
@@ -301,7 +310,7 @@ class StoreyLaw:
 
     @cached_property
     def changes(self) -> Mapping[str, sp.Expr]:
-        """For each parameter that changes or differs, by how much, in parameters and :data:`TIME`.
+        """For each parameter or derived symbol that changes or differs, by how much, in parameters and :data:`TIME`.
 
         A change that depends on the motion is left out: it has no expression in time.
         """

@@ -1,6 +1,7 @@
 """Records: what was measured, its files, excitations and noise."""
 
 from bwbn_bayes.records.band import NoiseBand, noise_band
+from bwbn_bayes.records.cycles import HalfCycle, half_cycles, repeats
 from bwbn_bayes.records.excitation import (
     Envelope,
     el_centro,
@@ -23,6 +24,7 @@ from bwbn_bayes.records.record import Record, si_unit
 
 __all__ = [
     "Envelope",
+    "HalfCycle",
     "NoiseBand",
     "Record",
     "add_noise",
@@ -30,6 +32,7 @@ __all__ = [
     "el_centro",
     "filtered_noise",
     "ground_motion_density",
+    "half_cycles",
     "model_free_noise_sd",
     "noise_band",
     "noise_sds",
@@ -37,6 +40,7 @@ __all__ = [
     "read_csv",
     "read_netcdf",
     "read_record",
+    "repeats",
     "si_unit",
     "sine",
     "write_csv",

@@ -27,13 +27,17 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Labels:
-    """What a file says about its record beside the numbers. ``time_step`` is in s, None where it is not stated."""
+    """What a file says about its record beside the numbers.
+
+    ``time_step`` is in s, None where it is not stated; ``has_time`` is false where a time column counts points alone.
+    """
 
     name: str
     time_step: float | None = None
     provenance: Mapping[str, str] = field(default_factory=dict)
     truth: Mapping[str, float] = field(default_factory=dict)
     noise_sd: Mapping[str, float] = field(default_factory=dict)
+    has_time: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +104,7 @@ def record_from_columns(columns: Sequence[Column], labels: Labels, source: Sourc
     kind = excitation_kind_of([column.name for column in columns], source.header)
     values = {column.name: column.values * column.factor for column in columns}
     provenance = dict(labels.provenance)
-    n_times = len(columns[0].values)
+    n_times, has_time = len(columns[0].values), labels.has_time and "time" in values
     if n_times < 2:
         raise UserError(f"{source.file}: the record has {n_times} points, at least 8 are needed")
     if "time" in values:
@@ -111,7 +115,6 @@ def record_from_columns(columns: Sequence[Column], labels: Labels, source: Sourc
             provenance.setdefault("start_time", f"{times[0]:.12g} s")
     else:
         time_step = 1.0 if labels.time_step is None else labels.time_step
-        provenance.setdefault("time_base", f"no time column: the points are a path, taken {time_step:g} s apart")
     try:
         return Record(
             name=labels.name,
@@ -122,6 +125,7 @@ def record_from_columns(columns: Sequence[Column], labels: Labels, source: Sourc
             provenance=provenance,
             truth=labels.truth,
             noise_sd=labels.noise_sd,
+            has_time=has_time,
         )
     except UserError as error:
         raise UserError(f"{source.file}: {error}") from None

@@ -81,7 +81,7 @@ def read_csv(path: Path | str) -> Record:
     """Read a record from CSV text (format in the module's docstring).
 
     Times may be rounded as printed; a sample that is missing is an error. Without a time column a cyclic test is a
-    path whose points lie 1 s apart, and the provenance says so.
+    path whose points are taken 1 s apart: ``has_time`` is false, and the provenance says so.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def read_csv(path: Path | str) -> Record:
 
 
 def write_csv(record: Record, path: Path | str) -> None:
-    """Write a record as CSV in SI units, every number with all its digits.
+    """Write a record as CSV in SI units, every number with all its digits; without ``time`` where it has none.
 
     Raises
     ------
@@ -121,7 +121,8 @@ def write_csv(record: Record, path: Path | str) -> None:
     stated = {"name": record.name, "time_step": repr(record.time_step), **record.provenance}
     stated |= {f"true {label}": repr(value) for label, value in record.truth.items()}
     stated |= {f"noise_sd {channel}": repr(value) for channel, value in record.noise_sd.items()}
-    columns = {"time": record.times, record.excitation_kind: record.excitation, **record.channels}
+    times = {"time": record.times} if record.has_time else {}
+    columns = {**times, record.excitation_kind: record.excitation, **record.channels}
     lines = [f"# {key}: {value}" for key, value in stated.items()]
     lines.append(",".join(f"{name} [{si_unit(name)}]" for name in columns))
     table = np.stack(list(columns.values()), axis=1)
@@ -142,6 +143,7 @@ def as_dataset(record: Record) -> xr.Dataset:
         "provenance": dict(record.provenance),
         "truth": dict(record.truth),
         "noise_sd": dict(record.noise_sd),
+        "has_time": record.has_time,
     }
     return xr.Dataset(
         {name: ("time", values, {"units": si_unit(name)}) for name, values in arrays.items()},
@@ -388,6 +390,7 @@ def _dataset_labels(dataset: xr.Dataset, path: Path) -> tuple[Labels, list[str]]
             provenance={str(key): str(value) for key, value in facts.get("provenance", {}).items()},
             truth={str(key): float(value) for key, value in facts.get("truth", {}).items()},
             noise_sd={str(key): float(value) for key, value in facts.get("noise_sd", {}).items()},
+            has_time=bool(facts.get("has_time", True)),
         )
         return labels, [str(name) for name in facts.get("channels", [])]
     except (ValueError, TypeError, AttributeError):

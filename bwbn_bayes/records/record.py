@@ -92,12 +92,15 @@ class Record:
         True parameter values by label (``"k[1]"``), where known. [SI]
     noise_sd : mapping of str to float
         True standard deviation of the noise per channel, where known. [unit of the channel]
+    has_time : bool
+        Whether ``time_step`` was measured. A cyclic test without a time column is a path: its points are taken one
+        after the other, and nothing that depends on a rate can be told from it.
 
     Raises
     ------
     UserError
-        If a number is not finite, lengths differ, ``time_step`` is not positive, there are fewer than 8 points, or a
-        channel or label is not understood.
+        If a number is not finite, lengths differ, ``time_step`` is not positive, there are fewer than 8 points, a
+        channel or label is not understood, or a ground motion has no time.
     """
 
     name: str
@@ -108,14 +111,16 @@ class Record:
     provenance: Mapping[str, str] = field(default_factory=dict)
     truth: Mapping[str, float] = field(default_factory=dict)
     noise_sd: Mapping[str, float] = field(default_factory=dict)
+    has_time: bool = True
 
     def __post_init__(self) -> None:
+        labels = {_label(k): one_line(v) for k, v in self.provenance.items()}
         frozen = {
             "name": one_line(self.name),
             "time_step": float(self.time_step),
             "excitation": _frozen_array(self.excitation, self.excitation_kind),
             "channels": MappingProxyType({key: _frozen_array(value, key) for key, value in self.channels.items()}),
-            "provenance": MappingProxyType({_label(k): one_line(v) for k, v in self.provenance.items()}),
+            "provenance": MappingProxyType({**self._told_of_time, **labels}),
             "truth": MappingProxyType({_label(k): float(v) for k, v in self.truth.items()}),
             "noise_sd": MappingProxyType({k: float(v) for k, v in self.noise_sd.items()}),
         }
@@ -134,6 +139,8 @@ class Record:
             raise UserError(f"the record has {self.n_times} points: at least {MIN_TIMES} are needed")
         if not (self.time_step > 0.0 and np.isfinite(self.time_step * self.n_times)):
             raise UserError(f"time_step is {self.time_step:g} s: it must be a positive number")
+        if self.excitation_kind == "ground_acceleration" and not self.has_time:
+            raise UserError("a ground acceleration without time moves nothing: has_time must be true")
         if not LEAST_TIME_STEP <= self.time_step <= MOST_TIME_STEP:
             raise UserError(
                 f"time_step is {self.time_step:g} s: it must lie between {LEAST_TIME_STEP:g} and {MOST_TIME_STEP:g} s"
@@ -165,6 +172,11 @@ class Record:
                 )
             if not (np.isfinite(value) and value >= 0.0):
                 raise UserError(f"noise_sd of {channel} is {value}: it must be zero or a positive number")
+
+    @property
+    def _told_of_time(self) -> dict[str, str]:
+        told = f"no time column: the points are a path, taken {self.time_step:g} s apart"
+        return {} if self.has_time else {"time_base": told}
 
     @property
     def n_times(self) -> int:
@@ -242,7 +254,8 @@ class Record:
         if first == 0 and last == self.n_times - 1:
             return self
         earlier = self.provenance.get("part")
-        part = f"{first * self.time_step:g} to {last * self.time_step:g} s"
+        points = f"points {first + 1} to {last + 1}"
+        part = f"{first * self.time_step:g} to {last * self.time_step:g} s" if self.has_time else points
         return replace(
             self,
             excitation=self.excitation[first : last + 1],

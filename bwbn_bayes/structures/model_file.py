@@ -2,7 +2,7 @@
 
 A model file defines ``model``, and may define ``record`` and ``held_out`` (measured Records), ``excitation`` (a
 Record), ``truth`` (parameter values), ``snr_db`` (dB) and ``assumptions`` (sentences); with ``excitation`` and
-``truth`` it can make its own record.
+``truth`` it can make its own record. A record's file stands for its starting model.
 """
 
 from __future__ import annotations
@@ -16,8 +16,14 @@ from pathlib import Path
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.noise import MOST_DECIBELS
+from bwbn_bayes.records.readers import read_record
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.starting_model import starting_model
+from bwbn_bayes.structures.starting_source import UNIT_MASSES
 from bwbn_bayes.structures.structure import Structure
+
+RECORD_SUFFIXES = (".csv", ".nc")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,12 +60,12 @@ class ModelFile:
 
 
 def load_model_file(path: Path | str) -> ModelFile:
-    """Run a model file and take what it defines.
+    """Run a model file and take what it defines, or make the starting model of a record.
 
     Parameters
     ----------
     path : Path or str
-        Python source; it runs with the rights of whoever loads it.
+        Python source, which runs with the rights of whoever loads it; or a record, ``.csv`` or ``.nc``.
 
     Returns
     -------
@@ -71,6 +77,8 @@ def load_model_file(path: Path | str) -> ModelFile:
         If the file is missing, fails, does not define ``model``, or defines one of the other names wrongly.
     """
     path = Path(path)
+    if path.suffix.lower() in RECORD_SUFFIXES:
+        return _of_record(path)
     if not path.is_file():
         raise UserError(f"model file {path} does not exist: give the path of a Python file that defines `model`")
     names = _run(path)
@@ -89,6 +97,18 @@ def load_model_file(path: Path | str) -> ModelFile:
         truth=_truth(names.get("truth"), model, path),
         snr_db=_snr(names.get("snr_db"), path),
         assumptions=_sentences(names.get("assumptions", ()), path),
+    )
+
+
+def _of_record(path: Path) -> ModelFile:
+    record = read_record(path)
+    model = starting_model(record)
+    told = ("The model is the record's starting model: sizes read off the record, wide priors about them.",)
+    return ModelFile(
+        name=path.stem,
+        model=model,
+        record=record,
+        assumptions=(*told, UNIT_MASSES) if isinstance(model, ShearBuilding) else told,
     )
 
 

@@ -38,15 +38,17 @@ def parameters_at(law: StoreyLaw, parameters: xr.Dataset, time: xr.DataArray | f
     Returns
     -------
     Dataset
-        The same variables, those that change with the dimensions of ``time`` added.
+        The same variables and what the law derives from them, those that change with the dimensions of ``time`` added.
     """
-    names = [parameter.symbol for parameter in law.parameters]
-    now = xr.DataArray(time)
-    changed = {}
+    given = {one.name: parameters[one.name] for one in law.symbols}
+    at = xr.broadcast(xr.DataArray(time), *given.values())
+    changes = {}
     for name, change in law.changes.items():
         evaluate = sp.lambdify((TIME, *law.symbols), change, "numpy", dummify=True)
-        at = xr.broadcast(now, *(parameters[one] for one in names))
-        changed[name] = at[1 + names.index(name)] + evaluate(*(array.values for array in at))
+        changes[name] = xr.zeros_like(at[1]) + evaluate(*(array.values for array in at))
+    own = {name: given[name] + change for name, change in changes.items() if name in given}
+    derived = {name: value + changes.get(name, 0.0) for name, value in law.derived_from({**given, **own}).items()}
+    changed = {**own, **derived}
     return parameters.assign({name: values.drop_vars("time", errors="ignore") for name, values in changed.items()})
 
 

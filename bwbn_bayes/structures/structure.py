@@ -188,9 +188,13 @@ class Structure:
     @cached_property
     def law(self) -> StoreyLaw:
         """The storey law with every kind of effect that acts anywhere in the structure, or is carried."""
-        law = combine(self.storey.parameters, self.storey.constraints, self._kinds(self._all_effects, of_sensors=False))
+        law = self._law_with(self._all_effects)
         _check_symbols(law, self.sensors)
         return law
+
+    def _law_with(self, effects: tuple[Effect, ...]) -> StoreyLaw:
+        kinds = self._kinds(effects, of_sensors=False)
+        return combine(self.storey.parameters, self.storey.constraints, kinds, self.storey.derived)
 
     @cached_property
     def sensors(self) -> SensorLaw:
@@ -202,8 +206,7 @@ class Structure:
         """Joint admissibility conditions of the element and the placed effects; what is carried brings none."""
         if not self.carried:
             return self.law.constraints
-        placed = self._kinds(tuple(placed.effect for placed in self.effects), of_sensors=False)
-        return combine(self.storey.parameters, self.storey.constraints, placed).constraints
+        return self._law_with(tuple(placed.effect for placed in self.effects)).constraints
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -240,23 +243,25 @@ class Structure:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is allowed but worth knowing, in sentences."""
-        symbols = [p.symbol for p in self.law.parameters]
-        beta, gamma = (
-            [
-                self.space.parameters[i].prior.support[end] if i >= 0 else fixed
-                for i, fixed in zip(self.table.index[:, column], self.table.fixed[:, column], strict=True)
-            ]
-            for column, end in ((symbols.index("beta"), 0), (symbols.index("gamma"), 1))
-        )
-        if any(largest > smallest for smallest, largest in zip(beta, gamma, strict=True)):
-            return (
-                (
-                    "The prior admits |gamma| > beta, where a loop can give back more energy than it took in "
-                    "(Erlicher and Bursi, arXiv 0901.1448)."
-                ),
+        if self.storey.derived:
+            admits = any(ratio < 0.5 for ratio in self._ends("rho", 0))
+        else:
+            admits = any(
+                gamma > beta for beta, gamma in zip(self._ends("beta", 0), self._ends("gamma", 1), strict=True)
             )
-        return ()
+        return (ADMITS_ENERGY,) if admits else ()
 
+    def _ends(self, name: str, end: int) -> list[float]:
+        """The least (0) or largest (1) value of a parameter that its prior admits, at each storey."""
+        column = [p.symbol for p in self.law.parameters].index(name)
+        rows = zip(self.table.index[:, column], self.table.fixed[:, column], strict=True)
+        return [self.space.parameters[i].prior.support[end] if i >= 0 else float(fixed) for i, fixed in rows]
+
+
+ADMITS_ENERGY = (
+    "The prior admits |gamma| > beta, where a loop can give back more energy than it took in "
+    "(Erlicher and Bursi, arXiv 0901.1448)."
+)
 
 WHOLE_BUILDING = ("structure", "excitation")
 """Levels of effects that have no place among storeys and floors."""
@@ -268,7 +273,7 @@ def _check_symbols(law: StoreyLaw, sensors: SensorLaw) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UserError(f"two parts of the storey law bring a parameter {', '.join(twice)}: rename one of them")
-    common = {*law.symbols, *(event.indicator for event in law.events)}
+    common = {*law.symbols, *(one.subject for one in law.derived), *(event.indicator for event in law.events)}
     own = {*common, DRIFT, DRIFT_RATE, *law.states[: law.n_storey_states]}
     floor = {*common, *law.states[law.n_storey_states :], *FLOOR_INPUTS, MASS, RECORDED_ACCELERATION}
     base = {*common, *law.base_states, FIRST_FORCE, RECORDED_ACCELERATION}
@@ -354,8 +359,9 @@ def _never_cuts(
     function: Callable[..., object], fixed: Floats, index: NDArray[np.int64], free: tuple[FreeParameter, ...]
 ) -> bool:
     """Whether a condition, monotone in each parameter, holds at every corner of the priors' supports."""
-    ends = [free[i].prior.support if i >= 0 else (float(known),) for i, known in zip(index, fixed, strict=True)]
-    return all(bool(function(*corner)) for corner in product(*ends))
+    ends = [free[i].prior.support if i >= 0 else (known,) for i, known in zip(index, fixed, strict=True)]
+    with np.errstate(all="ignore"):  # at an infinite end
+        return all(bool(function(*map(np.float64, corner))) for corner in product(*ends))
 
 
 @lru_cache(maxsize=512)

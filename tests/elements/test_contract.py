@@ -21,6 +21,7 @@ FORMS = [form for kind in registered() if kind.level == "link" for form in kind.
 DEGRADING = tuple(form for form in FORMS if form.name in {"stiffness_degradation", "strength_degradation", "slip_lock"})
 """What jumps of their parameters need beside them."""
 N_STATES = 500
+PLAIN = BoucWen(k=1.0, beta=1.0, gamma=0.0)
 
 
 def label(form: Effect) -> str:
@@ -29,7 +30,7 @@ def label(form: Effect) -> str:
 
 @cache
 def law_of(effects: tuple[Effect, ...]) -> StoreyLaw:
-    return combine(BoucWen.parameters, BoucWen.constraints, effects)
+    return combine(PLAIN.parameters, PLAIN.constraints, effects)
 
 
 def evaluate(law: StoreyLaw, neutral: tuple[Effect, ...]) -> np.ndarray:

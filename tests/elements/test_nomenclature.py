@@ -24,13 +24,15 @@ def table_under(heading: str) -> dict[str, list[str]]:
 
 ELEMENT = table_under("Parameters of the Bouc-Wen storey")
 EFFECTS = table_under("Parameters of the effects")
+BY_SHAPE, BY_YIELD = BoucWen(k=1.0, beta=1.0, gamma=0.0), BoucWen(k=1.0, u_y=1.0, rho=0.5)
+PARAMETERS = tuple(dict.fromkeys((*BY_SHAPE.parameters, *BY_YIELD.parameters)))
 
 
 def written(unit: str) -> str:
     return unit or "1"
 
 
-@pytest.mark.parametrize("parameter", BoucWen.parameters, ids=lambda p: p.symbol)
+@pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda p: p.symbol)
 def test_parameters_of_the_element(parameter: Parameter):
     _, unit, _, source = ELEMENT[parameter.symbol]
     assert unit == written(parameter.unit)
@@ -46,5 +48,5 @@ def test_parameters_of_the_effects(facts):
 
 
 def test_the_page_names_no_parameter_that_does_not_exist():
-    assert set(ELEMENT) == {parameter.symbol for parameter in BoucWen.parameters}
+    assert set(ELEMENT) == {parameter.symbol for parameter in PARAMETERS}
     assert set(EFFECTS) == {parameter.symbol for facts in catalogue() for parameter in facts.parameters}

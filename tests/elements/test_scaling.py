@@ -27,6 +27,7 @@ from bwbn_bayes.structures.shear_building import ShearBuilding
 LIKE_BETA, LIKE_Z = Power(1, -1), Power(1, 0)
 """``|z|^n beta`` is a rate of z; a width is a z."""
 
+PLAIN = BoucWen(k=1.0, beta=1.0, gamma=0.0)
 STOREY = {"k": 10.0, "c": 0.05, "alpha": 0.1, "A": 1.0, "beta": 1.2, "gamma": 0.7, "n": 1.6}
 SIZES = {
     "delta_nu": 0.05, "delta_eta": 0.04, "delta_s": 0.02, "sigma": 0.05, "phi": 0.2, "phi_u": -0.2, "u_u": 0.1,
@@ -68,7 +69,7 @@ def response(effect: Effect | None, values: dict[str, float]) -> Floats:
 
 @pytest.mark.parametrize("effect", FOLLOWING, ids=named)
 def test_powers_are_those_worked_out_by_hand(effect: Effect | None) -> None:
-    law = combine(BoucWen.parameters, BoucWen.constraints, () if effect is None else (effect,))
+    law = combine(PLAIN.parameters, PLAIN.constraints, () if effect is None else (effect,))
     assert powers_of_scale(law) == {"beta": LIKE_BETA, "gamma": LIKE_BETA, **FOLLOWING[effect]}
 
 
@@ -90,10 +91,10 @@ def test_the_response_is_the_same_at_another_scale(effect: Effect | None) -> Non
 
 @pytest.mark.parametrize("effect", FIXING, ids=named)
 def test_some_effects_fix_the_scale(effect: Effect) -> None:
-    assert powers_of_scale(combine(BoucWen.parameters, BoucWen.constraints, (effect,))) is None
+    assert powers_of_scale(combine(PLAIN.parameters, PLAIN.constraints, (effect,))) is None
 
 
 def test_powers_of_several_effects_stand_together() -> None:
     effects = (StrengthDegradation(delta_nu=0.0), SlipLock(delta_s=0.0, sigma=1.0), Asymmetry.neutral_forms()[0])
-    powers = powers_of_scale(combine(BoucWen.parameters, BoucWen.constraints, effects))
+    powers = powers_of_scale(combine(PLAIN.parameters, PLAIN.constraints, effects))
     assert powers == {"beta": LIKE_BETA, "gamma": LIKE_BETA, "sigma": LIKE_Z, "phi": LIKE_BETA}

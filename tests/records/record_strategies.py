@@ -41,4 +41,5 @@ def records(draw: st.DrawFn) -> Record:
         provenance=draw(st.dictionaries(LABELS, TEXT, max_size=3)),
         truth=draw(st.dictionaries(LABELS, FINITE, max_size=3)),
         noise_sd=draw(st.dictionaries(st.sampled_from(names), positive, max_size=2)) if names else {},
+        has_time=kind == "ground_acceleration" or draw(st.booleans()),
     )

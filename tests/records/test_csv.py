@@ -94,6 +94,7 @@ def test_cyclic_test_without_time_is_a_path(write: Write) -> None:
     record = read_csv(write(lines(header="displacement [mm],force [kN]", rows=[f"{i},{2 * i}" for i in range(10)])))
     assert record.excitation_kind == "displacement"
     assert record.time_step == 1.0
+    assert not record.has_time
     assert "no time column" in record.provenance["time_base"]
     np.testing.assert_allclose(record.excitation, 1e-3 * np.arange(10))
     np.testing.assert_allclose(record.channels["force"], 2e3 * np.arange(10))
@@ -103,6 +104,7 @@ def test_cyclic_test_with_time(write: Write) -> None:
     rows = [f"{0.5 * i},{i},{2 * i}" for i in range(10)]
     record = read_csv(write(lines(header="time [s],displacement [mm],force [kN]", rows=rows)))
     assert record.time_step == 0.5
+    assert record.has_time
     assert "time_base" not in record.provenance
 
 

@@ -108,6 +108,25 @@ def test_parts_of_a_record() -> None:
     assert record.until(record.duration) is record
 
 
+def path(**changes: object) -> Record:
+    fields = {"time_step": 1.0, "excitation_kind": "displacement", "channels": {}, "noise_sd": {}, "has_time": False}
+    return building(**(fields | changes))
+
+
+def test_a_path_without_time_stays_one() -> None:
+    """Its parts, channels and copies too; points take the place of seconds."""
+    for same in (path(), path().until(20.0), path().with_channels({"force": np.ones(101)}), copy.deepcopy(path())):
+        assert not same.has_time
+        assert same.provenance["time_base"] == "no time column: the points are a path, taken 1 s apart"
+    assert path().between(10.0, 20.0).provenance["part"] == "points 11 to 21"
+    assert not path().equals(path(has_time=True))
+
+
+def test_a_ground_motion_has_time() -> None:
+    with pytest.raises(UserError, match="has_time must be true"):
+        building(has_time=False)
+
+
 def test_every_sample_time_can_end_a_part() -> None:
     # Rounding once dropped the last sample of some windows: 0.3 / 0.1 is 2.9999999999999996.
     record = building(time_step=0.1)

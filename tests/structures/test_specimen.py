@@ -16,7 +16,7 @@ from bwbn_bayes.structures.specimen import Specimen
 PER_SEGMENT = 400
 SHORT_OF_THE_LIMIT = 5e-3
 """OpenSees's own error at a step of 2e-4, in forces of about 20."""
-ELEMENT = {p.symbol for p in BoucWen.parameters}
+ELEMENT = {p.symbol for p in BoucWen(k=1.0, beta=1.0, gamma=0.0).parameters}
 NUMBERS = range(len(VECTORS))
 
 

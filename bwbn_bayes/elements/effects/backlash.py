@@ -69,7 +69,7 @@ class Backlash(Effect):
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        room = step("rho")
+        room = step("xi")
         free = sp.Max(room, 0) - sp.Max(room - 1, 0)
         ahead = (symbol("b") - PLAY * sp.sign(DRIFT_RATE)) / symbol("w")
         return replace(

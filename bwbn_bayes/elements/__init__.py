@@ -17,6 +17,7 @@ from bwbn_bayes.elements.law import (
     symbol,
 )
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.parameters import Parameter
 
 __all__ = [
@@ -28,7 +29,9 @@ __all__ = [
     "Effect",
     "Event",
     "Parameter",
+    "PlaceResponse",
     "Scales",
+    "Signature",
     "Slots",
     "register",
     "symbol",

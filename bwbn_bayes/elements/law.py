@@ -16,6 +16,7 @@ from typing import ClassVar, Protocol, Self
 import sympy as sp
 
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import NO_SIGNATURE, Signature
 from bwbn_bayes.parameters import Parameter, Value
 
 DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, ENERGY = sp.symbols("u v z epsilon", real=True)
@@ -208,6 +209,11 @@ class Effect(Protocol):
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         """Values of each identified parameter from which fits start; discovery tries every combination."""
         raise NotImplementedError(f"{type(self).__name__} does not say where to start: it takes no part in discovery")
+
+    @property
+    def signature(self) -> Signature:
+        """What the effect does in an engineer's measure, and from which size it deserves its name."""
+        return NO_SIGNATURE
 
     def doubt(self, values: Mapping[str, float], scales: Scales) -> str:
         """Why sizes such as these, by symbol, are hardly what the effect's name says; empty where they are.

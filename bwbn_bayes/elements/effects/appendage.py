@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
@@ -11,6 +12,7 @@ import sympy as sp
 
 from bwbn_bayes.elements.law import FLOOR_ACCELERATION, MASS, AddedState, Definition, Effect, Slots, step, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
 
 DISPLACEMENT, VELOCITY = sp.symbols("y_t v_t", real=True)
@@ -47,6 +49,14 @@ class Appendage(Effect):
     source: ClassVar[str] = "Den Hartog 1956, section 3.2"
     residual: ClassVar[str] = "a split peak, a ringing at one frequency"
     confusable: ClassVar[str] = "coloured noise"
+    signature: ClassVar[Signature] = Signature(
+        measure="detuning: separation of the peaks of mass and floor, tuned to each other",
+        plain_name="a ringing at one frequency (a light oscillator)",
+        reason="peaks two per cent apart: closer ones no record of a building's length resolves",
+        # Den Hartog 1956, section 3.3: tuned frequencies 1 +- sqrt(mu) / 2 for a small share mu.
+        size=lambda at: math.sqrt(at["mu_t"]),
+        least=0.02,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="mu_t", unit="", neutral=0.0, lower=0.0, description="mass as a share of the floor's", source=source

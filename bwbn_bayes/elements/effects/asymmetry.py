@@ -17,7 +17,9 @@ from bwbn_bayes.elements.law import (
     Slots,
     symbol,
 )
+from bwbn_bayes.elements.loops import peak_asymmetry
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
@@ -79,6 +81,29 @@ class Asymmetry(Effect):
     @override
     def form(self) -> str:
         return self.term
+
+    @property
+    @override
+    def signature(self) -> Signature:
+        """Asymmetry of the peaks; of ``sgn u sgn v``, which the peaks do not feel, its share of the bracket."""
+        size = _SYMBOLS[self.term][0]
+        if self.term == "sgn u sgn v":
+            return Signature(
+                measure="difference of the shape between the way out and the way back, over beta + gamma",
+                plain_name="the shape of the loop about zero drift (Song and Der Kiureghian's law)",
+                reason="a twentieth of beta + gamma: less is within what other shapes of the loop take up",
+                size=lambda at: at[size] / max(at["beta"] + at["gamma"], 1e-300),
+                least=0.05,
+            )
+        share = 2.0 if self.term == "sgn z + sgn v" else 1.0
+        return Signature(
+            measure="asymmetry of the peaks",
+            plain_name="the shape of the loop by direction (Wang and Wen's law)",
+            reason="strengths that differ by a fiftieth: specimens built alike on both sides do",
+            size=lambda at: _of_strengths(share * at[size] / max(at["beta"] + at["gamma"], 1e-300), at["n"]),
+            least=0.01,
+            of_loop=peak_asymmetry,
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -147,3 +172,9 @@ class Asymmetry(Effect):
             sharp_features=(*slots.sharp_features, *(SharpFeature(state=DRIFT, width=w) for w in widths)),
             constraints=(*slots.constraints, bound >= reach, bound >= -reach),
         )
+
+
+def _of_strengths(term: float, n: float) -> float:
+    """``(F+ - F-) / (F+ + F-)`` of the bounds of z where a term, over beta + gamma, joins the bracket with its sign."""
+    positive, negative = (max(1.0 + side * term, 1e-12) ** (-1.0 / n) for side in (1.0, -1.0))
+    return float((positive - negative) / (positive + negative))

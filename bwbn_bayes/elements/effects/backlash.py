@@ -10,6 +10,7 @@ import sympy as sp
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Definition, Effect, SharpFeature, Slots, step, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
 PLAY = symbol("d")
@@ -46,6 +47,13 @@ class Backlash(Effect):
     source: ClassVar[str] = "Tao and Kokotovic 1996"
     residual: ClassVar[str] = "a flat stretch after every reversal, whatever z"
     confusable: ClassVar[str] = "slip_lock, gap_impact"
+    signature: ClassVar[Signature] = Signature(
+        measure="play over the largest drift",
+        plain_name="the shape of the loop after reversals (a play operator)",
+        reason="a play of half a per cent of the largest drift: less is rounding of the turn",
+        size=lambda at: 2.0 * at["b"] / at.peak("drift"),
+        least=0.005,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(symbol="b", unit="m", neutral=0.0, lower=0.0, description="half width of the play", source=source),
         Parameter(

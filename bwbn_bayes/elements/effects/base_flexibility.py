@@ -20,7 +20,8 @@ from bwbn_bayes.elements.law import (
     symbol,
 )
 from bwbn_bayes.elements.scales import Scales
-from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
+from bwbn_bayes.elements.signature import Signature
+from bwbn_bayes.parameters import Floats, HalfNormal, Parameter, Uniform, Value
 
 DISPLACEMENT, VELOCITY = sp.symbols("x_b v_b", real=True)
 """Of the base relative to the ground. [m], [m/s]"""
@@ -63,6 +64,13 @@ class BaseFlexibility(Effect):
     source: ClassVar[str] = "Veletsos and Meek 1974"
     residual: ClassVar[str] = "all floors shift"
     confusable: ClassVar[str] = "k of storey 1, stiffness_degradation"
+    signature: ClassVar[Signature] = Signature(
+        measure="lengthening of the first period by the base",
+        plain_name="a small give below the first storey (a sway spring)",
+        reason="0.3 % of the period: daily changes of temperature move it as much",
+        size=lambda at: _lengthening(at["compliance"], at.histories["drift"], at.histories["restoring_force"]),
+        least=0.003,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="compliance",
@@ -123,3 +131,15 @@ class BaseFlexibility(Effect):
 def _critical(scales: Scales) -> float:
     """Critical damping [N s/m] of one floor on one storey."""
     return float(2.0 * np.sqrt(scales.stiffness * scales.mass))
+
+
+def _lengthening(compliance: float, drift: Floats, force: Floats) -> float:
+    """Share by which a base lengthens the first period, of histories ``(n_storeys, n_times)`` [m], [N].
+
+    Period goes as the root of the energy stored for one motion of the floors: at the largest base shear, that of the
+    storeys ``sum F_i u_i / 2`` with and without that of the base, ``compliance F_1^2 / 2`` (Veletsos and Meek's formula
+    for sway, with more than one storey; the inertia of the base is left out).
+    """
+    at = int(np.argmax(np.abs(force[0])))
+    stored = float(np.sum(force[:, at] * drift[:, at]))
+    return float(np.sqrt(1.0 + compliance * force[0, at] ** 2 / max(stored, 1e-300)) - 1.0)

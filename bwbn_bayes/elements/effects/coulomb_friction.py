@@ -10,6 +10,7 @@ import sympy as sp
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
@@ -91,6 +92,22 @@ class CoulombFriction(Effect):
     @property
     def _sticks(self) -> bool:
         return self.smoothing == "dahl"
+
+    @property
+    @override
+    def signature(self) -> Signature:
+        """Friction over peak force; what turns slowly is viscous, not dry."""
+        force, width = _SYMBOLS[self.smoothing]
+        turned_in = "drift" if self._sticks else "drift_rate"
+        return Signature(
+            measure="friction force over the storey's peak force",
+            plain_name="the shape of the force over drift rate (a smoothed friction)",
+            reason="0.4 % of the peak force, turned within an eighth of the largest drift rate, or drift where it "
+            "sticks: what turns more slowly is viscous, not dry",
+            size=lambda at: at[force] / at.peak("restoring_force"),
+            least=0.004,
+            is_genuine=lambda at: at[width] <= _WIDEST * at.peak(turned_in),
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

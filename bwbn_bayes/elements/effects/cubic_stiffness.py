@@ -8,6 +8,7 @@ from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.law import DRIFT, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
 
@@ -32,6 +33,13 @@ class CubicStiffness(Effect):
     source: ClassVar[str] = "Duffing 1918"
     residual: ClassVar[str] = "a third harmonic in phase with the drift"
     confusable: ClassVar[str] = "gap_impact, n"
+    signature: ClassVar[Signature] = Signature(
+        measure="stiffening at the largest drift",
+        plain_name="the curvature of the force over drift (Duffing's law)",
+        reason="half a per cent of the storey's stiffness at the largest drift: less is within what any test repeats",
+        size=lambda at: at["k3"] * at.peak("drift") ** 2 / at.scales.stiffness,
+        least=0.005,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(symbol="k3", unit="N/m^3", neutral=0.0, description="cubic stiffness", source=source),
     )

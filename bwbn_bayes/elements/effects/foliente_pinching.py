@@ -19,7 +19,9 @@ from bwbn_bayes.elements.law import (
     step,
     symbol,
 )
+from bwbn_bayes.elements.loops import is_full, pinching_index
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Value
 
 _SOURCE = "Foliente 1995, doi:10.1061/(ASCE)0733-9445(1995)121:6(1013)"
@@ -72,6 +74,15 @@ class FolientePinching(Effect):
     source: ClassVar[str] = _SOURCE
     residual: ClassVar[str] = "a pinch off centre that depends on the direction and saturates"
     confusable: ClassVar[str] = "slip_lock"
+    signature: ClassVar[Signature] = Signature(
+        measure="pinching index",
+        plain_name="the shape of the reloading branch (Foliente's law)",
+        reason="a pinch that takes a tenth of the stiffness, in a loop that is not full: the law bends any branch",
+        size=lambda at: at["zeta_s"] * (1.0 - math.exp(-at["p"] * at.energy)),
+        least=0.1,
+        of_loop=pinching_index,
+        is_genuine=lambda at: not is_full(*at.loop, index=0.25),
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         _parameter("zeta_s", "", 0.0, 0.0, "total slip", 1.0),
         _parameter("p", "1/J", 1.0, 0.0, "rate of the pinch with work"),

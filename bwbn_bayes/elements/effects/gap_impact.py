@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
+import numpy as np
 import sympy as sp
 
 from bwbn_bayes.elements.law import DRIFT, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
 
@@ -59,6 +61,26 @@ class GapImpact(Effect):
     @override
     def form(self) -> str:
         return _FORMS[self.side]
+
+    @property
+    @override
+    def signature(self) -> Signature:
+        """Force of the stop, on its side."""
+        stiffness, gap = _SYMBOLS[self.side]
+        sign = {"both": 0.0, "positive": 1.0, "negative": -1.0}[self.side]
+
+        def contact(at: PlaceResponse) -> float:
+            drift = at.histories["drift"]
+            reach = float(np.max(sign * drift if sign else np.abs(drift)))
+            return at[stiffness] * max(reach - at[gap], 0.0) / at.peak("restoring_force")
+
+        return Signature(
+            measure="force of the stop over the storey's peak force",
+            plain_name="a stiffening at large drift (a spring behind a gap)",
+            reason="a hundredth of the peak force: a lighter touch moves nothing",
+            size=contact,
+            least=0.01,
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

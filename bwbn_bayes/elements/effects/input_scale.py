@@ -8,6 +8,7 @@ from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
 
@@ -29,6 +30,13 @@ class InputScale(Effect):
     source: ClassVar[str] = "a gain error of the ground's sensor"
     residual: ClassVar[str] = "proportional to the input everywhere"
     confusable: ClassVar[str] = "one sensor_gain shared by all floors, until something yields"
+    signature: ClassVar[Signature] = Signature(
+        measure="error of the excitation's scale",
+        plain_name="a small correction of the excitation's size",
+        reason="half a per cent: what calibrations of accelerometers promise",
+        size=lambda at: at["s_g"] - 1.0,
+        least=0.005,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="s_g", unit="", neutral=1.0, lower=0.0, description="true over recorded excitation", source=source

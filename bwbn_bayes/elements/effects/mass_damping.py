@@ -10,6 +10,7 @@ import numpy as np
 
 from bwbn_bayes.elements.law import FLOOR_VELOCITY, MASS, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
 
@@ -37,6 +38,13 @@ class MassDamping(Effect):
     source: ClassVar[str] = "Chopra 2012, section 11.4"
     residual: ClassVar[str] = "low frequencies decay faster than high ones"
     confusable: ClassVar[str] = "c"
+    signature: ClassVar[Signature] = Signature(
+        measure="damping ratio added at the first mode",
+        plain_name="the damping of the slow motion (Rayleigh's mass term)",
+        reason="a thousandth of critical damping: no building's own is known better",
+        size=lambda at: 0.5 * at["c_m"] / at.omega,
+        least=0.001,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="c_m", unit="1/s", neutral=0.0, lower=0.0, description="damping per unit of mass", source=source

@@ -8,6 +8,7 @@ from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
 
@@ -31,6 +32,13 @@ class MassError(Effect):
     source: ClassVar[str] = "Newton's second law"
     residual: ClassVar[str] = "proportional to that floor's acceleration"
     confusable: ClassVar[str] = "sensor_gain; all masses together: all k and c"
+    signature: ClassVar[Signature] = Signature(
+        measure="error of the mass",
+        plain_name="a small correction of the floor's inertia",
+        reason="half a per cent of the floor's mass: no drawing tells it better",
+        size=lambda at: at["e_m"],
+        least=0.005,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="e_m", unit="", neutral=0.0, lower=-0.9, description="relative error of the mass", source=source

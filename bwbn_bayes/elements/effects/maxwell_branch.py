@@ -8,6 +8,7 @@ from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.law import DRIFT_RATE, AddedState, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
 BRANCH_FORCE = symbol("q_m")
@@ -38,6 +39,13 @@ class MaxwellBranch(Effect):
     source: ClassVar[str] = "Maxwell 1867"
     residual: ClassVar[str] = "stiffness and damping that depend on the rate"
     confusable: ClassVar[str] = "c where tau is short against the period, k where it is long"
+    signature: ClassVar[Signature] = Signature(
+        measure="damping ratio added at the first mode",
+        plain_name="the dependence of the force on rate (Maxwell's law)",
+        reason="a thousandth of critical damping: no building's own is known better",
+        size=lambda at: at.damping_ratio(at["k_m"] * at["tau"] / (1.0 + (at.omega * at["tau"]) ** 2)),
+        least=0.001,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="k_m", unit="N/m", neutral=0.0, lower=0.0, description="stiffness of the branch", source=source

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
+import numpy as np
 import sympy as sp
 
 from bwbn_bayes.elements.law import DRIFT_RATE, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
-from bwbn_bayes.parameters import HalfNormal, Parameter, Value
+from bwbn_bayes.elements.signature import Signature
+from bwbn_bayes.parameters import Floats, HalfNormal, Parameter, Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +38,13 @@ class QuadraticDamping(Effect):
     source: ClassVar[str] = "Soong and Constantinou 1994"
     residual: ClassVar[str] = "a third harmonic in phase with the drift rate"
     confusable: ClassVar[str] = "c and coulomb_friction at one amplitude"
+    signature: ClassVar[Signature] = Signature(
+        measure="damping ratio added at the first mode",
+        plain_name="the shape of the force over drift rate (a quadratic law)",
+        reason="a thousandth of critical damping: no building's own is known better",
+        size=lambda at: at.damping_ratio(_equivalent(at["c2"], at.histories["drift_rate"])),
+        least=0.001,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="c2", unit="N s^2/m^2", neutral=0.0, lower=0.0, description="quadratic damping", source=source
@@ -54,3 +63,8 @@ class QuadraticDamping(Effect):
     @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, added_force=slots.added_force + symbol("c2") * DRIFT_RATE * sp.Abs(DRIFT_RATE))
+
+
+def _equivalent(c2: float, rate: Floats) -> float:
+    """Viscous coefficient [N s/m] that dissipates as much along a history ``(n_times,)`` of the drift rate [m/s]."""
+    return float(c2 * np.sum(np.abs(rate) ** 3) / max(float(np.sum(np.square(rate))), 1e-300))

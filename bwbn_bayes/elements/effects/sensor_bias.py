@@ -8,6 +8,7 @@ from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
 
@@ -29,6 +30,13 @@ class SensorBias(Effect):
     source: ClassVar[str] = "zero error of a sensor"
     residual: ClassVar[str] = "constant"
     confusable: ClassVar[str] = "asymmetry in force and drift records, hardly in accelerations"
+    signature: ClassVar[Signature] = Signature(
+        measure="offset over the channel's root mean square",
+        plain_name="a small correction of the channel's zero",
+        reason="half a per cent of the channel's root mean square: less disappears when a record's mean is taken off",
+        size=lambda at: at["bias"] / at.scales.acceleration,
+        least=0.005,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(symbol="bias", unit="m/s^2", neutral=0.0, description="added to the acceleration", source=source),
     )

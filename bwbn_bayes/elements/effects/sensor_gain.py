@@ -8,6 +8,7 @@ from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
 
@@ -29,6 +30,13 @@ class SensorGain(Effect):
     source: ClassVar[str] = "calibration error of a sensor"
     residual: ClassVar[str] = "proportional to that channel"
     confusable: ClassVar[str] = "mass_error; all gains together: input_scale"
+    signature: ClassVar[Signature] = Signature(
+        measure="error of the sensor's gain",
+        plain_name="a small correction of the channel's size",
+        reason="half a per cent: what calibrations of accelerometers promise",
+        size=lambda at: at["gain"] - 1.0,
+        least=0.005,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(symbol="gain", unit="", neutral=1.0, description="shown over true acceleration", source=source),
     )

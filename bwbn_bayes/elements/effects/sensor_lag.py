@@ -8,6 +8,7 @@ from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
 
@@ -29,6 +30,14 @@ class SensorLag(Effect):
     source: ClassVar[str] = "clock error of a sensor"
     residual: ClassVar[str] = "proportional to the rate of that channel"
     confusable: ClassVar[str] = "damping"
+    signature: ClassVar[Signature] = Signature(
+        measure="lag of the sensor",
+        unit="s",
+        plain_name="a small correction of the channel's phase",
+        reason="half a millisecond: a degree of phase at 5 Hz, which the sensor's own dynamics may turn",
+        size=lambda at: at["lag"],
+        least=0.0005,
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(symbol="lag", unit="s", neutral=0.0, lower=0.0, description="how late it is", source=source),
     )

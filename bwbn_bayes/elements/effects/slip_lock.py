@@ -18,7 +18,9 @@ from bwbn_bayes.elements.law import (
     step,
     symbol,
 )
+from bwbn_bayes.elements.loops import is_full, pinching_index
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
 
 
@@ -48,6 +50,15 @@ class SlipLock(Effect):
     source: ClassVar[str] = "Baber and Noori 1985"
     residual: ClassVar[str] = "bursts near z = 0 after each reversal"
     confusable: ClassVar[str] = "a gap, foliente_pinching with q = 0"
+    signature: ClassVar[Signature] = Signature(
+        measure="pinching index",
+        plain_name="the shape of the reloading branch (Baber and Noori's law)",
+        reason="a slip of half a per cent of the largest drift per crossing, in a loop that is not full: less is fit",
+        size=lambda at: 2.0 * at["delta_s"] * at.energy / at.peak("drift"),
+        least=0.005,
+        of_loop=pinching_index,
+        is_genuine=lambda at: not is_full(*at.loop, index=0.5),
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             symbol="delta_s",

@@ -10,6 +10,7 @@ import sympy as sp
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
@@ -62,6 +63,19 @@ class StoreyParameter(Effect):
         return self.parameter
 
     @property
+    @override
+    def signature(self) -> Signature:
+        """The offset over what the other storeys have."""
+        offset = f"{self.parameter}_offset"
+        return Signature(
+            measure=f"offset of {self.parameter} over what the other storeys have",
+            plain_name="a small difference between storeys",
+            reason="a twentieth: storeys that were built alike differ by as much",
+            size=lambda at: at[offset] / _own(self.parameter, at.parameters),
+            least=0.05,
+        )
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The offset, named after the parameter: ``alpha_offset``."""
         return (
@@ -109,3 +123,10 @@ def _sizes(scales: Scales) -> dict[str, float]:
     own = abs(scales.beta) + abs(scales.gamma)
     shape = 0.5 * (own if own > 0.0 else scales.hysteretic_displacement**-scales.n)
     return {"alpha": max(scales.alpha, 0.05), "beta": shape, "gamma": shape, "n": 0.5 * scales.n}
+
+
+def _own(parameter: str, values: Mapping[str, float]) -> float:
+    """What an offset is measured in: the parameter itself, of the loop's shape both; of alpha a twentieth at least."""
+    if parameter in ("beta", "gamma"):
+        return max(abs(values["beta"]) + abs(values["gamma"]), 1e-300)
+    return max(abs(values[parameter]), 0.05)

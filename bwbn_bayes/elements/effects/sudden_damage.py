@@ -12,6 +12,7 @@ import sympy as sp
 
 from bwbn_bayes.elements.law import AddedState, Effect, Event, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Normal, Parameter, Uniform, Value
 
@@ -79,6 +80,19 @@ class SuddenDamage(Effect):
             return f"{self.parameter}_jump", f"{self.parameter}_time"
         ramp = f"{self.parameter}_ramp"
         return ramp, f"{ramp}_time", f"{ramp}_duration"
+
+    @property
+    @override
+    def signature(self) -> Signature:
+        """The change over what was there before."""
+        change, parameter = self._symbols[0], self.parameter
+        return Signature(
+            measure=f"change of {parameter} over what it was",
+            plain_name=f"a small change of {parameter} in time",
+            reason="half a per cent: daily changes of temperature move a building's stiffness as much",
+            size=lambda at: at[change] / _before(parameter, at),
+            least=0.005,
+        )
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -156,3 +170,15 @@ def _times(scales: Scales, spacings: int) -> tuple[float, ...]:
     start = min(scales.onset, 0.9 * scales.duration)
     n = min(_MOST_STARTS, ceil((scales.duration - start) / (spacings * _SPACING)))
     return tuple(float(t) for t in start + (np.arange(n) + 0.5) * (scales.duration - start) / n)
+
+
+def _before(parameter: str, at: PlaceResponse) -> float:
+    """What a change is measured in: the parameter; where it may be zero, what would show by the end of the record."""
+    least = {
+        "c": 0.02 * at.scales.stiffness / at.omega,  # a hundredth of critical
+        "alpha": 0.05,
+        "delta_nu": 1.0 / max(at.energy, 1e-12),
+        "delta_eta": 1.0 / max(at.energy, 1e-12),
+        "delta_s": at.peak("drift") / max(at.energy, 1e-12),
+    }
+    return max(abs(at[parameter]), least.get(parameter, 1e-300))

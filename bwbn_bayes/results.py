@@ -199,7 +199,8 @@ class Result:
         tree = self.tree.copy()
         tree.attrs["facts"] = json.dumps(asdict(self.facts))
         # By way of memory: HDF5 on a full disk ends in pages of its own.
-        Path(path).write_bytes(tree.to_netcdf(engine="h5netcdf"))
+        contents = bytes(tree.to_netcdf(engine="h5netcdf"))
+        Path(path).write_bytes(contents)
 
     @classmethod
     def load(cls, path: Path | str) -> Result:

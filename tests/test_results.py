@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -76,11 +78,25 @@ def test_facts_that_are_no_text_are_no_result(tmp_path: Path) -> None:
         Result.load(_stored(3, tmp_path / "result.nc"))
 
 
+FULL = """
+import sys
+from pathlib import Path
+from bwbn_bayes import UserError, sine, write_record
+record = sine(amplitude=1.0, frequency_hz=1.0, duration=100.0, time_step=0.01)
+try:
+    write_record(record, Path(sys.argv[1]))
+except UserError as error:
+    print(error)
+"""
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-def test_a_full_disk_is_an_error_of_the_system_alone(tmp_path: Path) -> None:
+def test_a_full_disk_is_told_of_once(tmp_path: Path) -> None:
     """HDF5 told of it in pages, and again when the interpreter ended."""
-    path = tmp_path / "result.nc"
+    path = tmp_path / "full.nc"
     path.symlink_to("/dev/full")
+    done = subprocess.run([sys.executable, "-c", FULL, str(path)], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == (f"{path}: the file cannot be written (No space left on device)\n", "")
     result = Result(tree=xr.DataTree(xr.Dataset({"x": ("time", [1.0] * 5000)})), facts=FACTS)
     with pytest.raises(OSError, match="No space left on device"):
         result.save(path)

@@ -162,7 +162,8 @@ def write_netcdf(record: Record, path: Path | str) -> None:
     """
     try:
         # By way of memory: HDF5 on a full disk ends in pages of its own.
-        Path(path).write_bytes(as_dataset(record).to_netcdf(engine="h5netcdf"))
+        contents = bytes(as_dataset(record).to_netcdf(engine="h5netcdf"))
+        Path(path).write_bytes(contents)
     except OSError as error:
         raise UserError(f"{path}: the file cannot be written ({error.strerror or error})") from None
 

@@ -12,11 +12,10 @@ from typing import Literal
 
 import sympy as sp
 from sympy.core.function import AppliedUndef
-from sympy.printing.pretty.pretty_symbology import greek_unicode
 
 from bwbn_bayes.elements.combine import sensor_law, surroundings
 from bwbn_bayes.elements.law import TIME, Definition, SensorLaw, Slots, StoreyLaw, rate_of
-from bwbn_bayes.elements.notation import MathmlNotation, Notation, UnicodeNotation
+from bwbn_bayes.elements.notation import LETTERS, MathmlNotation, Notation, UnicodeNotation
 from bwbn_bayes.parameters import Parameter
 
 READING_ORDER = (
@@ -150,7 +149,7 @@ class _Writer:
 
 def _letters(name: str) -> list[str]:
     """Letter and subscripts of a symbol, Greek where the name is Greek."""
-    return [greek_unicode.get(part, part) for part in name.split("_") if part]
+    return [LETTERS.get(part, part) for part in name.split("_") if part]
 
 
 def _split_fraction(expression: sp.Expr) -> tuple[list[sp.Expr], list[sp.Expr]]:

@@ -148,6 +148,25 @@ class Slots:
     sensor_lag: sp.Expr = sp.S.Zero
     """A floor's accelerometer shows ``gain a(t - lag) + bias``."""
 
+    @property
+    def depends_on_pace(self) -> bool:
+        """Whether a storey run through the same drifts at another pace shows other forces.
+
+        It does not where every slot is a function of states and the sign of the drift rate, and states follow the
+        drift: then slots stay as they are, and rates grow in proportion, as ``v`` is multiplied by a positive number.
+        A change of ``c``, which stands beside ``v`` in the law, always does.
+        """
+        pace = sp.Symbol("pace", positive=True)
+        fixed = (
+            self.stiffness_factor, self.nu, self.eta, self.shape_bracket, self.rate_multiplier, self.slip_compliance,
+            self.drift_taken_up, self.drift_rate_share, self.added_force, *self.increments.values(),
+            *(one.expression for one in self.steps),
+            *(added.rate / DRIFT_RATE for added in self.added_states),
+        )  # fmt: skip
+        faster = [sp.expand(sp.sympify(one).xreplace({DRIFT_RATE: pace * DRIFT_RATE})) for one in fixed]
+        in_time = bool(self.events) or symbol("c") in self.increments
+        return in_time or any({pace, TIME} & one.free_symbols for one in faster)
+
 
 class Effect(Protocol):
     """One physical effect: a frozen dataclass with one field, named by its symbol, for each of its parameters.
@@ -209,6 +228,14 @@ class Effect(Protocol):
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         """Values of each identified parameter from which fits start; discovery tries every combination."""
         raise NotImplementedError(f"{type(self).__name__} does not say where to start: it takes no part in discovery")
+
+    @property
+    def needs_time(self) -> bool:
+        """Whether it depends on rate or time, so that it means nothing in a record without a time column.
+
+        Found from what it fills in. What acts on floors, base, ground or their sensors exists in motion alone.
+        """
+        return self.level != "link" or self.fill(Slots()).depends_on_pace
 
     @property
     def signature(self) -> Signature:

@@ -6,6 +6,11 @@ from collections.abc import Sequence
 from typing import Protocol
 from xml.sax.saxutils import escape
 
+from sympy.printing.pretty.pretty_symbology import greek_unicode
+
+LETTERS = {**greek_unicode, "inf": "∞"}
+"""How parts of a symbol's name are written where they are not written as they are."""
+
 
 class Notation(Protocol):
     """How the parts of a formula are set."""

@@ -95,7 +95,7 @@ def tangent_stiffness(parameters: xr.Dataset, energy: xr.DataArray) -> xr.DataAr
     Parameters
     ----------
     parameters : Dataset (draw, storey, ...)
-        ``k`` [N/m], ``alpha``, and ``A``, ``delta_eta`` where present, at the times of ``energy``.
+        ``k`` [N/m], ``alpha``, and ``A``, those of ``eta`` where present, at the times of ``energy``.
     energy : DataArray (draw, storey, ...)
         Work on the hysteretic spring. [J]
 
@@ -104,7 +104,7 @@ def tangent_stiffness(parameters: xr.Dataset, energy: xr.DataArray) -> xr.DataAr
     DataArray (draw, storey, ...)
     """
     k, alpha = parameters["k"], parameters["alpha"]
-    return alpha * k + (1.0 - alpha) * k * _initial_rate(parameters) / _stiffness_degradation_factor(parameters, energy)
+    return alpha * k + (1.0 - alpha) * k * _initial_rate(parameters) / _degradation_factor("eta", parameters, energy)
 
 
 def storey_matrix(coefficients: Floats) -> Floats:
@@ -190,12 +190,12 @@ def engineering_quantities(
     n_tail = max(1, round(RESIDUAL_SHARE * drift.sizes["time"]))
     at_start = parameters_at(law, storey_parameters, 0.0)
     at_end = parameters_at(law, storey_parameters, float(response["time"][-1]))
-    nu = 1.0 + _or_zero(at_end, "delta_nu") * energy_at_end
+    nu = _degradation_factor("nu", at_end, energy_at_end)
     storey_quantities = {
         "peak_drift": peak,
         "residual_drift": drift.isel(time=slice(-n_tail, None)).mean("time"),
         "ductility": peak / yield_drift(at_start),
-        "stiffness_lost": 1.0 - 1.0 / _stiffness_degradation_factor(at_end, energy_at_end),
+        "stiffness_lost": 1.0 - 1.0 / _degradation_factor("eta", at_end, energy_at_end),
         "strength_lost": 1.0 - nu ** (-1.0 / at_end["n"]),
         "dissipated_energy": dissipated_energy(response.isel(time=-1), at_end),
     }
@@ -223,13 +223,15 @@ def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset) -> xr.DataArra
     DataArray (draw, storey)
     """
     energy, z, alpha = at_end["hysteretic_energy"], at_end["hysteretic_displacement"], parameters["alpha"]
-    eta = _stiffness_degradation_factor(parameters, energy)
+    eta = _degradation_factor("eta", parameters, energy)
     return energy - (1.0 - alpha) * parameters["k"] * eta * z**2 / (2.0 * _initial_rate(parameters))
 
 
-def _stiffness_degradation_factor(parameters: xr.Dataset, energy: xr.DataArray) -> xr.DataArray:
-    """``eta = 1 + delta_eta epsilon``; a jump of ``delta_eta`` acts on the past work too."""
-    return 1.0 + _or_zero(parameters, "delta_eta") * energy
+def _degradation_factor(factor: str, parameters: xr.Dataset, energy: xr.DataArray) -> xr.DataArray:
+    """``eta`` or ``nu``, ``1 + delta epsilon`` and what saturates; a jump of ``delta`` acts on the past work too."""
+    saturated = -np.expm1(-_or_zero(parameters, f"p_{factor}") * energy)
+    linear = _or_zero(parameters, f"delta_{factor}") * energy
+    return 1.0 + linear + _or_zero(parameters, f"{factor}_inf") * saturated
 
 
 def _or_zero(parameters: xr.Dataset, symbol: str) -> xr.DataArray:

@@ -38,6 +38,10 @@ from bwbn_bayes.structures.structure import Structure
 
 NO_DRAW = np.zeros((1, 0))
 
+SATURATING: tuple[Effect, ...] = tuple(
+    effect_class.neutral_forms()[1] for effect_class in (StiffnessDegradation, StrengthDegradation)
+)
+
 OTHER_FORMS: tuple[Effect, ...] = (
     *(
         form
@@ -53,6 +57,7 @@ OTHER_FORMS: tuple[Effect, ...] = (
         )
         for form in effect_class.neutral_forms()
     ),
+    *SATURATING,
     SuddenDamage(parameter="k", jump=0.0, time=0.0, duration=1.0),
 )
 """Every form of the storey's effects that :func:`with_everything` leaves out."""
@@ -73,11 +78,9 @@ def with_others(model: Structure, values: Mapping[str, Value], storeys: list[int
 
 
 def with_degradation(model: Structure, values: dict[str, float], storeys: list[int] | None = None) -> Structure:
-    """The model with every effect but jumps; ``values`` by symbol at ``storeys``, neutral elsewhere."""
+    """The model with the effects that degrade; ``values`` by symbol at ``storeys``, neutral elsewhere."""
     for effect_class in (StiffnessDegradation, StrengthDegradation, SlipLock, FolientePinching):
-        neutral = effect_class.neutral_forms()[0]
-        own = {f.name: values.get(f.name, getattr(neutral, f.name)) for f in fields(effect_class)}
-        model = model.with_effect(effect_class(**own), storeys=storeys)
+        model = model.with_effect(having(effect_class.neutral_forms()[0], values), storeys=storeys)
     return model
 
 
@@ -104,8 +107,11 @@ def building(n_storeys: int, values: dict[str, float], storeys: list[int] | None
 
 
 def specimen(values: dict[str, float], **element: float) -> Structure:
-    """A specimen with every effect but jumps, and no damper."""
-    return with_degradation(Specimen(storey=storey(**{"c": 0.0, **element})), values)
+    """A specimen with the effects that degrade, in every form, and no damper."""
+    model = with_degradation(Specimen(storey=storey(**{"c": 0.0, **element})), values)
+    for form in SATURATING:
+        model = model.with_effect(having(form, values))
+    return model
 
 
 def shaking(duration: float = 6.0, time_step: float = 0.04, amplitude: float = 2.0) -> Record:

@@ -25,11 +25,12 @@ SIZES = {
     "k3": 0.6, "c2": 0.1,
     "k_g": 4.0, "g": 0.15, "k_gp": 3.0, "g_p": 0.02, "k_gn": 2.0, "g_n": 0.1, "k_m": 2.0, "tau": 0.3,
     "alpha_offset": 0.05, "beta_offset": 0.3, "gamma_offset": -0.3, "n_offset": 0.3,
+    "eta_inf": 0.5, "p_eta": 1.1, "nu_inf": 0.6, "p_nu": 0.7,
     "k_ramp": -3.0, "k_ramp_time": 0.71, "k_ramp_duration": 0.83,
 }  # fmt: skip
 """Where every effect acts and every nuisance is felt within two seconds."""
 
-ONE_OF_EACH = ("sgn u sgn v", "tanh(v/v0)", "one-sided, negative", "n", "k, ramp", "")
+ONE_OF_EACH = ("sgn u sgn v", "tanh(v/v0)", "one-sided, negative", "n", "saturating", "k, ramp", "")
 """One form of each effect, the least smooth where there are several."""
 
 ENGINES: dict[str, Engine] = {

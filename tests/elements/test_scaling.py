@@ -31,12 +31,13 @@ PLAIN = BoucWen(k=1.0, beta=1.0, gamma=0.0)
 STOREY = {"k": 10.0, "c": 0.05, "alpha": 0.1, "A": 1.0, "beta": 1.2, "gamma": 0.7, "n": 1.6}
 SIZES = {
     "delta_nu": 0.05, "delta_eta": 0.04, "delta_s": 0.02, "sigma": 0.05, "phi": 0.2, "phi_u": -0.2, "u_u": 0.1,
-    "b": 0.04, "w": 0.03, "gamma_offset": -0.3, "c_jump": 0.3, "c_time": 0.7,
+    "b": 0.04, "w": 0.03, "gamma_offset": -0.3, "nu_inf": 0.3, "p_nu": 0.4, "c_jump": 0.3, "c_time": 0.7,
 }  # fmt: skip
 
 FOLLOWING: dict[Effect | None, dict[str, Power]] = {
     None: {},
     StiffnessDegradation(delta_eta=0.0): {},
+    StrengthDegradation(nu_inf=0.0, p_nu=1.0): {},
     SlipLock(delta_s=0.0, sigma=1.0): {"sigma": LIKE_Z},
     Backlash(b=0.0, w=1.0): {},
     SuddenDamage(parameter="c", jump=0.0, time=0.0): {},

@@ -32,7 +32,7 @@ KINDS = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy", 
 NUISANCES = {
     "sigma": 0.02, "p": 5.0, "q": 0.1, "psi_0": 0.1, "delta_psi": 0.0, "lambda_": 0.3, "v0": 0.05, "v_ratio": 0.05,
     "v_root": 0.05, "x_dahl": 0.02, "g": 0.5, "g_p": 0.5, "g_n": 0.5, "tau": 0.3, "w": 0.004, "f_t": 0.6, "m_b": 1.0,
-    "k_time": 5.0, "u_uv": 0.03, "u_u": 0.03,
+    "k_time": 5.0, "u_uv": 0.03, "u_u": 0.03, "p_eta": 0.1, "p_nu": 0.1,
 }  # fmt: skip
 
 

@@ -6,63 +6,104 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
-from bwbn_bayes.elements.law import ENERGY, Effect, Slots, symbol
+from bwbn_bayes.elements.degradation import LINEAR_SOURCE, SATURATING_SOURCE, LinearLoss, Loss, SaturatingLoss, loss_of
+from bwbn_bayes.elements.law import Effect, Slots
 from bwbn_bayes.elements.loops import stiffness_lost_per_cycle
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import Signature
-from bwbn_bayes.parameters import HalfNormal, Parameter, Value
+from bwbn_bayes.parameters import Parameter, Value
+
+_LOSSES: tuple[Loss, ...] = (
+    LinearLoss(what="stiffness", delta="delta_eta"),
+    SaturatingLoss(what="stiffness", limit="eta_inf", rate="p_eta"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class StiffnessDegradation(Effect):
     """``eta = 1 + delta_eta epsilon`` divides the rate of the hysteretic displacement.
 
+    Or, with ``eta_inf`` and ``p_eta``, up to a limit: ``eta = 1 + eta_inf (1 - exp(-p_eta epsilon))``.
+
     Parameters
     ----------
-    delta_eta : float, Prior or PerStorey
+    delta_eta : float, Prior or PerStorey, optional
         Loss of stiffness per unit of work. [1/J]
+    eta_inf : float, Prior or PerStorey, optional
+        What eta has grown by after much work.
+    p_eta : float, Prior or PerStorey, optional
+        Rate at which it grows with work: after ``1/p_eta`` it has grown by 63 % of ``eta_inf``. [1/J]
+
+    Raises
+    ------
+    UserError
+        If neither ``delta_eta`` alone nor ``eta_inf`` and ``p_eta`` alone are given.
 
     References
     ----------
     .. [1] T. T. Baber and Y.-K. Wen, "Random Vibration of Hysteretic, Degrading Systems", J. Eng. Mech. Div. 107(6),
-       1981.
+       1981 (linear).
+    .. [2] G. C. Foliente, "Hysteresis Modeling of Wood Joints and Structural Systems", J. Struct. Eng. 121(6), 1995:
+       the pinch saturates so with work; that eta does is our use of the same function (see ``elements/degradation.py``).
     """
 
-    delta_eta: Value
+    delta_eta: Value | None = None
+    eta_inf: Value | None = None
+    p_eta: Value | None = None
 
     name: ClassVar[str] = "stiffness_degradation"
     summary: ClassVar[str] = "stiffness falls with the work done on the hysteretic spring"
-    source: ClassVar[str] = "Baber and Wen 1981"
+    source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}"
     residual: ClassVar[str] = "the period grows with the work done"
     confusable: ClassVar[str] = "slow damage, base flexibility"
-    signature: ClassVar[Signature] = Signature(
-        measure="stiffness lost per cycle",
-        plain_name="the slope of later loops (Baber and Wen's stiffness law)",
-        reason="a tenth of a per cent of the stiffness lost per cycle: some three per cent in a test of thirty",
-        size=lambda at: at.per_cycle(1.0 / (1.0 + at["delta_eta"] * at.energy)),
-        least=0.001,
-        of_loop=stiffness_lost_per_cycle,
-    )
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(
-            symbol="delta_eta",
-            unit="1/J",
-            neutral=0.0,
-            lower=0.0,
-            description="loss of stiffness per unit of work",
-            source=source,
-        ),
-    )
+    one_law: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        _ = self._loss  # refuses what belongs to no form
+
+    @property
+    def _loss(self) -> Loss:
+        given = {"delta_eta": self.delta_eta, "eta_inf": self.eta_inf, "p_eta": self.p_eta}
+        return loss_of(type(self).__name__, _LOSSES, given)
+
+    @property
+    @override
+    def form(self) -> str:
+        return self._loss.form
+
+    @property
+    @override
+    def signature(self) -> Signature:
+        """Stiffness lost per cycle."""
+        reached = self._loss.reached
+        return Signature(
+            measure="stiffness lost per cycle",
+            plain_name="the slope of later loops (a stiffness law in the work done)",
+            reason="a tenth of a per cent of the stiffness lost per cycle: some three per cent in a test of thirty",
+            size=lambda at: at.per_cycle(1.0 / (1.0 + reached(at))),
+            least=0.001,
+            of_loop=stiffness_lost_per_cycle,
+        )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the form; their symbols tell the forms apart."""
+        return self._loss.parameters
+
+    @classmethod
+    @override
+    def neutral_forms(cls) -> tuple[Self, ...]:
+        return cls(delta_eta=0.0), cls(eta_inf=0.0, p_eta=1.0)
 
     @classmethod
     @override
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(delta_eta=HalfNormal(1.0 / scales.energy)),)
+        return tuple(cls(**loss.priors(scales)) for loss in _LOSSES)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"delta_eta": (0.1 / scales.energy, 0.6 / scales.energy)}
+        return self._loss.starts(scales)
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        return replace(slots, eta=slots.eta + symbol("delta_eta") * ENERGY)
+        return replace(slots, eta=slots.eta + self._loss.expression)

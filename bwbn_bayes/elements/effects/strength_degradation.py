@@ -6,63 +6,104 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
-from bwbn_bayes.elements.law import ENERGY, Effect, Slots, symbol
+from bwbn_bayes.elements.degradation import LINEAR_SOURCE, SATURATING_SOURCE, LinearLoss, Loss, SaturatingLoss, loss_of
+from bwbn_bayes.elements.law import Effect, Slots
 from bwbn_bayes.elements.loops import strength_lost_per_cycle
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import Signature
-from bwbn_bayes.parameters import HalfNormal, Parameter, Value
+from bwbn_bayes.parameters import Parameter, Value
+
+_LOSSES: tuple[Loss, ...] = (
+    LinearLoss(what="strength", delta="delta_nu"),
+    SaturatingLoss(what="strength", limit="nu_inf", rate="p_nu"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class StrengthDegradation(Effect):
     """``nu = 1 + delta_nu epsilon`` multiplies the shape bracket, so that the loop closes earlier.
 
+    Or, with ``nu_inf`` and ``p_nu``, up to a limit: ``nu = 1 + nu_inf (1 - exp(-p_nu epsilon))``.
+
     Parameters
     ----------
-    delta_nu : float, Prior or PerStorey
+    delta_nu : float, Prior or PerStorey, optional
         Loss of strength per unit of work. [1/J]
+    nu_inf : float, Prior or PerStorey, optional
+        What nu has grown by after much work.
+    p_nu : float, Prior or PerStorey, optional
+        Rate at which it grows with work: after ``1/p_nu`` it has grown by 63 % of ``nu_inf``. [1/J]
+
+    Raises
+    ------
+    UserError
+        If neither ``delta_nu`` alone nor ``nu_inf`` and ``p_nu`` alone are given.
 
     References
     ----------
     .. [1] T. T. Baber and Y.-K. Wen, "Random Vibration of Hysteretic, Degrading Systems", J. Eng. Mech. Div. 107(6),
-       1981.
+       1981 (linear).
+    .. [2] G. C. Foliente, "Hysteresis Modeling of Wood Joints and Structural Systems", J. Struct. Eng. 121(6), 1995:
+       the pinch saturates so with work; that nu does is our use of the same function (see ``elements/degradation.py``).
     """
 
-    delta_nu: Value
+    delta_nu: Value | None = None
+    nu_inf: Value | None = None
+    p_nu: Value | None = None
 
     name: ClassVar[str] = "strength_degradation"
     summary: ClassVar[str] = "strength falls with the work done on the hysteretic spring"
-    source: ClassVar[str] = "Baber and Wen 1981"
+    source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}"
     residual: ClassVar[str] = "peaks are clipped more as work is done"
     confusable: ClassVar[str] = "falling n or beta"
-    signature: ClassVar[Signature] = Signature(
-        measure="strength lost per cycle",
-        plain_name="the height of later loops (Baber and Wen's strength law)",
-        reason="a tenth of a per cent of the strength lost per cycle: some three per cent in a test of thirty",
-        size=lambda at: at.per_cycle((1.0 + at["delta_nu"] * at.energy) ** (-1.0 / at["n"])),
-        least=0.001,
-        of_loop=strength_lost_per_cycle,
-    )
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(
-            symbol="delta_nu",
-            unit="1/J",
-            neutral=0.0,
-            lower=0.0,
-            description="loss of strength per unit of work",
-            source=source,
-        ),
-    )
+    one_law: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        _ = self._loss  # refuses what belongs to no form
+
+    @property
+    def _loss(self) -> Loss:
+        given = {"delta_nu": self.delta_nu, "nu_inf": self.nu_inf, "p_nu": self.p_nu}
+        return loss_of(type(self).__name__, _LOSSES, given)
+
+    @property
+    @override
+    def form(self) -> str:
+        return self._loss.form
+
+    @property
+    @override
+    def signature(self) -> Signature:
+        """Strength lost per cycle."""
+        reached = self._loss.reached
+        return Signature(
+            measure="strength lost per cycle",
+            plain_name="the height of later loops (a strength law in the work done)",
+            reason="a tenth of a per cent of the strength lost per cycle: some three per cent in a test of thirty",
+            size=lambda at: at.per_cycle((1.0 + reached(at)) ** (-1.0 / at["n"])),
+            least=0.001,
+            of_loop=strength_lost_per_cycle,
+        )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the form; their symbols tell the forms apart."""
+        return self._loss.parameters
+
+    @classmethod
+    @override
+    def neutral_forms(cls) -> tuple[Self, ...]:
+        return cls(delta_nu=0.0), cls(nu_inf=0.0, p_nu=1.0)
 
     @classmethod
     @override
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(delta_nu=HalfNormal(1.0 / scales.energy)),)
+        return tuple(cls(**loss.priors(scales)) for loss in _LOSSES)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"delta_nu": (0.1 / scales.energy, 0.6 / scales.energy)}
+        return self._loss.starts(scales)
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        return replace(slots, nu=slots.nu + symbol("delta_nu") * ENERGY)
+        return replace(slots, nu=slots.nu + self._loss.expression)

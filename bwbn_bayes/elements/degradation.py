@@ -1,0 +1,148 @@
+"""A loss that grows with the work on the hysteretic spring: without end, or up to a limit.
+
+What degradation of stiffness and of strength share; each adds the loss to a factor of its own, ``eta`` or ``nu``.
+
+References
+----------
+.. [1] T. T. Baber and Y.-K. Wen, "Random Vibration of Hysteretic, Degrading Systems", J. Eng. Mech. Div. 107(6), 1981:
+   the linear loss ``delta epsilon``.
+.. [2] G. C. Foliente, "Hysteresis Modeling of Wood Joints and Structural Systems", J. Struct. Eng. 121(6), 1995: the
+   depth of the pinch, ``zeta_s (1 - exp(-p epsilon))``. The saturating loss is this function of the work, given here
+   to ``nu`` and ``eta``, for which Foliente keeps the linear one.
+.. [3] M. Pelliciari et al., "A degrading Bouc-Wen model for the hysteresis of reinforced concrete structural elements",
+   Struct. Infrastruct. Eng., 2019, doi:10.1080/15732479.2019.1674893: stiffness and strength that fall exponentially
+   with a damage index, in another form than ours (known from the manual of its OpenSees material, not consulted).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import sympy as sp
+
+from bwbn_bayes.elements.law import ENERGY, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import PlaceResponse
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Prior, Value
+
+LINEAR_SOURCE = "Baber and Wen 1981"
+SATURATING_SOURCE = "Foliente 1995 (the work's function in the depth of the pinch)"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearLoss:
+    """``delta epsilon``.
+
+    Attributes
+    ----------
+    what : str
+        What is lost.
+    delta : str
+        Symbol of the loss per unit of work. [1/J]
+    """
+
+    what: str
+    delta: str
+    form: ClassVar[str] = "linear"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The loss per unit of work."""
+        told = f"loss of {self.what} per unit of work"
+        return (
+            Parameter(
+                symbol=self.delta, unit="1/J", neutral=0.0, lower=0.0, description=told, source=LINEAR_SOURCE
+            ),
+        )
+
+    @property
+    def expression(self) -> sp.Expr:
+        """What is added to the factor."""
+        return symbol(self.delta) * ENERGY
+
+    def reached(self, at: PlaceResponse) -> float:
+        """The loss by the end of a response."""
+        return at[self.delta] * at.energy
+
+    def priors(self, scales: Scales) -> dict[str, Prior]:
+        """By the end the factor may have doubled."""
+        return {self.delta: HalfNormal(1.0 / scales.energy)}
+
+    def starts(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        """A small loss and a large one."""
+        return {self.delta: (0.1 / scales.energy, 0.6 / scales.energy)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SaturatingLoss:
+    """``limit (1 - exp(-rate epsilon))``.
+
+    Attributes
+    ----------
+    what : str
+        What is lost.
+    limit, rate : str
+        Symbols of the loss after much work [1], and of the rate at which it comes [1/J].
+    """
+
+    what: str
+    limit: str
+    rate: str
+    form: ClassVar[str] = "saturating"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The limit and the rate."""
+        told = (
+            (self.limit, "", 0.0, f"loss of {self.what} after much work"),
+            (self.rate, "1/J", 1.0, f"rate with work at which the loss of {self.what} comes"),
+        )
+        return tuple(
+            Parameter(symbol=s, unit=unit, neutral=neutral, lower=0.0, description=text, source=SATURATING_SOURCE)
+            for s, unit, neutral, text in told
+        )
+
+    @property
+    def expression(self) -> sp.Expr:
+        """What is added to the factor."""
+        return symbol(self.limit) * (1 - sp.exp(-symbol(self.rate) * ENERGY))
+
+    def reached(self, at: PlaceResponse) -> float:
+        """The loss by the end of a response."""
+        return at[self.limit] * -math.expm1(-at[self.rate] * at.energy)
+
+    def priors(self, scales: Scales) -> dict[str, Prior]:
+        """The factor may double, most of it within a tenth to all of the work.
+
+        With slower rates the loss is the linear one; with faster ones it is there before the first cycle has ended,
+        and the storey's own parameters say the same.
+        """
+        rate = LogNormal(5.0 / scales.energy, 1.0).truncated(0.5 / scales.energy, 100.0 / scales.energy)
+        return {self.limit: HalfNormal(1.0), self.rate: rate}
+
+    def starts(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        """A small loss and a large one, early and late."""
+        return {self.limit: (0.15, 0.8), self.rate: tuple(rate / scales.energy for rate in (2.0, 8.0, 30.0))}
+
+
+Loss = LinearLoss | SaturatingLoss
+
+
+def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Value | None]) -> Loss:
+    """The form whose parameters are given.
+
+    Raises
+    ------
+    UserError
+        If they are those of no form, or of more than one.
+    """
+    present = {s for s, value in given.items() if value is not None}
+    for loss in losses:
+        if present == {parameter.symbol for parameter in loss.parameters}:
+            return loss
+    choices = ", or ".join(" and ".join(p.symbol for p in loss.parameters) for loss in losses)
+    raise UserError(f"{effect_name}: the form follows from what is given: give {choices}")

@@ -1,0 +1,97 @@
+"""Degradation in its two forms: limits of one another, what they lose, and what is refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from laboratory import NO_DRAW, cyclic_test, nrmse, storey
+
+from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.effects import StiffnessDegradation, StrengthDegradation
+from bwbn_bayes.elements.equations import slot_equations
+from bwbn_bayes.elements.law import Effect, Slots
+from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.elements.signature import PlaceResponse
+from bwbn_bayes.engines.reference import Reference
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.structures.specimen import Specimen
+
+CYCLES = [0.8, -0.8] * 4
+
+
+def force(effect: Effect | None = None, **element: float) -> np.ndarray:
+    model = Specimen(storey=storey(c=0.0, **element))
+    model = model if effect is None else model.with_effect(effect)
+    return Reference(rtol=1e-10).simulate(model, NO_DRAW, cyclic_test(CYCLES, 60), ["force"]).values[0, 0]
+
+
+@pytest.mark.parametrize(
+    ("linear", "slow"),
+    [
+        (StiffnessDegradation(delta_eta=0.2), StiffnessDegradation(eta_inf=2e4, p_eta=1e-5)),
+        (StrengthDegradation(delta_nu=0.2), StrengthDegradation(nu_inf=2e4, p_nu=1e-5)),
+    ],
+    ids=lambda effect: effect.name,
+)
+def test_a_slow_loss_is_the_linear_one(linear, slow):
+    """Of the first order in ``p epsilon``, which reaches 1e-3 here at most."""
+    assert nrmse(force(slow), force(linear)) < 1e-3
+    assert nrmse(force(linear), force()) > 0.05
+
+
+def test_a_loss_that_comes_at_once_is_another_storey():
+    """``nu`` multiplies the shape bracket: with nu = 1.5 throughout, beta and gamma are half as large again."""
+    at_once = force(StrengthDegradation(nu_inf=0.5, p_nu=1e5))
+    assert nrmse(at_once, force(beta=3.0, gamma=3.0)) < 1e-3
+
+
+def test_peaks_fall_to_a_limit():
+    """The plateau's force is that of ``z_u`` at ``nu = 1 + nu_inf``; with the linear form peaks fall on and on."""
+    saturating, linear = force(StrengthDegradation(nu_inf=1.0, p_nu=0.8)), force(StrengthDegradation(delta_nu=0.1))
+    plateau = 0.01 * 10.0 * 0.8 + 0.99 * 10.0 * (1.0 / (2.0 * 4.0)) ** (1.0 / 1.5)
+    peaks = saturating[60::120]
+    assert peaks[-1] == pytest.approx(plateau, rel=2e-3)
+    assert peaks[0] > 1.1 * plateau
+    assert linear[60::120][-1] < 0.97 * linear[60::120][-2]
+
+
+@pytest.mark.parametrize("effect_class", [StiffnessDegradation, StrengthDegradation])
+def test_the_form_follows_from_what_is_given(effect_class):
+    linear, saturating = effect_class.neutral_forms()
+    (delta,), (limit, rate) = (tuple(p.symbol for p in form.parameters) for form in (linear, saturating))
+    assert (linear.form, saturating.form) == ("linear", "saturating")
+    sentence = f"{effect_class.__name__}: the form follows from what is given: give {delta}, or {limit} and {rate}"
+    for given in ({}, {delta: 0.1, limit: 0.1}, {limit: 0.1}, {rate: 0.1}, {delta: 0.1, limit: 0.1, rate: 1.0}):
+        with pytest.raises(UserError, match=sentence):
+            effect_class(**given)
+
+
+def test_the_equations_say_so():
+    written = {
+        form.name: slot_equations(form.fill(Slots()), form.parameters)[0].text
+        for kind in registered()
+        for form in kind.neutral_forms()
+        if form.form == "saturating"
+    }
+    assert written == {
+        "stiffness_degradation": "η = 1 + η_∞ (1 − exp(−p_η ε))",
+        "strength_degradation": "ν = 1 + ν_∞ (1 − exp(−p_ν ε))",
+    }
+
+
+def test_sizes_by_hand():
+    """What is left of stiffness and strength in the end, shared among four cycles."""
+    path = cyclic_test(CYCLES, 60).excitation
+    histories = {"drift": path, "hysteretic_energy": np.linspace(0.0, 5.0, len(path))}
+    values = {"eta_inf": 0.6, "p_eta": 0.3, "nu_inf": 0.9, "p_nu": 0.2, "n": 1.5}
+    at = PlaceResponse(histories=histories, parameters=values, scales=NOMINAL)
+    kept = {
+        StiffnessDegradation: 1.0 / (1.0 + 0.6 * (1.0 - math.exp(-0.3 * 5.0))),
+        StrengthDegradation: (1.0 + 0.9 * (1.0 - math.exp(-0.2 * 5.0))) ** (-1.0 / 1.5),
+    }
+    for effect_class, share in kept.items():
+        size = effect_class.neutral_forms()[1].signature.size
+        assert size is not None
+        assert size(at) == pytest.approx(1.0 - share**0.25)

@@ -162,6 +162,7 @@ def hypotheses(
     scales: Sequence[Scales],
     *,
     measured: Sequence[str],
+    has_time: bool = True,
     effects: Sequence[type[Effect]] | None = None,
     most_carried: float = MOST_CARRIED,
 ) -> tuple[Hypothesis, ...]:
@@ -175,6 +176,8 @@ def hypotheses(
         One per storey, from the ground up.
     measured : sequence of str
         Channels of the record: a sensor that does not exist cannot be wrong.
+    has_time : bool
+        Whether the record has time; without, effects that depend on rate or time take no part.
     effects : sequence of Effect classes, optional
         The whole catalogue by default. An effect that does not say what sizes to expect takes no part.
     most_carried : float
@@ -191,6 +194,8 @@ def hypotheses(
             except NotImplementedError:
                 continue
             for effect in forms:
+                if not has_time and effect.needs_time:
+                    continue
                 hypothesis = Hypothesis(base=base, effect=effect, storeys=storeys, scales=own)
                 if hypothesis.symbols not in addable:
                     addable[hypothesis.symbols] = _addable(base, effect)

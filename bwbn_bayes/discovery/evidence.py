@@ -1,179 +1,190 @@
-"""The evidence of a fitted hypothesis: Laplace for all, sampling for those that matter."""
+"""The evidence of a fitted model, under its own account of the errors: white, autoregressive, or with an unnamed force.
+
+Orders of autoregression and the scale of the unnamed force are chosen by evidence at an optimum of the very likelihood
+that they make, in turns with the parameters.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.stats import cauchy
 
-from bwbn_bayes.discovery.candidates import Hypothesis
-from bwbn_bayes.discovery.race import Fit
-from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.bridge import bridge, contributing
+from bwbn_bayes.inference.correlation import Correlation, SharedFunctions, autoregression, order_cost
 from bwbn_bayes.inference.identifiability import covariance_of
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
-    WeightedDraws,
     laplace_log_evidence,
     laplace_mixture,
     sample_importance,
 )
-from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.residuals import coloured_noise, counted, residual_of
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
+from bwbn_bayes.inference.modes import Mode, distinct, polish
+from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.parameters import Floats
 
-PRIOR_WIDTHS: Mapping[str, float] = {"ten times narrower": 0.1, "ten times wider": 10.0}
-"""Under these the name must survive: Cauchy priors about neutral, so many times as wide as the normal ones."""
-_LAPLACE_SE = 2.0
+LAPLACE_SE = 2.0
 """Error allowed for Laplace's approximation where it was not checked by sampling. [nat]"""
+SCALES = tuple(2.0**exponent for exponent in range(10))
+"""Of the unnamed force, over the noise level: one of them is within a factor of 1.4 of the best."""
+_N_POLISHED, _N_ITERATIONS, _N_TURNS = 6, 12, 2
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """How much a hypothesis is worth.
+    """How much a model is worth.
 
     Attributes
     ----------
     log_likelihood : float
         At its best fit.
     log_evidence, log_evidence_se : float
-        For white noise.
-    method : {"Laplace", "importance", "TMCMC"}
+        Under the noise of ``posterior``. [nat]
+    method : {"Laplace", "importance"}
         Where that came from.
     pareto_k : float or None
         Tail of the importance weights.
-    coloured_gain : float
-        What autoregressive noise would add at the best fit. [nat]
     means, sds : mapping of str to float
         Posterior moments of the parameters.
-    prior_shifts : mapping of str to float
-        Change of the log evidence under other widths of the effect's priors. [nat]
+    posterior : Posterior
+        Under the account of the errors that it stands for.
+    modes : tuple of Mode
+        Optima of that, best first.
     """
 
     log_likelihood: float
     log_evidence: float
     log_evidence_se: float
-    pareto_k: float | None
-    coloured_gain: float
     means: Mapping[str, float]
     sds: Mapping[str, float]
-    prior_shifts: Mapping[str, float]
-    method: Literal["Laplace", "importance", "TMCMC"] = "Laplace"
+    posterior: Posterior
+    modes: tuple[Mode, ...]
+    method: Literal["Laplace", "importance"] = "Laplace"
+    pareto_k: float | None = None
 
     @property
-    def total(self) -> float:
-        """Log evidence under the better account of the noise, white or autoregressive."""
-        return self.log_evidence + self.coloured_gain
+    def correlation(self) -> Correlation | None:
+        """Of the errors, None where they are white."""
+        return self.posterior.noise.correlation
 
 
-def laplace_evidence(fit: Fit) -> Evidence:
-    """Laplace's approximation at a fit's optima."""
-    return _at_modes(fit.posterior, fit.modes, fit.hypothesis)
-
-
-def present_evidence(present: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator, n: int) -> Evidence:
-    """Evidence of the present model, sampled."""
-    return _sampled(present, modes, _at_modes(present, modes, None), None, rng, n)
-
-
-def sampled_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: int) -> Evidence:
-    """Importance-sampled evidence of a fit; Laplace's stays where the weights have no usable tail."""
-    return _sampled(fit.posterior, fit.modes, laplace, fit.hypothesis, rng, n)
-
-
-def bridged_evidence(fit: Fit, laplace: Evidence, rng: np.random.Generator, n: int) -> Evidence:
-    """Evidence of a fit by transitional MCMC with ``n`` particles, where importance weights have no usable tail.
-
-    With several modes it would take minutes: Laplace's stays; so it does where hardly a draw of Laplace's own
-    approximation can be solved.
-    """
-    if len(contributing(fit.modes)) > 1:
-        return laplace
-    try:
-        cloud = bridge(fit.posterior, fit.modes, n_particles=n, rng_seed=int(rng.integers(2**31)))
-    except UserError:
-        return laplace
-    return replace(
-        _with_draws(fit.posterior, laplace, fit.hypothesis, cloud.particles, np.full(n, 1.0 / n)),
-        log_evidence=cloud.log_evidence,
-        log_evidence_se=cloud.log_evidence_se,
-        method="TMCMC",
-    )
-
-
-def _at_modes(posterior: Posterior, modes: tuple[Mode, ...], hypothesis: Hypothesis | None) -> Evidence:
+def laplace(posterior: Posterior, modes: tuple[Mode, ...]) -> Evidence:
+    """Laplace's approximation at the optima."""
     best = modes[0]
     values = posterior.space.from_unit(best.point[None])
     sds = np.sqrt(np.diag(covariance_of(best.information))) * posterior.space.unit_scale(values)[0]
-    gain = sum(coloured_noise(rest).gain for rest in counted(posterior.record, residual_of(posterior, best.point)))
     return Evidence(
         log_likelihood=best.log_likelihood,
         log_evidence=laplace_log_evidence(modes) - posterior.space.log_admissible_mass,
-        log_evidence_se=_LAPLACE_SE,
-        pareto_k=None,
-        coloured_gain=gain,
+        log_evidence_se=LAPLACE_SE,
         means=dict(zip(posterior.space.names, values[0].tolist(), strict=True)),
         sds=dict(zip(posterior.space.names, sds.tolist(), strict=True)),
-        prior_shifts=_prior_shifts(posterior, hypothesis, best.point[None], np.ones(1)),
+        posterior=posterior,
+        modes=modes,
     )
 
 
-def _sampled(
-    posterior: Posterior,
-    modes: tuple[Mode, ...],
-    laplace: Evidence,
-    hypothesis: Hypothesis | None,
-    rng: np.random.Generator,
-    n: int,
-) -> Evidence:
-    weighted: WeightedDraws = sample_importance(posterior, laplace_mixture(modes), rng, effective=n, most=3 * n)
+def sampled(evidence: Evidence, rng: np.random.Generator, n: int) -> Evidence:
+    """The same importance-sampled with ``n`` effective draws; as it is where the weights have no usable tail."""
+    posterior = evidence.posterior
+    weighted = sample_importance(posterior, laplace_mixture(evidence.modes), rng, effective=n, most=3 * n)
     if not weighted.pareto_k <= PARETO_LIMIT:
-        return laplace
+        return evidence
+    values, weights = posterior.space.from_unit(weighted.points), np.exp(weighted.log_weights)
+    means = weights @ values
+    sds = np.sqrt(weights @ np.square(values - means))
     return replace(
-        _with_draws(posterior, laplace, hypothesis, weighted.points, np.exp(weighted.log_weights)),
+        evidence,
         log_evidence=weighted.log_evidence,
         log_evidence_se=weighted.log_evidence_se,
         pareto_k=weighted.pareto_k,
         method="importance",
-    )
-
-
-def _with_draws(
-    posterior: Posterior, laplace: Evidence, hypothesis: Hypothesis | None, points: Floats, weights: Floats
-) -> Evidence:
-    """The same with moments and prior shifts from weighted points of the unit cube."""
-    values = posterior.space.from_unit(points)
-    means = weights @ values
-    sds = np.sqrt(weights @ np.square(values - means))
-    return replace(
-        laplace,
         means=dict(zip(posterior.space.names, means.tolist(), strict=True)),
         sds=dict(zip(posterior.space.names, sds.tolist(), strict=True)),
-        prior_shifts=_prior_shifts(posterior, hypothesis, points, weights),
     )
 
 
-def _prior_shifts(
-    posterior: Posterior, hypothesis: Hypothesis | None, points: Floats, weights: Floats
-) -> dict[str, float]:
-    """Log ratio of evidences when the amplitudes' priors become Cauchy and wider or narrower."""
-    shifts = dict.fromkeys(PRIOR_WIDTHS, 0.0)
-    if hypothesis is None:
-        return shifts
-    values = posterior.space.from_unit(points)
-    for label, factor in PRIOR_WIDTHS.items():
-        change = np.zeros(len(points))
-        for name in hypothesis.amplitudes:
-            column = posterior.space.names.index(name)
-            prior = posterior.space.parameters[column].prior
-            neutral = hypothesis.neutral(name)
-            other = cauchy(loc=neutral, scale=factor * prior.sd)
-            low, high = prior.support
-            share = other.cdf(high) - other.cdf(low)
-            change += other.logpdf(values[:, column]) - np.log(share) - prior.log_density(values[:, column])
-        shifts[label] = float(np.log(weights @ np.exp(np.clip(change, -700.0, 700.0))))
-    return shifts
+def autoregressive_bound(posterior: Posterior, modes: tuple[Mode, ...]) -> float:
+    """What autoregressive errors add to the evidence at least: at the optimum for white ones. [nat]"""
+    residual = residual_of(posterior, modes[0].point)
+    return sum(autoregression(own)[1] for own in residual)
+
+
+def autoregressive(posterior: Posterior, modes: tuple[Mode, ...]) -> Evidence:
+    """Evidence under autoregressive errors, each channel's order by evidence."""
+
+    def account(residual: Floats) -> Correlation:
+        coefficients = tuple(autoregression(own)[0] for own in residual)
+        cost = sum(order_cost(len(own), residual.shape[1]) for own in coefficients)
+        return Correlation(coefficients=coefficients, log_prior=cost)
+
+    return _in_turns(posterior, modes, account)
+
+
+def with_shared(
+    posterior: Posterior, modes: tuple[Mode, ...], shared: SharedFunctions, largest: float, starts: Floats | None
+) -> Evidence:
+    """Evidence of a specimen with an unnamed force beside its law.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        For white noise.
+    modes : tuple of Mode
+        Its optima.
+    shared : SharedFunctions
+        The force's functions, of unit scale.
+    largest : float
+        Standard deviation of the scale's half-normal prior. [N]
+    starts : (n, n_dim) array or None
+        Further points to start from, such as the optimum of a model without the last effect.
+    """
+    noise = posterior.noise
+    assert isinstance(noise, IntegratedNoise)
+    n_times = posterior.record.n_times
+
+    def account(residual: Floats) -> Correlation:
+        found: list[tuple[float, Correlation]] = []
+        for scale in SCALES:
+            correlation = Correlation(shared=shared.times(scale))
+            misfit = np.sum(np.square(correlation.whitened(residual)), axis=1)[None]
+            level = float(np.sqrt((noise.scale[0] + 0.5 * misfit[0, 0]) / (noise.shape + 0.5 * n_times)))
+            priced = replace(correlation, log_prior=-0.5 * (scale * level / largest) ** 2)
+            value = replace(noise, correlation=priced).log_likelihood(misfit, n_times, np.empty((1, 0)))
+            found.append((float(value[0]), priced))
+        return max(found, key=lambda pair: pair[0])[1]
+
+    return _in_turns(posterior, modes, account, starts)
+
+
+def scale_of(evidence: Evidence) -> float:
+    """Root mean square [N] that the prior of the unnamed force has, as its scale was chosen."""
+    correlation = evidence.correlation
+    if correlation is None or correlation.shared is None:
+        return 0.0
+    posterior = evidence.posterior
+    misfit = posterior.misfit(evidence.modes[0].point[None])[0, 0]
+    n = posterior.record.n_times
+    return float(np.sqrt(misfit / n * np.sum(correlation.shared.variance) / n))
+
+
+def _in_turns(
+    posterior: Posterior,
+    modes: tuple[Mode, ...],
+    account: Callable[[Floats], Correlation],
+    starts: Floats | None = None,
+) -> Evidence:
+    """Laplace's evidence where account and optimum agree."""
+    points = np.array([mode.point for mode in modes[:_N_POLISHED]])
+    view = posterior
+    for turn in range(_N_TURNS):
+        correlation = account(residual_of(posterior, points[0]))
+        view = posterior.with_noise(replace(posterior.noise, correlation=correlation))  # type: ignore[type-var]
+        if turn == 0 and starts is not None:
+            points = np.concatenate([points, starts])
+        points, local = polish(view, points, n_iterations=_N_ITERATIONS)
+        order = np.argsort(-local.log_likelihood, kind="stable")[:_N_POLISHED]
+        points, local = points[order], local[order]
+    return laplace(view, distinct(points, local))

@@ -56,7 +56,7 @@ def improved_model_source(
 
 
 def _docstring(name: str, added: Sequence[Added]) -> str:
-    what = ", ".join(one.candidate.hypothesis.label for one in added)
+    what = ", ".join(one.title for one in added)
     first = f"{name} with what discovery found missing: {what}." if added else f"{name} as given: nothing was added."
     return docstring(first, "Units: N, m, s, kg, J.")
 
@@ -68,22 +68,22 @@ def _placed(writer: ModelWriter, one: PlacedEffect, added: Sequence[Added]) -> s
 
 
 def _is(added: Added, placed: PlacedEffect) -> bool:
-    hypothesis = added.candidate.hypothesis
+    hypothesis = added.hypothesis
     return hypothesis.effect == placed.effect and hypothesis.storeys == placed.storeys
 
 
 def _remarks(added: Added) -> tuple[str, ...]:
-    hypothesis = added.candidate.hypothesis
+    hypothesis = added.hypothesis
     units = {p.name: p.unit for p in hypothesis.model.space.parameters}
     moments = (
         f"{label} = {mean:.4g} +- {sd:.2g}{f' {units[label]}' if units[label] else ''}"
         for label, (mean, sd) in added.moments.items()
     )
     return (
-        f"{hypothesis.label}: {hypothesis.effect.summary}; log Bayes factor {_factor(added)}.",
+        f"{added.title}: {hypothesis.effect.summary}; probability {added.probability:.3g}, log Bayes factor {_factor(added)}.",
         f"Posterior: {', '.join(moments)}.",
     )
 
 
 def _factor(added: Added) -> str:
-    return f"{added.candidate.log_bayes_factor:.1f} +- {added.candidate.log_bayes_factor_se:.1f}"
+    return f"{added.log_bayes_factor:.1f} +- {added.log_bayes_factor_se:.1f}"

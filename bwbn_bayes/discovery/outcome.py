@@ -6,86 +6,188 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from bwbn_bayes.discovery.candidates import place_in_words
+from bwbn_bayes.discovery.candidates import Hypothesis, place_in_words
+from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, Prediction
-from bwbn_bayes.discovery.name import Candidate, Decision
-from bwbn_bayes.discovery.unexplained import Unexplained
+from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Verdict
 from bwbn_bayes.discovery.where import Disagreement
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Result, finite
 from bwbn_bayes.structures.structure import Structure
 
-SCHEMA = 1
+SCHEMA = 2
+_LEAST_SHOWN = 1e-6
+"""Probability of an effect from which it is listed."""
 CLOSED = 1.25
 """Error over noise up to which a gap counts as closed."""
-Verdict = Literal["effects_found", "partly_explained", "no_missing_effect", "unexplained"]
+Grade = Literal["named", "possible", "shape", "weak"]
+"""Of an effect that was added: its name is certain, likely, or not deserved (its law helps without its signature)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignatureFacts:
+    """What an effect does to the loop in an engineer's measure.
+
+    Attributes
+    ----------
+    measure, unit : str
+    measured : float or None
+        Of the record; None where it cannot be read off it.
+    mean, low, high : float
+        Of the identified response, with its 90 % interval.
+    without : float
+        Of the identified response with the effect taken away.
+    deserved : float
+        Probability, over the posterior, that it has the size from which the effect deserves its name.
+    """
+
+    measure: str
+    unit: str
+    measured: float | None
+    mean: float
+    low: float
+    high: float
+    without: float
+    deserved: float
+
+    def as_json(self) -> dict[str, Any]:
+        """``signature`` of an effect."""
+        return {
+            "measure": self.measure,
+            "unit": self.unit,
+            "measured": self.measured,
+            "identified": {"mean": self.mean, "low": self.low, "high": self.high},
+            "without": self.without,
+            "deserved": self.deserved,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Added:
-    """An effect that was added.
+    """An effect of the improved model that the given one lacks.
 
     Attributes
     ----------
-    candidate : Candidate
-        As it was weighed when it was added.
-    decision : Decision
-        The round that added it.
+    hypothesis : Hypothesis
+        The effect, its form, its place.
+    probability, place_probability : float
+        That the effect is part of the model, and that it is at this place.
+    log_bayes_factor, log_bayes_factor_se : float
+        Of the model with it against the same without, each under its better account of the errors. [nat]
+    equivalent : tuple of str
+        Other effects of which one is about as probable in its place.
+    equivalent_places : tuple of tuple of int
+        Other places at which it is about as probable.
+    signature : SignatureFacts or None
+        None where the effect has no measure.
     moments : mapping of str to (float, float)
-        Posterior mean and standard deviation of the parameters it brought, in the final model.
+        Posterior mean and standard deviation of the parameters it brought.
     separation : tuple of str
-        For each effect that the record cannot tell it from, the experiment that would.
+        For each equivalent, the experiment that would tell them apart.
     """
 
-    candidate: Candidate
-    decision: Decision
+    hypothesis: Hypothesis
+    probability: float
+    place_probability: float
+    log_bayes_factor: float
+    log_bayes_factor_se: float
+    equivalent: tuple[str, ...]
+    equivalent_places: tuple[tuple[int, ...], ...]
+    signature: SignatureFacts | None
     moments: Mapping[str, tuple[float, float]]
     separation: tuple[str, ...] = ()
 
     @property
-    def alternatives(self) -> tuple[str, ...]:
-        """What the record cannot tell it from, in words: other effects, and the same one at other places."""
-        level = self.candidate.hypothesis.effect.level
-        places = (f"the same at {place_in_words(level, place)}" for place in self.decision.equivalent_places)
-        return (*self.decision.equivalent, *places)
+    def name_probability(self) -> float:
+        """That the effect is there and deserves its name."""
+        return self.probability * (1.0 if self.signature is None else self.signature.deserved)
 
     @property
-    def doubt(self) -> str:
-        """Why the sizes that it was given are hardly what its name says, after its label; empty where they are."""
-        hypothesis, means = self.candidate.hypothesis, self.candidate.evidence.means
-        sizes = {p.symbol: means[p.name] for p in hypothesis.model.space.parameters if p.name in hypothesis.brought}
-        why = hypothesis.effect.doubt(sizes, hypothesis.scales)
-        return f"{hypothesis.label}: {why}" if why else ""
+    def grade(self) -> Grade:
+        """How sure its name is."""
+        if self.name_probability >= NAMED:
+            return "named"
+        if self.probability >= POSSIBLE and self.name_probability < 1.0 - POSSIBLE:
+            return "shape"
+        return "possible" if self.name_probability >= POSSIBLE else "weak"
+
+    @property
+    def title(self) -> str:
+        """What the effect is called, with its place: a law that helps without its signature goes by its plain name."""
+        hypothesis = self.hypothesis
+        if self.grade != "shape":
+            return hypothesis.label
+        return f"{hypothesis.effect.signature.plain_name}, {hypothesis.where}"
+
+    @property
+    def alternatives(self) -> tuple[str, ...]:
+        """What the record cannot tell it from, in words: other effects, and the same one at other places."""
+        level = self.hypothesis.effect.level
+        places = (f"the same at {place_in_words(level, place)}" for place in self.equivalent_places)
+        return (*self.equivalent, *places)
 
     def as_json(self) -> dict[str, Any]:
         """One entry of ``effects``."""
-        hypothesis = self.candidate.hypothesis
         return {
-            "name": hypothesis.name,
-            "form": hypothesis.effect.form,
-            "storeys": list(hypothesis.storeys),
-            "log_bayes_factor": self.candidate.log_bayes_factor,
-            "log_bayes_factor_se": self.candidate.log_bayes_factor_se,
-            "equivalent": list(self.decision.equivalent),
+            "name": self.hypothesis.name,
+            "form": self.hypothesis.effect.form,
+            "title": self.title,
+            "storeys": list(self.hypothesis.storeys),
+            "grade": self.grade,
+            "probability": self.name_probability,
+            "law_probability": self.probability,
+            "place_probability": self.place_probability,
+            "log_bayes_factor": self.log_bayes_factor,
+            "log_bayes_factor_se": self.log_bayes_factor_se,
+            "equivalent": list(self.equivalent),
+            "equivalent_storeys": [list(place) for place in self.equivalent_places],
             "separation": list(self.separation),
-            "equivalent_storeys": [list(place) for place in self.decision.equivalent_places],
+            "signature": None if self.signature is None else self.signature.as_json(),
             "parameters": {name: {"mean": mean, "sd": sd} for name, (mean, sd) in self.moments.items()},
         }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """One round of the loop: the disagreement it began with and what it decided."""
+    """One round of the search: what was built upon, and what was then believed of every explanation, best first."""
 
     number: int
-    model: Structure
-    disagreement: Disagreement
-    decision: Decision | None
+    parent: str
     sentence: str
+    explanations: tuple[Explanation, ...]
+    probabilities: tuple[float, ...]
+    log_joint: tuple[float, ...]
     elapsed_s: float
-    withdrawn: bool = False
-    """Whether the effect that it added did not stay."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnnamedForce:
+    """The force of no known law beside the improved model, as it was inferred.
+
+    Attributes
+    ----------
+    storey : int
+    place : str
+        In words.
+    probability : float
+        That a force of no known law is part of the model.
+    share : float
+        Its root mean square over that of the force.
+    drift, force : (n_times,) arrays
+        Where it acts, and the force itself. [m], [N]
+    """
+
+    storey: int
+    place: str
+    probability: float
+    share: float
+    drift: Floats
+    force: Floats
+
+    def as_json(self) -> dict[str, Any]:
+        """``unnamed_force`` of ``discovery.json``."""
+        return {"storey": self.storey, "place": self.place, "probability": self.probability, "share": self.share}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,13 +231,18 @@ class Discovery:
     Attributes
     ----------
     verdict : str
-        ``effects_found``, ``partly_explained``, ``no_missing_effect`` or ``unexplained``.
+        ``effects_found``, ``partly_explained``, ``no_missing_effect`` or ``unexplained``: the most probable.
+    verdict_probabilities : mapping of str to float
+    probabilities : mapping of str to float
+        That each effect is part of the model, best first.
     sentences : tuple of str
         The verdict in words, the most important first.
     unexplained_share : float
         Of the residual energy beyond the noise, what is left at the end.
-    unexplained : Unexplained or None
-        What is known of the rest, where some of it stays unexplained.
+    unnamed : UnnamedForce or None
+        The force of no known law, where one is likely.
+    binding : tuple of str
+        Parameters whose prior, as given, keeps them from where the record wants them, in sentences.
     added : tuple of Added
         Effects of the final model that the given one lacks, in order.
     steps : tuple of Step
@@ -159,9 +266,12 @@ class Discovery:
     """
 
     verdict: Verdict
+    verdict_probabilities: Mapping[Verdict, float]
+    probabilities: Mapping[str, float]
     sentences: tuple[str, ...]
     unexplained_share: float
-    unexplained: Unexplained | None
+    unnamed: UnnamedForce | None
+    binding: tuple[str, ...]
     added: tuple[Added, ...]
     steps: tuple[Step, ...]
     limits: tuple[DetectionLimit, ...]
@@ -180,7 +290,7 @@ class Discovery:
     elapsed_s: float
 
     def as_json(self) -> dict[str, Any]:
-        """``discovery.json``, schema 1; a number that is not finite becomes None, which JSON can hold."""
+        """``discovery.json``, schema 2; a number that is not finite becomes None, which JSON can hold."""
         gap: dict[str, Any] = {
             "metric": "nrmse",
             "noise_floor": self.gap.noise_floor,
@@ -205,6 +315,7 @@ class Discovery:
             "model": self.name,
             "record": self.record.name,
             "verdict": self.verdict,
+            "verdict_probabilities": dict(self.verdict_probabilities),
             "sentences": list(self.sentences),
             "unexplained_share": self.unexplained_share,
             "effects": [added.as_json() for added in self.added],
@@ -219,14 +330,16 @@ class Discovery:
                 for spot in self.before.spots
             ],
             "gap": gap,
-            "unexplained": None if self.unexplained is None else self.unexplained.as_json(),
+            "best_model": {
+                "effects": [f"{one.hypothesis.name}{list(one.hypothesis.storeys)}" for one in self.added],
+                "fit": self.gap.after.nrmse,
+                "held_out": None if unseen is None else unseen.after.nrmse,
+            },
+            "probabilities": {name: p for name, p in self.probabilities.items() if p >= _LEAST_SHOWN},
+            "unnamed_force": None if self.unnamed is None else self.unnamed.as_json(),
+            "binding_priors": list(self.binding),
             "steps": [
-                {
-                    "step": step.number,
-                    "sentence": step.sentence,
-                    "withdrawn": step.withdrawn,
-                    "elapsed_s": step.elapsed_s,
-                }
+                {"step": step.number, "parent": step.parent, "sentence": step.sentence, "elapsed_s": step.elapsed_s}
                 for step in self.steps
             ],
             "candidates": _candidates(self.steps),
@@ -247,19 +360,18 @@ class Discovery:
 
 
 def _candidates(steps: tuple[Step, ...]) -> list[dict[str, Any]]:
+    """What the last round believed."""
     return [
         {
-            "step": step.number,
-            "name": candidate.hypothesis.name,
-            "form": candidate.hypothesis.effect.form,
-            "storeys": list(candidate.hypothesis.storeys),
-            "log_bayes_factor": candidate.log_bayes_factor,
-            "log_bayes_factor_se": candidate.log_bayes_factor_se,
-            "evidence": candidate.evidence.method,
-            "pareto_k": candidate.evidence.pareto_k,
-            "log_odds": candidate.log_odds,
+            "effects": [{"name": h.name, "form": h.effect.form, "storeys": list(h.storeys)} for h in one.added],
+            "unnamed_force": None if one.unnamed is None else list(one.unnamed),
+            "probability": probability,
+            "log_joint": log_joint,
+            "log_evidence": one.evidence.log_evidence,
+            "log_evidence_se": one.evidence.log_evidence_se,
+            "evidence": one.evidence.method,
+            "pareto_k": one.evidence.pareto_k,
         }
-        for step in steps
-        if step.decision is not None
-        for candidate in step.decision.candidates
+        for step in steps[-1:]
+        for one, probability, log_joint in zip(step.explanations, step.probabilities, step.log_joint, strict=True)
     ]

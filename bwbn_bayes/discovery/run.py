@@ -6,22 +6,17 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
-from bwbn_bayes.discovery.name import Decision
+from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.discovery.score import Score, scores
-from bwbn_bayes.discovery.where import Disagreement, disagreement
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.residuals import leaves_noise, leaves_quiet
-from bwbn_bayes.parameters import Floats
 from bwbn_bayes.structures.structure import Structure
 
 Listener = Callable[[str], None]
@@ -37,6 +32,8 @@ class DiscoverySettings:
         The run is a function of it.
     most_effects : int
         Effects added at most.
+    most_rounds : int
+        Explanations that are built upon at most.
     particles : int
         Effective draws of the final posterior.
     n_workers : int
@@ -46,40 +43,11 @@ class DiscoverySettings:
     """
 
     seed: int = 1
-    most_effects: int = 4
+    most_effects: int = 5
+    most_rounds: int = 8
     particles: int = 2000
     n_workers: int = os.cpu_count() or 1
     effects: tuple[type[Effect], ...] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Present:
-    """The present model, fitted."""
-
-    posterior: Posterior
-    modes: tuple[Mode, ...]
-    starts: Floats
-    """Further points of its unit cube from which fits start."""
-
-    @property
-    def best(self) -> Floats:
-        """Its best fit ``(n_dim,)``, in the unit cube."""
-        return self.modes[0].point
-
-    @cached_property
-    def disagreement(self) -> Disagreement:
-        """Where it disagrees with the record."""
-        return disagreement(self.posterior, self.best)
-
-    @cached_property
-    def is_noise(self) -> bool:
-        """Whether what it leaves could be noise."""
-        return leaves_noise(self.posterior, self.best)
-
-    @cached_property
-    def is_quiet(self) -> bool:
-        """Whether nothing of note is left, so that a score tells what a hypothesis could gain."""
-        return leaves_quiet(self.posterior, self.best)
 
 
 @dataclass
@@ -99,7 +67,7 @@ class Run:
     """What the reader of the verdict must know besides."""
     first_fits: tuple[Fit, ...] = ()
     """What the first round came to, best first."""
-    first_considered: tuple[Hypothesis, ...] = ()
+    considered_first: tuple[Hypothesis, ...] = ()
     """Hypotheses of the first round."""
 
     def say(self, text: str) -> None:
@@ -111,12 +79,6 @@ class Run:
         """Keep a sentence for the verdict, and tell the listener."""
         self.notes.append(text)
         self.say(text)
-
-    def withdraw(self, why: str, decision: Decision) -> None:
-        """Say of the step with a decision that the effect it named did not stay, and why."""
-        for number, step in enumerate(self.steps):
-            if step.decision is decision:
-                self.steps[number] = replace(step, sentence=f"{step.sentence} It is withdrawn: {why}.", withdrawn=True)
 
     @property
     def elapsed(self) -> float:
@@ -137,18 +99,19 @@ def on_one_thread(posterior: Posterior) -> Posterior:
     return on_threads(posterior, 1)
 
 
-def hypotheses_of(present: Present, run: Run, most_carried: float) -> tuple[Hypothesis, ...]:
+def hypotheses_of(present: Explanation, run: Run, most_carried: float) -> tuple[Hypothesis, ...]:
     """Every hypothesis about the present model."""
     return hypotheses(
-        present.posterior.model,
+        present.model,
         scales_of(present.posterior, present.best),
         measured=tuple(present.posterior.record.channels),
+        has_time=present.posterior.record.has_time,
         effects=run.settings.effects,
         most_carried=most_carried,
     )
 
 
-def score_all(present: Present, every: Sequence[Hypothesis], run: Run) -> tuple[tuple[Hypothesis, Score], ...]:
+def score_all(present: Explanation, every: Sequence[Hypothesis], run: Run) -> tuple[tuple[Hypothesis, Score], ...]:
     """What every hypothesis could gain at the present fit, to first order."""
     found = scores(on_one_thread(present.posterior), every, present.best, n_workers=run.settings.n_workers)
     return tuple(zip(every, found, strict=True))

@@ -84,7 +84,7 @@ def scores(
     n_workers : int
         Families scored at once.
     """
-    present = _Slopes.at(posterior, point)
+    present = Slopes.at(posterior, point)
     with ThreadPoolExecutor(max_workers=n_workers) as pool:
         found = pool.map(lambda family: _score_family(posterior, family, point, present), families(hypotheses))
         by_hypothesis = {hypothesis: one for part in found for hypothesis, one in part}
@@ -92,7 +92,7 @@ def scores(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Slopes:
+class Slopes:
     """The response's derivatives by the present model's parameters, in posterior units.
 
     Attributes
@@ -109,7 +109,7 @@ class _Slopes:
     measured: Floats
 
     @classmethod
-    def at(cls, posterior: Posterior, point: Floats) -> _Slopes:
+    def at(cls, posterior: Posterior, point: Floats) -> Slopes:
         """At a point ``(n_dim,)`` of the unit cube."""
         record, (values, noise_values) = posterior.record, posterior.split(point[None])
         measured = record.measured
@@ -133,20 +133,26 @@ class _Slopes:
         values, slope : (n_channels, n_times) array
             Response, and its derivative in that direction.
         """
-        residual, own = ((one / self.noise).ravel() for one in (self.measured - values, slope))
-        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(own))):  # it cannot be solved there
-            return 0.0, 0.0
-        weights = cho_solve((self.factor, True), self.base.T @ own)
-        whole = float(own @ own)
-        left = float(whole - weights @ (self.base.T @ own))
+        gradient, information = self.projected_together(values, slope[None])
+        whole = float(np.sum(np.square(slope / self.noise)))
         # What is left must exceed the rounding of what was taken away.
-        if not left >= 1e-9 * whole > 0.0:
+        if not (np.isfinite(whole) and information[0, 0] >= 1e-9 * whole > 0.0):
             return 0.0, 0.0
-        return float(own @ residual - weights @ (self.base.T @ residual)), left
+        return float(gradient[0]), float(information[0, 0])
+
+    def projected_together(self, values: Floats, slopes: Floats) -> tuple[Floats, Floats]:
+        """The same in several directions ``(n, n_channels, n_times)`` at once: ``(n,)`` and ``(n, n)`` arrays."""
+        n = len(slopes)
+        residual, own = ((self.measured - values) / self.noise).ravel(), (slopes / self.noise).reshape(n, -1)
+        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(own))):  # it cannot be solved there
+            return np.zeros(n), np.zeros((n, n))
+        weights = cho_solve((self.factor, True), self.base.T @ own.T)
+        left = own @ own.T - (own @ self.base) @ weights
+        return own @ residual - weights.T @ (self.base.T @ residual), left
 
 
 def _score_family(
-    posterior: Posterior, family: Family, point: Floats, present: _Slopes
+    posterior: Posterior, family: Family, point: Floats, present: Slopes
 ) -> list[tuple[Hypothesis, Score]]:
     view = family.posterior(posterior)
     asked = [(member, amplitude) for member in family.members for amplitude in member.amplitudes]

@@ -35,7 +35,7 @@ _SHAPE = (
 )
 _YIELD = (
     Parameter(symbol="u_y", unit="m", neutral=1.0, lower=1e-9, description="yield displacement", source=_NORMALISED),
-    Parameter(symbol="rho", unit="", neutral=0.5, description="beta over beta + gamma", source=_NORMALISED),
+    Parameter(symbol="rho", unit="", neutral=0.5, lower=0.0, description="beta over beta + gamma", source=_NORMALISED),
 )
 _SHARPNESS = (Parameter(symbol="n", unit="", neutral=1.0, lower=1.0, description="sharpness of yield", source=_WEN),)
 

@@ -361,7 +361,7 @@ def run{tangents}(n_storeys, n_directions, dt, excitation, w, t, seed, column, a
         for l in range(LANES):
             position[l] = 0.0
         start = j * dt
-        plan(n_storeys, dt, substeps, resolution, length, w)
+        plan(n_storeys, dt, substeps[j], resolution, length, w)
         arrived = False
         while not arrived:
             arrived = next_step(n_storeys, dt, cut, start, event, position, length, step, w)

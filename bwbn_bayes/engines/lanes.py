@@ -36,7 +36,7 @@ from bwbn_bayes.engines.kernel_cache import kernel_path, load_kernel
 from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_source
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.scalar import programs_of
-from bwbn_bayes.engines.step_rules import steps_in_words
+from bwbn_bayes.engines.step_rules import interval_steps, steps_in_words
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -56,7 +56,7 @@ class Lanes:
     Parameters
     ----------
     substeps : int
-        Steps between two samples.
+        Steps between two samples at least; see :func:`~bwbn_bayes.engines.step_rules.interval_steps`.
     resolution : float
         Largest change of a sharp state (the hysteretic displacement at the slip) per step, in widths of the feature;
         0 keeps the steps equal but for turns and events. Each draw refines its own steps.
@@ -254,6 +254,7 @@ class _Problem:
     n_parameters: int
     directions: Directions
     time_step: float
+    driven: bool
     excitation: Floats
     inverse_masses: Floats
     channels: ChannelMap
@@ -265,7 +266,8 @@ class _Problem:
         """The problem of one call; the derivatives ``wanted`` of each draw, ``(n_draws, n_parameters)``."""
         check_record(model, record)
         known = all(name in record.channels for name in names)
-        kernel, layout = _kernel_of(model.law, model.excitation_kind == "displacement")
+        driven = model.excitation_kind == "displacement"
+        kernel, layout = _kernel_of(model.law, driven)
         return cls(
             kernel=kernel,
             layout=layout,
@@ -273,6 +275,7 @@ class _Problem:
             n_parameters=wanted.shape[1],
             directions=Directions.of(_moved(model, layout)[: wanted.shape[1]], layout.nowhere, wanted),
             time_step=record.time_step,
+            driven=driven,
             excitation=np.array(record.excitation),  # a copy: read-only arrays are another type to numba
             inverse_masses=1.0 / masses(model),
             channels=channel_map(model, names),
@@ -360,7 +363,7 @@ class _Problem:
             np.moveaxis(block.directions.active, 0, 2).ravel(),
             _SHARES,
             _WEIGHTS,
-            engine.substeps,
+            interval_steps(self.excitation, engine.substeps, driven=self.driven),
             float(engine.resolution),
             engine.cut_at_turns,
             self.channels.starts,
@@ -460,7 +463,7 @@ def compile_law(law: StoreyLaw, driven: bool, with_tangents: bool) -> None:
             none,
             _SHARES,
             _WEIGHTS,
-            1,
+            np.ones(2, dtype=np.int64),
             0.0,
             True,
             starts,

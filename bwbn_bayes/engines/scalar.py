@@ -33,7 +33,7 @@ from bwbn_bayes.engines.kernel_cache import load_kernel, remembered
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
-from bwbn_bayes.engines.step_rules import steps_in_words
+from bwbn_bayes.engines.step_rules import interval_steps, steps_in_words
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -87,6 +87,11 @@ class ScalarProblem:
         blocks = data[HEAD : HEAD + self.n_storeys * self.place.block].reshape(self.n_storeys, self.place.block)
         blocks[:, : self.local.shape[2]] = self.local[draw]
         return data
+
+    @property
+    def excitation(self) -> Floats:
+        """The record's, ``(n_times,)``."""
+        return self.template[len(self.template) - self.n_times :]
 
     def empty_output(self) -> Floats:
         """Room for channels and their derivatives ``(n_times, 1 + n_directions, n_channels)``."""
@@ -236,7 +241,7 @@ class ScalarRk4(Reduction):
     Parameters
     ----------
     substeps : int
-        Steps between two samples; an event splits the step it falls in.
+        Steps between two samples at least; an event splits the step it falls in.
     resolution : float
         As for :class:`~bwbn_bayes.engines.lanes.Lanes`.
     n_threads : int
@@ -277,5 +282,6 @@ class ScalarRk4(Reduction):
         return solve_each(problem, self._solve, self.n_threads)
 
     def _solve(self, problem: ScalarProblem, draw: int, out: Floats) -> Status:
-        problem.kernel.run_rk4(self.substeps, float(self.resolution), *problem.channel_arrays, problem.data(draw), out)
+        steps = interval_steps(problem.excitation, self.substeps, driven=problem.driven)
+        problem.kernel.run_rk4(steps, float(self.resolution), *problem.channel_arrays, problem.data(draw), out)
         return Status.OK

@@ -241,7 +241,7 @@ def run_rk4(substeps, resolution, starts, row, coefficient, ground_part, data, o
         observe(j, y[0], y[1:], starts, row, coefficient, ground_part, data, out[j])
         if j + 1 == n_times:
             break
-        length = plan(substeps, resolution, y[0], dy[0], data)
+        length = plan(substeps[j], resolution, y[0], dy[0], data)
         position = 0.0
         while dt - position > 1e-12 * dt:
             now = j * dt + position

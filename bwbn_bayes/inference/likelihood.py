@@ -9,24 +9,36 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from bwbn_bayes.engines.base import Engine
+from bwbn_bayes.engines.base import Engine, NormalEquations
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.parameters import Booleans, Floats, FreeParameter, ParameterSpace, Prior
 from bwbn_bayes.records.band import noise_band
+from bwbn_bayes.records.noise import noise_sds
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
+_LEAST_LEVEL = 1e-5
+"""Of a channel's rms, below which noise is the solver's own error."""
 
 
 class Noise(Protocol):
-    """How the noise scale of each channel enters the likelihood."""
+    """How the noise scale of each channel enters the likelihood.
+
+    Squared residuals are those of whitened residuals where the samples' errors are correlated.
+    """
+
+    @property
+    def correlation(self) -> Correlation | None:
+        """Of the samples' errors; None where they are independent."""
+        ...
 
     @property
     def parameters(self) -> tuple[FreeParameter, ...]:
@@ -55,6 +67,7 @@ class KnownNoise:
     """Noise standard deviations ``(n_channels,)`` known beforehand."""
 
     sd: tuple[float, ...]
+    correlation: ClassVar[Correlation | None] = None
 
     @property
     def parameters(self) -> tuple[FreeParameter, ...]:
@@ -87,11 +100,14 @@ class IntegratedNoise:
     correlation_samples : float
         Samples that count as one. Behind a filter that ends the noise at a share of half the sampling rate it is one
         over that share: to a motion within the band the likelihood is then that of the noise as it is.
+    correlation : Correlation, optional
+        Of the samples' errors, autoregressive or with a force of no known law among them.
     """
 
     shape: float
     scale: tuple[float, ...]
     correlation_samples: float = 1.0
+    correlation: Correlation | None = None
 
     @property
     def parameters(self) -> tuple[FreeParameter, ...]:
@@ -101,7 +117,8 @@ class IntegratedNoise:
         scale, counted = np.asarray(self.scale), n_times / self.correlation_samples
         end = self.shape + 0.5 * counted
         constant = self.shape * np.log(scale) - gammaln(self.shape) + gammaln(end) - 0.5 * counted * _LOG_2PI
-        return np.sum(constant - end * np.log(scale + 0.5 * misfit / self.correlation_samples), axis=1)
+        volume = 0.0 if self.correlation is None else self.correlation.log_volume
+        return np.sum(constant - end * np.log(scale + 0.5 * misfit / self.correlation_samples), axis=1) + volume
 
     def precision(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
         as_one = self.correlation_samples
@@ -124,6 +141,7 @@ class SampledNoise:
 
     channels: tuple[str, ...]
     priors: tuple[Prior, ...]
+    correlation: ClassVar[Correlation | None] = None
 
     @property
     def parameters(self) -> tuple[FreeParameter, ...]:
@@ -169,17 +187,19 @@ def require_noise(noise: Noise, record: Record) -> None:
 
 
 def default_noise(record: Record) -> IntegratedNoise:
-    """Inverse-gamma priors of shape 1 whose scale is the square of 3 % of each channel's rms.
+    """Inverse-gamma priors of shape 1 about the model-free noise level of each channel.
 
+    The level (:func:`~bwbn_bayes.records.noise.noise_sds`) counts as two samples: a model that leaves ten times as much
+    pays for it by its misfit, not by the prior. It is at least 1e-5 of the channel's rms, which no solver is beyond.
     Where a filter ends the noise (:func:`~bwbn_bayes.records.band.noise_band`), several samples count as one.
     All this depends on the training record alone, so that it is the same in every compared model.
     """
     scales = []
-    for name, signal in record.channels.items():
-        mean_square = float(np.mean(np.square(signal)))
-        if mean_square == 0.0:
+    for (name, signal), level in zip(record.channels.items(), noise_sds(record).tolist(), strict=True):
+        rms = float(np.sqrt(np.mean(np.square(signal))))
+        if rms == 0.0:
             raise UserError(f"channel {name} of record {record.name!r} is zero throughout: drop it or mend the record")
-        scales.append(0.03**2 * mean_square)
+        scales.append(max(level, _LEAST_LEVEL * rms) ** 2)
     band = noise_band(record)
     correlation = 1.0 if band is None else band.correlation_samples
     return IntegratedNoise(shape=1.0, scale=tuple(scales), correlation_samples=correlation)
@@ -253,7 +273,14 @@ class Posterior:
 
     def until(self, time: float) -> Posterior:
         """The posterior given the record's first seconds only."""
-        return replace(self, record=self.record.until(time))
+        record, noise = self.record.until(time), self.noise
+        if isinstance(noise, IntegratedNoise) and noise.correlation is not None:
+            noise = replace(noise, correlation=noise.correlation.until(record.n_times))
+        return replace(self, record=record, noise=noise)
+
+    def with_noise(self, noise: Noise) -> Posterior:
+        """The same posterior under another noise model."""
+        return replace(self, noise=noise)
 
     def with_model(self, model: Structure) -> Posterior:
         """The posterior of another model given the same record, noise priors and engine."""
@@ -277,9 +304,32 @@ class Posterior:
         return values[:, : self.model.space.n_dim], values[:, self.model.space.n_dim :]
 
     def misfit(self, points: Floats) -> Floats:
-        """Squared residuals ``(n_draws, n_channels)``; infinite where the solve failed."""
+        """Squared residuals, whitened, ``(n_draws, n_channels)``; infinite where the solve failed."""
         self.solves.add(len(points))
-        return self.engine.misfit(self.model, self.split(points)[0], self.record)
+        values, correlation = self.split(points)[0], self.noise.correlation
+        if correlation is None:
+            return self.engine.misfit(self.model, values, self.record)
+        response = self.engine.simulate(self.model, values, self.record).values
+        with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away misses by infinity
+            misfit = np.sum(np.square(correlation.whitened(self.record.measured - response)), axis=2)
+        return np.where(np.isfinite(misfit), misfit, np.inf)
+
+    def _equations(self, values: Floats, free: Booleans | None) -> NormalEquations:
+        """Least squares of whitened residuals and derivatives."""
+        correlation = self.noise.correlation
+        if correlation is None:
+            return self.engine.normal_equations(self.model, values, self.record, free=free)
+        response, slopes = self.engine.sensitivities(self.model, values, self.record, free=free)
+        slopes = slopes if free is None else np.where(free[:, :, None, None], slopes, 0.0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            residual = correlation.whitened(self.record.measured - response.values)
+            by_channel = np.moveaxis(correlation.whitened(slopes), 1, 2)
+            misfit = np.sum(np.square(residual), axis=2)
+            return NormalEquations(
+                misfit=np.where(np.isfinite(misfit), misfit, np.inf),
+                gradient=np.matmul(by_channel, residual[..., None])[..., 0],
+                information=np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)),
+            )
 
     def log_likelihood(self, points: Floats) -> Floats:
         """Log likelihood ``(n_draws,)``; minus infinity where the solve failed."""
@@ -302,7 +352,7 @@ class Posterior:
         values, noise_values = self.split(points)
         d = self.model.space.n_dim
         own = None if free is None else free[:, :d]
-        equations = self.engine.normal_equations(self.model, values, self.record, free=own)
+        equations = self._equations(values, own)
         ok = np.all(np.isfinite(equations.misfit), axis=1)
         misfit = np.where(ok[:, None], equations.misfit, 1.0)
         weight = self.noise.precision(misfit, self.record.n_times, noise_values) * ok[:, None]

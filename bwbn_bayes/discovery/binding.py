@@ -1,0 +1,52 @@
+"""Priors of the model as given that bind: they are widened before an effect is named to stand in for one."""
+
+from __future__ import annotations
+
+from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.parameters import FreeParameter, Prior, Truncated, Uniform
+from bwbn_bayes.structures.structure import Structure
+
+_AT_A_BOUND = 1e-3
+"""Prior probability beyond a best fit that lies at the end of its prior."""
+
+
+def binding_sentences(given: Explanation) -> tuple[str, ...]:
+    """Which priors keep their parameter from where the record wants it, one sentence each."""
+    return tuple(
+        f"The prior of {p.name}, {p.prior}, binds: the best fit of the model as given lies at its "
+        f"{'upper' if above else 'lower'} end."
+        for p, above in _binding(given)
+    )
+
+
+def with_wider_priors(given: Explanation) -> Structure | None:
+    """The model with each uniform prior that binds widened by its own width at that end; None where none is uniform.
+
+    No further than the law admits.
+    """
+    admissible = {p.symbol: (p.lower, p.upper) for p in given.model.parameters}
+    wider: dict[str, float | Prior] = {}
+    for parameter, above in _binding(given):
+        prior = parameter.prior
+        if isinstance(prior, Uniform):
+            low, high = admissible[parameter.symbol]
+            width = prior.upper - prior.lower
+            ends = (
+                (prior.lower, min(prior.upper + width, high)) if above else (max(prior.lower - width, low), prior.upper)
+            )
+            wider[parameter.name] = Uniform(*ends)
+    return given.model.with_values(wider) if wider else None
+
+
+def _binding(given: Explanation) -> list[tuple[FreeParameter, bool]]:
+    """Parameters whose best fit lies at an end of a bounded prior, and whether at the upper; not at the law's own end."""
+    admissible = {p.symbol: (p.lower, p.upper) for p in given.model.parameters}
+    found = []
+    for parameter, u in zip(given.posterior.space.parameters, given.best.tolist(), strict=True):
+        if not isinstance(parameter.prior, (Uniform, Truncated)) or parameter.symbol not in admissible:
+            continue
+        above = u > 0.5
+        end = parameter.prior.support[1 if above else 0]
+        if not _AT_A_BOUND < u < 1.0 - _AT_A_BOUND and end != admissible[parameter.symbol][1 if above else 0]:
+            found.append((parameter, above))
+    return found

@@ -1,0 +1,123 @@
+"""A model that could be the answer, fitted and weighed: the given one with effects added, and perhaps an unnamed force."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.evidence import Evidence
+from bwbn_bayes.discovery.where import Disagreement, disagreement
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.residuals import leaves_noise, leaves_quiet
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.structures.structure import Structure
+
+Key = frozenset[tuple[tuple[str, ...], tuple[int, ...]]]
+"""Symbols and places of effects: each form of each effect has symbols of its own."""
+
+_N_STARTS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """A model that could be the answer.
+
+    Attributes
+    ----------
+    added : tuple of Hypothesis
+        Effects that the model as given lacks, in the order in which they were added.
+    posterior : Posterior
+        Of its parameters, for white noise and without an unnamed force: what it predicts by.
+    modes : tuple of Mode
+        Optima of that, best first.
+    evidence : Evidence
+        Under its own account of the errors.
+    unnamed : tuple of int or None
+        Storeys at which it has a force of no known law, ``(1,)`` for a specimen; None where it has none.
+    n_places : int
+        Places at which the unnamed force could be.
+    starts : (n, n_dim) array, optional
+        Further points from which fits start.
+    """
+
+    added: tuple[Hypothesis, ...]
+    posterior: Posterior
+    modes: tuple[Mode, ...]
+    evidence: Evidence
+    unnamed: tuple[int, ...] | None = None
+    n_places: int = 1
+    starts: Floats | None = None
+
+    @property
+    def has_unnamed(self) -> bool:
+        """Whether a force of no known law is part of it."""
+        return self.unnamed is not None
+
+    @property
+    def is_specimen(self) -> bool:
+        """Whether a displacement is imposed on it."""
+        return self.posterior.record.excitation_kind == "displacement"
+
+    @cached_property
+    def effects_key(self) -> Key:
+        """Which effects it adds, and where."""
+        return frozenset((hypothesis.symbols, hypothesis.storeys) for hypothesis in self.added)
+
+    @cached_property
+    def placed(self) -> frozenset[tuple[str, tuple[int, ...]]]:
+        """Names and places of its effects."""
+        return frozenset((hypothesis.name, hypothesis.storeys) for hypothesis in self.added)
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """Names of its effects."""
+        return frozenset(hypothesis.name for hypothesis in self.added)
+
+    @property
+    def label(self) -> str:
+        """Its effects in words."""
+        parts = [hypothesis.label for hypothesis in self.added]
+        if self.has_unnamed:
+            parts.append("a force of no known law")
+        return " + ".join(parts) or "nothing"
+
+    @property
+    def model(self) -> Structure:
+        """The model itself."""
+        return self.posterior.model
+
+    @property
+    def best(self) -> Floats:
+        """Its best fit ``(n_dim,)``, in the unit cube."""
+        return self.modes[0].point
+
+    @property
+    def points(self) -> Floats:
+        """Points ``(n, n_dim)`` of its unit cube from which fits with a further effect start."""
+        own = np.array([mode.point for mode in self.modes[:_N_STARTS]])
+        return own if self.starts is None else np.concatenate([own, self.starts])
+
+    @cached_property
+    def disagreement(self) -> Disagreement:
+        """Where it disagrees with the record."""
+        return disagreement(self.posterior, self.best)
+
+    @cached_property
+    def is_noise(self) -> bool:
+        """Whether what it leaves could be noise."""
+        return leaves_noise(self.posterior, self.best)
+
+    @cached_property
+    def is_quiet(self) -> bool:
+        """Whether nothing of note is left, so that a score tells what a further effect could gain."""
+        return leaves_quiet(self.posterior, self.best)
+
+
+def key_of(added: Sequence[Hypothesis]) -> Key:
+    """Which effects are added, and where."""
+    return frozenset((hypothesis.symbols, hypothesis.storeys) for hypothesis in added)

@@ -1,0 +1,148 @@
+"""From evidences to answers: which explanation, which class of them, which effect and where, each with a probability.
+
+An explanation is the model as given with some effects added and with or without a force of no known law. Each has a
+prior, made of the numbers below and of nothing else, and an evidence; the posterior over all of them is summed up in four
+ways. Held-out data play no part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from scipy.special import gammaln, logsumexp
+
+from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.parameters import Floats
+
+NOTHING_MISSING = 0.5
+"""Prior probability that the model as given is all there is."""
+UNNAMED = 0.2
+"""Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds most of
+what structures do."""
+ANOTHER = 0.2
+"""Prior probability of each further effect once there is one: structures that lack two are rarer than those with one."""
+UNNAMED_SCALE = 0.1
+"""Standard deviation of the unnamed force's scale about zero, over the largest force: a law that leaves more is a wrong
+law, not one with a force beside it."""
+NAMED = 0.9
+"""Probability from which an effect is named: of ten names one may be wrong."""
+POSSIBLE = 0.5
+"""Probability from which an effect is said to be possible: it is more likely there than not."""
+
+Verdict = Literal["effects_found", "partly_explained", "no_missing_effect", "unexplained"]
+_CLASSES: Mapping[tuple[bool, bool], Verdict] = {
+    (False, False): "no_missing_effect",
+    (True, False): "effects_found",
+    (True, True): "partly_explained",
+    (False, True): "unexplained",
+}
+"""By whether an effect was added, and a force of no known law."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beliefs:
+    """The posterior over explanations.
+
+    Attributes
+    ----------
+    explanations : tuple of Explanation
+        Best first.
+    log_prior : (n,) array
+        Of each.
+    """
+
+    explanations: tuple[Explanation, ...]
+    log_prior: Floats
+
+    @cached_property
+    def probabilities(self) -> Floats:
+        """Of each explanation, ``(n,)``."""
+        log_joint = self.log_joint
+        return np.asarray(np.exp(log_joint - logsumexp(log_joint)))
+
+    @cached_property
+    def log_joint(self) -> Floats:
+        """Log prior and log evidence of each, ``(n,)``. [nat]"""
+        return self.log_prior + np.array([one.evidence.log_evidence for one in self.explanations])
+
+    @property
+    def best(self) -> Explanation:
+        """The most probable explanation."""
+        return self.explanations[0]
+
+    @cached_property
+    def verdicts(self) -> dict[Verdict, float]:
+        """Probability of each of the four classes."""
+        return {
+            verdict: self._sum(lambda one, kind=kind: (bool(one.added), one.has_unnamed) == kind)  # type: ignore[misc]
+            for kind, verdict in _CLASSES.items()
+        }
+
+    @property
+    def verdict(self) -> Verdict:
+        """The most probable class."""
+        return max(self.verdicts, key=lambda one: self.verdicts[one])
+
+    @cached_property
+    def names(self) -> dict[str, float]:
+        """Probability that each effect is part of the model, over all forms, places and combinations, best first."""
+        every = {hypothesis.name for one in self.explanations for hypothesis in one.added}
+        found = {name: self.of_name(name) for name in every}
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    def of_name(self, name: str) -> float:
+        """Probability that an effect is part of the model."""
+        return self._sum(lambda one: name in one.names)
+
+    def of_places(self, name: str) -> dict[tuple[int, ...], float]:
+        """Probability that an effect is part of the model at each place, best first."""
+        places = {h.storeys for one in self.explanations for h in one.added if h.name == name}
+        found = {place: self._sum(lambda one, at=place: (name, at) in one.placed) for place in places}  # type: ignore[misc]
+        return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+    @cached_property
+    def predictive(self) -> Explanation:
+        """The effects that are most probable together, with the unnamed force or without, as an explanation without."""
+        total: dict[frozenset[object], list[float]] = {}
+        for one, log_joint in zip(self.explanations, self.log_joint, strict=True):
+            total.setdefault(one.effects_key, []).append(float(log_joint))
+        chosen = max(total, key=lambda key: logsumexp(total[key]))
+        own = [one for one in self.explanations if one.effects_key == chosen]
+        return next((one for one in own if not one.has_unnamed), own[0])
+
+    def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
+        own = [p for one, p in zip(self.explanations, self.probabilities, strict=True) if wanted(one)]
+        return float(min(sum(own), 1.0))
+
+
+def beliefs(explanations: Sequence[Explanation], n_effects: int, variants: Mapping[str, int]) -> Beliefs:
+    """Weigh explanations against each other.
+
+    Parameters
+    ----------
+    explanations : sequence of Explanation
+        No two alike.
+    n_effects : int
+        Effects that were considered, over which a prior is split.
+    variants : mapping of str to int
+        Forms and places of each, over which its share is split again.
+    """
+    prior = np.array([log_prior(one, n_effects, variants) for one in explanations])
+    order = np.argsort(-(prior + np.array([one.evidence.log_evidence for one in explanations])), kind="stable")
+    return Beliefs(explanations=tuple(explanations[i] for i in order), log_prior=prior[order])
+
+
+def log_prior(one: Explanation, n_effects: int, variants: Mapping[str, int]) -> float:
+    """Log prior probability of an explanation: how many effects, which, where, and whether with an unnamed force."""
+    n_added = len(one.added)
+    if n_added == 0 and not one.has_unnamed:
+        return float(np.log(NOTHING_MISSING))
+    # With an unnamed force there may be no effect at all; without, there is one at least.
+    count = n_added * np.log(ANOTHER) if one.has_unnamed else (n_added - 1) * np.log(ANOTHER)
+    result = np.log1p(-NOTHING_MISSING) + count + np.log1p(-ANOTHER) + gammaln(n_added + 1)
+    result += np.log(UNNAMED) - np.log(one.n_places) if one.has_unnamed else np.log1p(-UNNAMED)
+    return float(result - sum(np.log(n_effects * variants[hypothesis.name]) for hypothesis in one.added))

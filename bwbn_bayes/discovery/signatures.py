@@ -1,0 +1,112 @@
+"""The signature of an effect that was added: measured, identified with its interval, and without the effect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.outcome import SignatureFacts
+from bwbn_bayes.elements.signature import PlaceResponse, Signature
+from bwbn_bayes.inference.importance import laplace_mixture
+from bwbn_bayes.inference.summary import observe
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.structures.shear_building import ShearBuilding
+
+N_DRAWS = 32
+"""Draws of Laplace's approximation of the posterior over which a signature is told."""
+
+
+def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Generator) -> SignatureFacts | None:
+    """The signature of one of the effects that an explanation adds.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        The effect.
+    present : Explanation
+        With it.
+    rng : numpy.random.Generator
+        Draws the responses.
+
+    Returns
+    -------
+    SignatureFacts or None
+        None where the effect has no measure, or it cannot be told from any response.
+    """
+    signature = hypothesis.effect.signature
+    if not signature.measure:
+        return None
+    points = laplace_mixture(present.modes[:1]).sample(rng, N_DRAWS)
+    points = np.concatenate([present.best[None], points[np.isfinite(present.posterior.log_prior(points))]])
+    values, _ = present.posterior.split(points)
+    responses = _responses(hypothesis, present, values)
+    without = _responses(hypothesis, present, _without(hypothesis, present, values[:1]))
+    if not responses or not without:
+        return None
+    found = np.array([signature.of_response(one) for one in responses])
+    if not np.isfinite(found[0]):
+        return None
+    low, high = np.nanpercentile(found, [5.0, 95.0])
+    return SignatureFacts(
+        measure=signature.measure,
+        unit=signature.unit,
+        measured=_measured(signature, hypothesis, present, responses[0]),
+        mean=float(np.nanmean(found)),
+        low=float(low),
+        high=float(high),
+        without=signature.of_response(without[0]),
+        deserved=float(np.mean([signature.is_engineering(one) for one in responses])),
+    )
+
+
+def place_of(hypothesis: Hypothesis, histories: Mapping[str, Floats]) -> int | None:
+    """Storey, from 0, at which an effect's signature is read: where the drift is largest; None for the building."""
+    if not hypothesis.storeys:
+        return None
+    return max((s - 1 for s in hypothesis.storeys), key=lambda i: float(np.max(np.abs(histories["drift"][i]))))
+
+
+def _responses(hypothesis: Hypothesis, present: Explanation, values: Floats) -> list[PlaceResponse]:
+    """Responses ``(n_draws,)`` as they are at the place of an effect; those that cannot be solved are left out."""
+    model, record = present.model, present.posterior.record
+    rows = observe(present.posterior.engine, model, values, record)
+    local = model.table.local(values)
+    result = []
+    for draw in range(len(values)):
+        histories = {kind: history[draw] for kind, history in rows.items()}
+        if not np.all(np.isfinite(histories["drift"])):
+            continue
+        place = place_of(hypothesis, histories)
+        own = {p.symbol: float(v) for p, v in zip(model.law.parameters, local[draw, place or 0], strict=False)}
+        own |= {name: float(value) for name, value in model.law.derived_from(own).items()}
+        at = {kind: h if place is None or len(h) <= place else h[place] for kind, h in histories.items()}
+        result.append(PlaceResponse(histories=at, parameters=own, scales=hypothesis.scales))
+    return result
+
+
+def _without(hypothesis: Hypothesis, present: Explanation, values: Floats) -> Floats:
+    """The same parameters with the effect at its neutral values."""
+    result, names = values.copy(), present.model.space.names
+    for name in hypothesis.amplitudes:
+        result[:, names.index(name)] = hypothesis.neutral(name)
+    return result
+
+
+def _measured(
+    signature: Signature, hypothesis: Hypothesis, present: Explanation, response: PlaceResponse
+) -> float | None:
+    """The measure of the record: of a specimen's loop, or of the measured storey force against the identified drift."""
+    model, record = present.model, present.posterior.record
+    if not isinstance(model, ShearBuilding):
+        force = record.channels.get("force")
+        return None if force is None else signature.of_measured(record.excitation, force)
+    drift = response.histories["drift"]
+    if drift.ndim > 1 or not hypothesis.storeys:
+        return None
+    storey = hypothesis.storeys[0] if len(hypothesis.storeys) == 1 else None
+    if storey is None or any(f"acceleration_{s}" not in record.channels for s in range(storey, model.n_storeys + 1)):
+        return None
+    return signature.of_measured(drift, np.asarray(record.storey_forces(model.masses, lowest_storey=storey)[0]))

@@ -1,0 +1,68 @@
+"""The unnamed force of a specimen: what its force has beyond any law, of where it is, how it came there, and when.
+
+Half of its variance is a smooth function of displacement, of the way since the last turn (the force of an elastic-plastic
+spring, continuous where a direction jumps) and of the path covered: the law that is missing. The other half is a function
+of the path alone that forgets itself within a quarter of the largest displacement: what no law of few parameters holds.
+Both follow from the displacement history, without a model.
+
+References
+----------
+.. [1] A. Solin and S. Sarkka, "Hilbert space methods for reduced-rank Gaussian process regression", Statistics and
+   Computing 30, 2020, doi:10.1007/s11222-019-09886-w.
+.. [2] M. C. Kennedy and A. O'Hagan, "Bayesian calibration of computer models", J. R. Statist. Soc. B 63(3), 2001,
+   doi:10.1111/1467-9868.00294.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.starting_model import initial_stiffness
+
+_BEYOND = 1.5
+"""Half length of the interval of the basis over that of the data: the process does not vanish at the data's ends."""
+_SIZES = (8, 3, 5)
+"""Functions of displacement, of the way since the last turn and of path."""
+_LENGTHS = (0.35, 0.8, 0.5)
+"""Correlation lengths of the three, each of which runs from -1 to 1: a third of the way to the largest displacement, a
+loading branch, a quarter of the test."""
+_FORGOTTEN = 0.25
+"""Of the largest displacement: path within which a departure that no law has is forgotten, an eighth of a half cycle."""
+_MOST_KNOTS = 600
+
+
+def unnamed_basis(record: Record) -> Floats:
+    """Functions ``(n_times, n_functions)`` of a cyclic test, each times the standard deviation of its weight.
+
+    Their sum has unit variance on the average over the test.
+    """
+    displacement = record.excitation
+    peak = float(np.max(np.abs(displacement)))
+    yielding = float(np.max(np.abs(record.channels["force"]))) / initial_stiffness(record)
+    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(displacement)))])
+    axes = (displacement / peak, _play(displacement / yielding), 2.0 * path / path[-1] - 1.0)
+    law = np.ones((record.n_times, 1))
+    for place, n, length in zip(axes, _SIZES, _LENGTHS, strict=True):
+        law = (law[:, :, None] * _functions(place, n, length)[:, None, :]).reshape(record.n_times, -1)
+    n_knots = min(max(int(np.ceil(path[-1] / (_FORGOTTEN * peak))), 2), _MOST_KNOTS)
+    knots = np.linspace(0.0, path[-1], n_knots + 1)
+    fleeting = np.maximum(1.0 - np.abs(path[:, None] - knots) / knots[1], 0.0)
+    halves = [part / np.sqrt(2.0 * np.mean(np.sum(np.square(part), axis=1))) for part in (law, fleeting)]
+    return np.hstack(halves)
+
+
+def _functions(place: Floats, n: int, length: float) -> Floats:
+    """Eigenfunctions ``(n_times, n)`` on the interval, times the root of a Gaussian kernel's spectral density."""
+    frequency = 0.5 * np.pi * np.arange(1, n + 1) / _BEYOND
+    density = np.sqrt(2.0 * np.pi) * length * np.exp(-0.5 * np.square(length * frequency))
+    return np.asarray(np.sin(frequency * (place[:, None] + _BEYOND)) * np.sqrt(density / _BEYOND))
+
+
+def _play(displacement: Floats) -> Floats:
+    """Force of an elastic-plastic spring over its strength ``(n_times,)``, from displacements over its yield's."""
+    result = np.zeros(len(displacement))
+    for i, step in enumerate(np.diff(displacement)):
+        result[i + 1] = min(max(result[i] + step, -1.0), 1.0)
+    return result

@@ -1,0 +1,126 @@
+"""How the errors of a record's samples hang together: by the past of each channel, and by functions that they share.
+
+Errors are autoregressive, each channel's what a filter makes of white noise; or they are ``e + Phi w`` with white ``e``
+and a finite basis ``Phi`` whose weights ``w`` are independent normals (a Gaussian process: a force of no known law). A
+residual is whitened by the same matrix that whitens derivatives, so that optimum, evidence, posterior and checks see one
+likelihood.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+from bwbn_bayes.parameters import Floats
+
+MAX_ORDER = 4
+"""Of autoregressive noise."""
+_NEGLIGIBLE = 1e-10
+"""Share of the largest variance below which a function adds rounding alone."""
+MOST_CORRELATED = 0.999
+"""Autocorrelation at one sample up to which noise is noise: beyond, a filter asks of a fit its slope alone."""
+
+
+class SharedFunctions(NamedTuple):
+    """A basis turned so that its functions are orthonormal over the samples."""
+
+    functions: Floats
+    """``(n_times, n_functions)``."""
+    variance: Floats
+    """Prior variance ``(n_functions,)`` of each one's weight, in that of the white part."""
+
+    @classmethod
+    def of(cls, basis: Floats) -> SharedFunctions:
+        """Of functions ``(n_times, n)``, each times the standard deviation of its weight over that of the white part."""
+        variance, turned = np.linalg.eigh(basis.T @ basis)
+        kept = variance > _NEGLIGIBLE * variance[-1]
+        return cls(basis @ (turned[:, kept] / np.sqrt(variance[kept])), variance[kept])
+
+    def times(self, scale: float) -> SharedFunctions:
+        """With weights so many times as large."""
+        return self._replace(variance=scale**2 * self.variance)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Correlation:
+    """Correlation of the errors of each channel, its white part of unit variance.
+
+    Parameters
+    ----------
+    coefficients : tuple of (order,) arrays, optional
+        Of the autoregression of each channel, empty for white noise.
+    shared : SharedFunctions, optional
+        What the errors of a record's one channel share.
+    log_prior : float
+        What the choice of orders or of a scale costs. [nat]
+    """
+
+    coefficients: tuple[Floats, ...] = ()
+    shared: SharedFunctions | None = None
+    log_prior: float = 0.0
+
+    def until(self, n_times: int) -> Correlation:
+        """That of the first samples."""
+        if self.shared is None:
+            return self
+        basis = self.shared.functions * np.sqrt(self.shared.variance)
+        return replace(self, shared=SharedFunctions.of(basis[:n_times]))
+
+    @property
+    def log_volume(self) -> float:
+        """Minus half the log determinant of the correlation matrix, and the cost of its choice. [nat]"""
+        spread = 0.0 if self.shared is None else 0.5 * float(np.sum(np.log1p(self.shared.variance)))
+        return self.log_prior - spread
+
+    def whitened(self, rows: Floats) -> Floats:
+        """Rows ``(..., n_channels, n_times)`` times the inverse root of the correlation matrix."""
+        if self.shared is not None:
+            share = 1.0 - 1.0 / np.sqrt(1.0 + self.shared.variance)
+            return np.asarray(rows - ((rows @ self.shared.functions) * share) @ self.shared.functions.T)
+        return np.stack([_filtered(own, rows[..., c, :]) for c, own in enumerate(self.coefficients)], axis=-2)
+
+    def shared_part(self, residual: Floats) -> Floats:
+        """Expectation ``(n_times,)`` of what the errors share, given the residual ``(n_times,)`` of the one channel."""
+        if self.shared is None:
+            return np.zeros_like(residual)
+        known = self.shared.variance / (1.0 + self.shared.variance)
+        return np.asarray(((residual @ self.shared.functions) * known) @ self.shared.functions.T)
+
+
+def autoregression(residual: Floats) -> tuple[Floats, float]:
+    """Coefficients ``(order,)`` of the autoregression of a residual ``(n_times,)``, and its log evidence over white.
+
+    Of order 0 to 4, by the Yule-Walker equations, the order by Schwarz's approximation.
+
+    References
+    ----------
+    .. [1] G. Schwarz, "Estimating the Dimension of a Model", Annals of Statistics 6(2), 1978,
+       doi:10.1214/aos/1176344136.
+    """
+    n = len(residual)
+    covariance = np.array([residual[lag:] @ residual[: n - lag] for lag in range(MAX_ORDER + 1)]) / n
+    best, most = np.empty(0), 0.0
+    if covariance[0] == 0.0:
+        return best, most
+    covariance[1:] *= min(1.0, MOST_CORRELATED * covariance[0] / max(abs(covariance[1]), 1e-300))
+    for order in range(1, MAX_ORDER + 1):
+        coefficients = solve_toeplitz(covariance[:order], covariance[1 : order + 1])
+        innovation = float(np.mean(np.square(_filtered(coefficients, residual))))
+        gain = 0.5 * n * float(np.log(covariance[0] / max(innovation, 1e-300))) + order_cost(order, n)
+        if gain > most:
+            best, most = coefficients, gain
+    return best, most
+
+
+def order_cost(order: int, n_times: int) -> float:
+    """What an order of autoregression costs by Schwarz's approximation. [nat]"""
+    return -0.5 * order * float(np.log(n_times))
+
+
+def _filtered(coefficients: Floats, rows: Floats) -> Floats:
+    """What of rows ``(..., n_times)`` their own past does not tell; before the first sample there was nothing."""
+    return rows if len(coefficients) == 0 else np.asarray(lfilter(np.append(1.0, -coefficients), [1.0], rows))

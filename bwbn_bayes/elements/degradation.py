@@ -54,9 +54,7 @@ class LinearLoss:
         """The loss per unit of work."""
         told = f"loss of {self.what} per unit of work"
         return (
-            Parameter(
-                symbol=self.delta, unit="1/J", neutral=0.0, lower=0.0, description=told, source=LINEAR_SOURCE
-            ),
+            Parameter(symbol=self.delta, unit="1/J", neutral=0.0, lower=0.0, description=told, source=LINEAR_SOURCE),
         )
 
     @property

@@ -8,16 +8,20 @@ from functools import cache
 
 import numpy as np
 import pytest
+import sympy as sp
 from laboratory import NO_DRAW, cyclic_test, having, storey
 
+from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import SlipLock, StiffnessDegradation, StrengthDegradation, SuddenDamage
-from bwbn_bayes.elements.law import DRIFT_RATE, TIME, AddedState, Effect, Slots, symbol
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, TIME, AddedState, Effect, Slots, symbol
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.parameters import Parameter, Value
 from bwbn_bayes.structures.specimen import Specimen
 
 FORMS = [form for kind in registered() for form in kind.neutral_forms()]
+PLAIN = BoucWen(k=1.0, beta=1.0, gamma=0.0)
 AT_STOREYS = [form for form in FORMS if form.level == "link"]
 PATH = [0.3, -0.25, 0.5, -0.55, 0.6]
 SIZES = {
@@ -36,10 +40,12 @@ SIZES = {
 """Sizes that move the force by more than a hundredth of its peak; a ramp lasts a second."""
 
 CHANGES = tuple(form for form in AT_STOREYS if isinstance(form, SuddenDamage))
+CARRIERS = (
+    StrengthDegradation(delta_nu=0.1), StiffnessDegradation(delta_eta=0.1), SlipLock(delta_s=0.02, sigma=0.05)
+)  # fmt: skip
 LAWS = (
     tuple(form for form in AT_STOREYS if form not in CHANGES),
-    (StrengthDegradation(delta_nu=0.1), StiffnessDegradation(delta_eta=0.1), SlipLock(delta_s=0.02, sigma=0.05))
-    + CHANGES,
+    (*CARRIERS, *CHANGES),
 )
 """Two laws and so two kernels for all forms, which stand at neutral values but for the one that is tried; what changes
 is kept with the effects whose parameters change."""
@@ -59,6 +65,26 @@ def forces(law: tuple[Effect, ...], acting: Effect | None, pace: float) -> np.nd
     return Reference(rtol=1e-8).simulate(model, NO_DRAW, record, ["force"]).values[0, 0]
 
 
+@pytest.mark.parametrize("form", AT_STOREYS, ids=label)
+def test_the_law_says_so(form):
+    """Force and rates at random states, at a drift rate and at three times it, without the damper of the storey."""
+    beside = CARRIERS if form in CHANGES else ()
+    law = combine(PLAIN.parameters, PLAIN.constraints, (*beside, form))
+    symbols = (DRIFT_RATE, DRIFT, *law.states, *law.symbols, *(event.indicator for event in law.events))
+    compute = sp.lambdify(symbols, (law.force, *law.rates), ["scipy", "numpy"])
+    rng = np.random.default_rng(25)
+    signs = rng.choice([-1.0, 1.0], (3, 200))
+    values = {s.name: rng.uniform(0.2, 0.9, 200) for s in symbols} | {"c": np.zeros(200)}
+    values |= {name: sign * values[name] for name, sign in zip("uvz", signs, strict=True)}
+    slow, fast = (
+        np.array(np.broadcast_arrays(*compute(pace * values["v"], *(values[s.name] for s in symbols[1:]))))
+        for pace in (1.0, 3.0)
+    )
+    follows = np.allclose(fast, slow * np.array([1.0, *[3.0] * len(law.rates)])[:, None], rtol=1e-10)
+    assert form.needs_time == (bool(law.events) or not follows)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("form", AT_STOREYS, ids=label)
 def test_a_law_that_needs_no_time_has_one_loop_at_every_pace(form):
     law = next(law for law in LAWS if form in law)

@@ -65,7 +65,7 @@ def test_in_every_storey_alike_sizes_are_those_of_the_mean_storey() -> None:
     larger = replace(SCALES, energy=24.0, stiffness=75.0)
     every = hypotheses(BASE, [SCALES, larger], measured=CHANNELS)
     one = next(h for h in every if h.name == "strength_degradation" and h.storeys == (1, 2))
-    assert one.label == "strength_degradation, storeys 1, 2"
+    assert one.label == "strength_degradation (linear), storeys 1, 2"
     assert one.brought == ("delta_nu",)
     assert (one.scales.energy, one.scales.stiffness, one.scales.drift) == (16.0, 50.0, 0.2)
     assert one.effect.values["delta_nu"] == HalfNormal(1.0 / 16.0)

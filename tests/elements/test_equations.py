@@ -33,8 +33,8 @@ EVERYTHING = tuple(form for kind in registered() if kind.level == "link" for for
 DEGRADING = tuple(
     form
     for form in EVERYTHING
-    if form.name in {"foliente_pinching", "slip_lock", "stiffness_degradation", "strength_degradation"}
-    or form.form in {"k, step", "delta_nu, step", "delta_s, step"}
+    if form.name in {"foliente_pinching", "slip_lock"}
+    or form.form in {"linear", "k, step", "delta_nu, step", "delta_s, step"}
 )
 
 

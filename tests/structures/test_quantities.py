@@ -157,7 +157,7 @@ def test_losses_drifts_and_ductility_from_known_histories():
 
 
 def test_a_loss_that_saturates_is_lost_all_the_same():
-    """The quantities knew ``delta_eta`` and ``delta_nu`` alone: with the saturating forms they said that nothing was."""
+    """The quantities knew ``delta_eta`` and ``delta_nu`` alone: of the saturating forms they said that nothing was."""
     given = parameters(eta_inf=0.6, p_eta=0.4, nu_inf=1.5, p_nu=0.7)
     found = engineering_quantities(ramp_response(), given, [1.0, 1.0], PLAIN.law)
     np.testing.assert_allclose(found["stiffness_lost"], 1.0 - 1.0 / (1.0 + 0.6 * (1.0 - np.exp(-0.4 * 2.0))))

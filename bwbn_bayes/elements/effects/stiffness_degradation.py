@@ -44,7 +44,7 @@ class StiffnessDegradation(Effect):
     .. [1] T. T. Baber and Y.-K. Wen, "Random Vibration of Hysteretic, Degrading Systems", J. Eng. Mech. Div. 107(6),
        1981 (linear).
     .. [2] G. C. Foliente, "Hysteresis Modeling of Wood Joints and Structural Systems", J. Struct. Eng. 121(6), 1995:
-       the pinch saturates so with work; that eta does is our use of the same function (see ``elements/degradation.py``).
+       the pinch saturates so with work; that eta does is our use of the same function (``elements/degradation.py``).
     """
 
     delta_eta: Value | None = None

@@ -43,7 +43,7 @@ class DiscoverySettings:
     """
 
     seed: int = 1
-    most_effects: int = 5
+    most_effects: int = 4
     most_rounds: int = 8
     particles: int = 2000
     n_workers: int = os.cpu_count() or 1

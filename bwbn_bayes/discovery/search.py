@@ -8,6 +8,7 @@ judged in :mod:`~bwbn_bayes.discovery.probability`.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -33,6 +34,8 @@ MOST_LATER = 24
 """Hypotheses with the largest scores that are fitted in a later round."""
 REACH = 6.0
 """Explanations this far below the best are built upon. [nat]"""
+BEAM = 2
+"""Explanations of one number of effects that are built upon at most."""
 _LEAST_SCORE = 3.0
 """A further effect must gain as much to first order to be worth a fit. [nat]"""
 _N_KEPT = 40
@@ -78,13 +81,12 @@ def search(given: Explanation, run: Run) -> Pool:
 
 def _next(pool: Pool, run: Run) -> Explanation | None:
     """The most probable explanation that was not built upon, near the best; its modes looked around first."""
-    believed, seen = pool.beliefs, set[object]()
+    believed, done = pool.beliefs, Counter(len(key) for key in pool.expanded)
     for one, log_joint in zip(believed.explanations, believed.log_joint, strict=True):
         if log_joint < believed.log_joint[0] - REACH:
             return None
         key = one.effects_key
-        if key in pool.expanded or key in seen or len(one.added) >= run.settings.most_effects:
-            seen.add(key)
+        if key in pool.expanded or done[len(key)] >= BEAM or len(key) >= run.settings.most_effects:
             continue
         plain = pool.plain[key]
         modes = settled(plain.posterior, plain.modes[:N_CANDIDATES], run.rng) if one.added else plain.modes

@@ -1,0 +1,102 @@
+"""From evidences to classes and names, against sums by hand."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.probability import ANOTHER, NOTHING_MISSING, UNNAMED, beliefs, log_prior
+
+VARIANTS = {"slip_lock": 4, "cubic_stiffness": 8}
+N_EFFECTS = 20
+
+
+def hypothesis(name: str, *storeys: int) -> Any:
+    return SimpleNamespace(name=name, symbols=(name,), storeys=storeys)
+
+
+def explanation(log_evidence: float, *added: Any, unnamed: tuple[int, ...] | None = None) -> Explanation:
+    return Explanation(
+        added=added,
+        posterior=cast(Any, None),
+        modes=(),
+        evidence=cast(Any, SimpleNamespace(log_evidence=log_evidence)),
+        unnamed=unnamed,
+        n_places=3,
+    )
+
+
+SLIP, SLIP_3, CUBIC = hypothesis("slip_lock", 2), hypothesis("slip_lock", 3), hypothesis("cubic_stiffness", 2)
+
+
+def test_half_of_the_prior_says_that_nothing_is_missing() -> None:
+    assert log_prior(explanation(0.0), N_EFFECTS, VARIANTS) == pytest.approx(np.log(NOTHING_MISSING))
+
+
+def test_the_prior_is_shared_by_effects_their_variants_and_the_unnamed_force() -> None:
+    """All explanations of one effect, without unnamed force, have together what the table gives to one effect."""
+    one = log_prior(explanation(0.0, SLIP), N_EFFECTS, VARIANTS)
+    expected = (1.0 - NOTHING_MISSING) * (1.0 - UNNAMED) * (1.0 - ANOTHER) / (N_EFFECTS * 4)
+    assert np.exp(one) == pytest.approx(expected)
+    with_it = log_prior(explanation(0.0, SLIP, unnamed=(2,)), N_EFFECTS, VARIANTS)
+    assert np.exp(with_it - one) == pytest.approx(ANOTHER * UNNAMED / ((1.0 - UNNAMED) * 3))
+    # Two effects in either order are one explanation.
+    both = log_prior(explanation(0.0, SLIP, CUBIC), N_EFFECTS, VARIANTS)
+    assert np.exp(both - one) == pytest.approx(ANOTHER * 2.0 / (N_EFFECTS * 8))
+
+
+def test_an_unnamed_force_alone_or_with_any_number_of_effects_has_the_whole_of_its_share() -> None:
+    """The geometric series over numbers of effects sums to one, with an unnamed force from none on, else from one."""
+    many = [hypothesis(f"effect_{i}", 1) for i in range(40)]
+    variants = {h.name: 1 for h in many}
+    of_each = [
+        np.exp(log_prior(explanation(0.0, *many[:k], unnamed=(1,)), 40, variants)) * 3 * 40.0**k for k in range(30)
+    ]
+    orders = np.cumprod([1.0, *range(1, 30)])
+    assert np.sum(of_each / orders) == pytest.approx((1.0 - NOTHING_MISSING) * UNNAMED)
+
+
+def test_probabilities_are_sums_over_explanations() -> None:
+    every = (
+        explanation(0.0),
+        explanation(20.0, SLIP),
+        explanation(19.0, SLIP_3),
+        explanation(18.0, SLIP, CUBIC),
+        explanation(17.0, SLIP, unnamed=(2,)),
+        explanation(5.0, unnamed=(2,)),
+    )
+    found = beliefs(every, N_EFFECTS, VARIANTS)
+    joint = np.exp([one.evidence.log_evidence + log_prior(one, N_EFFECTS, VARIANTS) for one in every])
+    share = joint / np.sum(joint)
+    assert found.best is every[1]
+    assert found.verdict == "effects_found"
+    assert found.verdicts == pytest.approx(
+        {
+            "no_missing_effect": share[0],
+            "effects_found": share[1] + share[2] + share[3],
+            "partly_explained": share[4],
+            "unexplained": share[5],
+        }
+    )
+    assert sum(found.verdicts.values()) == pytest.approx(1.0)
+    assert list(found.names) == ["slip_lock", "cubic_stiffness"]
+    assert found.names == pytest.approx({"slip_lock": np.sum(share[1:5]), "cubic_stiffness": share[3]})
+    assert found.of_places("slip_lock") == pytest.approx({(2,): share[1] + share[3] + share[4], (3,): share[2]})
+    assert found.predictive is every[1]
+
+
+def test_what_predicts_best_has_the_effects_that_are_most_probable_together() -> None:
+    """With the unnamed force or without: delivered is the model without."""
+    plain, with_it = explanation(0.0, SLIP), explanation(40.0, SLIP, unnamed=(1,))
+    found = beliefs((explanation(30.0, CUBIC), plain, with_it), N_EFFECTS, VARIANTS)
+    assert found.best is with_it
+    assert found.verdict == "partly_explained"
+    assert found.predictive is plain
+
+
+def test_nothing_is_named_where_evidences_are_equal() -> None:
+    found = beliefs((explanation(0.0), explanation(0.0, SLIP), explanation(0.0, unnamed=(1,))), N_EFFECTS, VARIANTS)
+    assert found.verdict == "no_missing_effect"
+    assert found.names["slip_lock"] < 0.05

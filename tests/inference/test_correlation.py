@@ -1,0 +1,85 @@
+"""Whitening against the covariance matrix written out, and orders of autoregression against known ones."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from bwbn_bayes.inference.correlation import Correlation, SharedFunctions, autoregression, order_cost
+from bwbn_bayes.parameters import Floats
+
+N = 60
+
+
+def covariance_of_autoregression(coefficients: Floats) -> Floats:
+    """Of errors that start from nothing: ``F^-1 F^-T`` with the filter's matrix written out."""
+    matrix = np.eye(N)
+    for lag, coefficient in enumerate(coefficients, start=1):
+        matrix -= coefficient * np.eye(N, k=-lag)
+    inverse = np.linalg.inv(matrix)
+    return inverse @ inverse.T
+
+
+@pytest.mark.parametrize("coefficients", [[], [0.7], [1.2, -0.4]])
+def test_a_filter_is_the_normal_density_of_its_errors(coefficients: list[float]) -> None:
+    own = np.array(coefficients)
+    residual = np.random.default_rng(1).standard_normal((1, N))
+    white = Correlation(coefficients=(own,)).whitened(residual)[0]
+    density = -0.5 * np.sum(np.square(white)) - 0.5 * N * np.log(2.0 * np.pi)
+    expected = multivariate_normal(np.zeros(N), covariance_of_autoregression(own)).logpdf(residual[0])
+    assert density == pytest.approx(expected)
+
+
+def test_shared_functions_are_the_normal_density_of_their_process() -> None:
+    rng = np.random.default_rng(2)
+    basis, residual = rng.standard_normal((N, 7)) * np.linspace(0.1, 3.0, 7), rng.standard_normal((1, N))
+    correlation = Correlation(shared=SharedFunctions.of(basis).times(1.5), log_prior=-3.0)
+    white = correlation.whitened(residual)[0]
+    density = -0.5 * np.sum(np.square(white)) - 0.5 * N * np.log(2.0 * np.pi) + correlation.log_volume
+    covariance = np.eye(N) + 1.5**2 * basis @ basis.T
+    assert density == pytest.approx(multivariate_normal(np.zeros(N), covariance).logpdf(residual[0]) - 3.0)
+    # What the errors share is expected to be K (K + 1)^-1 of them.
+    process = covariance - np.eye(N)
+    np.testing.assert_allclose(correlation.shared_part(residual[0]), process @ np.linalg.solve(covariance, residual[0]))
+
+
+def test_derivatives_are_whitened_as_residuals_are() -> None:
+    """Any leading dimensions; two channels, each by its own past."""
+    rows = np.random.default_rng(3).standard_normal((4, 3, 2, N))
+    correlation = Correlation(coefficients=(np.array([0.5]), np.empty(0)))
+    white = correlation.whitened(rows)
+    assert white.shape == rows.shape
+    np.testing.assert_array_equal(white[..., 1, :], rows[..., 1, :])
+    np.testing.assert_allclose(white[..., 0, 1:], rows[..., 0, 1:] - 0.5 * rows[..., 0, :-1])
+
+
+def test_the_first_samples_share_the_same_functions() -> None:
+    rng = np.random.default_rng(4)
+    basis, residual = rng.standard_normal((N, 3)), rng.standard_normal((1, 20))
+    whole = Correlation(shared=SharedFunctions.of(basis))
+    early = whole.until(20)
+    covariance = np.eye(20) + basis[:20] @ basis[:20].T
+    quadratic = residual[0] @ np.linalg.solve(covariance, residual[0])
+    assert np.sum(np.square(early.whitened(residual))) == pytest.approx(quadratic)
+    filtered = Correlation(coefficients=(np.array([0.5]),))
+    assert filtered.until(20) is filtered
+
+
+@pytest.mark.parametrize(("coefficients", "order"), [([], 0), ([0.6], 1), ([1.1, -0.5], 2)])
+def test_the_order_is_chosen_by_evidence(coefficients: list[float], order: int) -> None:
+    n, errors = 2000, np.random.default_rng(5).standard_normal(2000)
+    own = np.array(coefficients)
+    for i in range(n):
+        errors[i] += sum(c * errors[i - lag] for lag, c in enumerate(own, start=1) if i >= lag)
+    found, gain = autoregression(errors)
+    assert len(found) == order
+    # A standard error of 1 / sqrt(n) at most.
+    np.testing.assert_allclose(found, own, atol=4.0 / np.sqrt(n))
+    assert (gain > 100.0) if order else (gain == 0.0)
+
+
+def test_a_slope_is_not_taken_for_noise_of_a_long_memory() -> None:
+    """A filter with a root at one asks of a fit its slope alone, and takes any offset for noise."""
+    coefficients, _ = autoregression(np.linspace(0.0, 1.0, 400))
+    assert np.sum(coefficients) < 1.0
+    assert autoregression(np.zeros(50))[1] == 0.0
+    assert order_cost(2, 100) == pytest.approx(-np.log(100.0))

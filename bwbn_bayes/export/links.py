@@ -84,7 +84,8 @@ def in_parallel(tag: int, materials: Sequence[Material]) -> tuple[str, ...]:
         return tuple(_lines(tag, materials[0]))
     tags = [tag + i + 1 for i in range(len(materials))]
     lines = [line for own, material in zip(tags, materials, strict=True) for line in _lines(own, material)]
-    return (*lines, f'ops.uniaxialMaterial("Parallel", {tag}, {", ".join(map(str, tags))})')
+    together = f'ops.uniaxialMaterial("Parallel", {tag}, {", ".join(map(str, tags))})'
+    return (*lines, *comment("Parallel: they share the drift, their forces add."), together)
 
 
 def _lines(tag: int, material: Material) -> list[str]:
@@ -92,8 +93,8 @@ def _lines(tag: int, material: Material) -> list[str]:
     written = ", ".join(_literal(argument) for argument in material.arguments)
     line = f'ops.uniaxialMaterial("{material.kind}", {tag}, {written})'
     if len(line) > WIDTH:
-        wrapped = (f"    {one}" for one in textwrap.wrap(written, WIDTH - 4))
-        line = "\n".join([f'ops.uniaxialMaterial("{material.kind}", {tag},', *wrapped, ")"])
+        wrapped = (f"    {one}" for one in textwrap.wrap(f'"{material.kind}", {tag}, {written}', WIDTH - 4))
+        line = "\n".join(["ops.uniaxialMaterial(", *wrapped, ")"])
     return [*comment(f"{material.kind}: {material.says}"), line]
 
 

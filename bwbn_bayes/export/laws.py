@@ -47,6 +47,11 @@ NEWTON_ITERATIONS = 200
 NEWTON_TOLERANCE = 1e-10
 """Of the iteration for z, as a share of z's size."""
 
+_FIRST = "alpha, ko [N/m], n, gamma, beta [1/m^n], Ao"
+BOUC_WEN = f"{_FIRST}, deltaA, deltaNu, deltaEta [1/J], tolerance [m], iterations"
+BWBN = f"{_FIRST}, q, zetas, p [1/J], Shi [m], deltaShi [m/J], lambda, tolerance [m], iterations"
+"""What the arguments of the two materials are."""
+
 _NO_LAW = {
     "delta_s": "slip-lock",
     "b": "a play",
@@ -132,13 +137,11 @@ def hysteretic_spring(link: Link) -> Material:
         if not beta + gamma > 0.0:
             raise UserError(f"storey {link.number}: beta + gamma = {beta + gamma:g} bounds no z, which BWBN asks for")
         pinch = tuple(p[symbol] for symbol in ("q", "zeta_s", "p", "psi_0", "delta_psi", "lambda_"))
-        says = "alpha, ko [N/m], n, gamma, beta [1/m^n], Ao, q, zetas, p [1/J], Shi [m], deltaShi [m/J], lambda, "
-        return Material(kind="BWBN", arguments=(*first, *pinch, *newton), says=f"{says}tolerance [m], iterations")
+        return Material(kind="BWBN", arguments=(*first, *pinch, *newton), says=BWBN)
     loss = (p.get("delta_nu", 0.0), p.get("delta_eta", 0.0))
     if beta == gamma == loss[1] == 0.0:
         return Material(kind="Elastic", arguments=(k * (alpha + (1.0 - alpha) * A),), says="stiffness [N/m]")
-    says = "alpha, ko [N/m], n, gamma, beta [1/m^n], Ao, deltaA, deltaNu, deltaEta [1/J], tolerance [m], iterations"
-    return Material(kind="BoucWen", arguments=(*first, 0.0, *loss, *newton), says=says)
+    return Material(kind="BoucWen", arguments=(*first, 0.0, *loss, *newton), says=BOUC_WEN)
 
 
 def shape(parameters: Mapping[str, float]) -> dict[str, float]:

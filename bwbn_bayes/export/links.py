@@ -11,8 +11,8 @@ import numpy as np
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.export.exportable import Link
+from bwbn_bayes.export.fitted import fitted_material
 from bwbn_bayes.export.laws import Material, beside, hysteretic_spring, size_of_z, without_law
-from bwbn_bayes.export.pinching4 import fit_pinching4
 from bwbn_bayes.structures.model_source import WIDTH, comment
 
 TAGS = 100
@@ -34,7 +34,7 @@ class LinkScript:
     says : tuple of str
         How near they come to the link's law, in sentences.
     error : float or None
-        Of a fitted Pinching4: rms of what it misses over the rms of the identified force. None where the translation is
+        Of a fitted material: rms of what it misses over the rms of the identified force. None where the translation is
         exact as the step goes to zero.
     """
 
@@ -52,7 +52,7 @@ class LinkScript:
 
 
 def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool) -> LinkScript:
-    """Translate a link, or fit Pinching4 to what of it has no translation.
+    """Translate a link, or fit a material to what of it has no translation.
 
     Raises
     ------
@@ -67,9 +67,11 @@ def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool) -> L
         # What has a memory cannot be taken out of the force: the fit has it too.
         known = [(part.material, part.force) for part in parts if part.force is not None]
         rest = link.force - sum((force for _, force in known), np.zeros_like(link.force))
-        fit = fit_pinching4(link.drift, rest, rng, place=place)
+        fit = fitted_material(link, rest, rng, place=place)
         materials, error = [fit.material, *(material for material, _ in known)], fit.error
-        approximate = f"Pinching4 is fitted to the loop and misses {100.0 * error:.2g} % of its force (rms over rms)"
+        approximate = (
+            f"{fit.material.kind} is fitted and misses {100.0 * error:.2g} % of the loop's force (rms over rms)"
+        )
         says = (f"No OpenSees material does {', '.join(missing)}: {approximate}.",)
     else:
         materials = [hysteretic_spring(link), *(part.material for part in parts)]

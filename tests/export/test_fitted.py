@@ -1,4 +1,4 @@
-"""What OpenSees has no law for: Pinching4 fitted to the loop, with the error that the script then shows."""
+"""What OpenSees has no law for: a material fitted to the loop, with the error that the script then shows."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def cycles() -> Record:
 @pytest.mark.parametrize(
     ("effects", "words", "largest"),
     [
-        ((SlipLock(delta_s=0.004, sigma=0.004), CubicStiffness(k3=2e5)), "slip-lock", 0.08),
-        ((PINCH, LOSS), "Foliente's pinching of a spring that degrades", 0.08),
-        ((Asymmetry(phi=150.0),), "asymmetry", 0.12),
+        ((SlipLock(delta_s=0.004, sigma=0.004), CubicStiffness(k3=2e5)), "slip-lock: BWBN", 0.02),
+        ((PINCH, LOSS), "Foliente's pinching of a spring that degrades: BWBN", 0.05),
+        ((Asymmetry(phi=150.0),), "asymmetry: Pinching4", 0.12),
     ],
 )
 def test_the_fit_is_near_and_the_script_has_the_error_it_states(
@@ -57,21 +57,21 @@ def test_the_fit_is_near_and_the_script_has_the_error_it_states(
     assert link.error is not None
     assert link.error < largest
     assert words in script.notes[0]
-    assert f"misses {100.0 * link.error:.2g} % of its force" in script.notes[0]
+    assert f"misses {100.0 * link.error:.2g} % of the loop's force" in script.notes[0]
     path = tmp_path / "fitted.py"
     path.write_text(script.text, encoding="utf-8")
     assert f"{100.0 * link.error:.2g} %" in script.text
-    found = run_script(path, 1)["force"]
+    found = run_script(path)["force"]
     truth = np.array(simulate(model, cycles(), {}).channels["force"])
     # A spring that is told exactly stands beside the fit, which is measured on the rest of the force.
     k3 = next((effect.k3 for effect in effects if isinstance(effect, CubicStiffness)), 0.0)
     rest = truth - k3 * cycles().excitation ** 3
     missed = np.sqrt(np.mean((found - truth) ** 2) / np.mean(rest**2))
-    assert missed == pytest.approx(link.error, rel=1e-6)
+    assert missed == pytest.approx(link.error, rel=0.1)  # the script's steps are not quite those of the fit
 
 
 def test_a_building_with_a_fitted_storey_runs(tmp_path: Path) -> None:
-    """The loop's error does not bound the floors': histories drift apart, and peaks stay within a third here."""
+    """A fit within one per cent of the loop's force leaves the floors within one in ten here."""
     storey = BoucWen(k=900.0, c=2.0, alpha=0.05, u_y=0.012, rho=0.6, n=1.5)
     model = ShearBuilding(masses=[4.0, 4.0], storey=storey).with_effect(SlipLock(delta_s=0.003, sigma=0.004), [1])
     record = el_centro("chopra", duration=8.0)
@@ -81,7 +81,7 @@ def test_a_building_with_a_fitted_storey_runs(tmp_path: Path) -> None:
     path.write_text(script.text, encoding="utf-8")
     found, truth = run_script(path), simulate(model, record, {}).channels
     for name in ("acceleration_1", "acceleration_2"):
-        assert 0.67 < np.max(np.abs(found[name])) / np.max(np.abs(truth[name])) < 1.33
+        assert np.sqrt(np.mean((found[name] - truth[name]) ** 2) / np.mean(truth[name] ** 2)) < 0.1
 
 
 def test_a_loop_that_does_not_move_cannot_be_fitted() -> None:

@@ -14,7 +14,8 @@ draw's number in the posterior, also where a group holds a part of them):
 ``observed_data``
     one variable per measured channel ``(time)``
 ``constant_data``
-    the excitation ``(time)``; ``measured_storey_force (storey, time)`` where masses and sensors allow
+    the excitation ``(time)``; a building's ``mass (floor)`` and, where given, ``height (storey)``;
+    ``measured_storey_force (storey, time)`` where masses and sensors allow
 ``posterior_predictive``
     one variable per measured channel ``(chain, draw, time)``, noise included, for a subset of the draws
 ``response``
@@ -23,8 +24,9 @@ draw's number in the posterior, also where a group holds a part of them):
 ``parameters_by_storey``
     ``k, c, alpha, ... (draw, storey)`` every parameter of the storey law for the same subset
 ``quantities``
-    what an engineer asks next, for the same subset (buildings): ``peak_drift, ... (draw, storey)``, ``modal_period,
-    modal_damping_ratio (draw, mode)``, ``period (draw, time_point)``
+    what an engineer asks next, for the same subset (buildings): ``peak_drift, ... (draw, storey)``
+    (``peak_drift_ratio`` where heights are given), ``modal_period, modal_damping_ratio (draw, mode)``,
+    ``period (draw, time_point)``
 ``true_response``
     the same variables as ``response`` without ``draw``, where the truth is known
 

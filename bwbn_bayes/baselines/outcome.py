@@ -118,7 +118,7 @@ def genetic_result(
         "parameters_by_storey": by_storey,
     }
     if isinstance(model, ShearBuilding):
-        groups["quantities"] = engineering_quantities(response, by_storey, masses(model), model.law)
+        groups["quantities"] = engineering_quantities(response, by_storey, masses(model), model.law, model.heights)
     return Result(tree=xr.DataTree.from_dict(groups), facts=facts)
 
 

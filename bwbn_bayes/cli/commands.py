@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.text import Text
 
 from bwbn_bayes.baselines.methods import identify as identify_model
+from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
 from bwbn_bayes.cli.files import replacing, writable, write_discovery_files, write_result, write_starting_model
 from bwbn_bayes.cli.interruption import EXIT_CODE, interruptible, stopped_with
@@ -45,6 +46,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.add_typer(exporting.app, name="export")
 
 EngineName = Literal["lanes", "cvodes", "reference", "scalar", "sunode"]
 ModelArgument = Annotated[

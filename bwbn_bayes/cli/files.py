@@ -133,11 +133,22 @@ def write_starting_model(record: Path, path: Path) -> tuple[str, ...]:
     """
     beside = record.resolve().parent == path.resolve().parent
     source = starting_source(read_record(record), Path(record.name) if beside else record.resolve())
+    write_new(source.text, path)
+    return source.to_do
+
+
+def write_new(text: str, path: Path) -> None:
+    """A new file; one that is there already may have been edited.
+
+    Raises
+    ------
+    UserError
+        If there is one, or it cannot be written.
+    """
     try:
         with path.open("x", encoding="utf-8") as file:
-            file.write(source.text)
+            file.write(text)
     except FileExistsError:
         raise UserError(f"--out {path} exists already: give another name") from None
     except OSError as error:
         raise UserError(f"--out {path} cannot be written ({error.strerror}): choose another place") from error
-    return source.to_do

@@ -115,7 +115,7 @@ def posterior_tree(
         "parameters_by_storey": by_storey,
     }
     if isinstance(model, ShearBuilding):
-        groups["quantities"] = engineering_quantities(response, by_storey, masses(model), model.law)
+        groups["quantities"] = engineering_quantities(response, by_storey, masses(model), model.law, model.heights)
     if truth is not None:
         groups["true_response"] = response_dataset(truth, record.times, storeys).isel(draw=0, drop=True)
     return xr.DataTree.from_dict(groups)
@@ -210,8 +210,12 @@ def parameter_dataset(parameters: Sequence[FreeParameter], values: Floats, n_sto
 
 
 def constant_dataset(model: Structure, record: Record, storeys: list[int]) -> xr.Dataset:
-    """The excitation and, where masses and sensors allow, the measured storey forces; a specimen's own force."""
+    """The excitation, masses and heights; where sensors allow, the measured storey forces; a specimen's own force."""
     dataset = _histories(record, {record.excitation_kind: ("time", np.array(record.excitation))})
+    if isinstance(model, ShearBuilding):
+        own = {"mass": ("floor", list(model.masses), {"units": "kg"})}
+        own |= {"height": ("storey", list(model.heights), {"units": "m"})} if model.heights is not None else {}
+        dataset = dataset.assign(own).assign_coords(floor=storeys)
     if isinstance(model, ShearBuilding) and set(storeys) <= set(record.floors):
         forces = record.storey_forces(masses(model))
     elif "force" in record.channels:

@@ -370,8 +370,11 @@ def _strongest_pairs(marginals: tuple[Marginal, ...]) -> tuple[Pair, ...]:
     )
 
 
+DRIFT_RATIO = "peak drift ratio"
+
 _QUANTITY_NAMES = {
     "peak_drift": ("peak drift", "m"),
+    "peak_drift_ratio": (DRIFT_RATIO, "%"),
     "residual_drift": ("residual drift", "m"),
     "ductility": ("ductility", ""),
     "stiffness_lost": ("stiffness lost", "%"),

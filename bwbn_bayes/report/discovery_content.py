@@ -16,7 +16,7 @@ from bwbn_bayes.discovery.unexplained import Unexplained
 from bwbn_bayes.discovery.where import Disagreement, storey_in_words
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.report.content import Marginal, gather, shown
+from bwbn_bayes.report.content import DRIFT_RATIO, Marginal, Quantity, gather, shown
 from bwbn_bayes.results import Equation
 from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -116,6 +116,8 @@ class DiscoveryContent:
     loops: tuple[LoopPair, ...]
     steps: tuple[StepContent, ...]
     new_marginals: tuple[Marginal, ...]
+    drift_ratios: tuple[Quantity, ...]
+    """Of the final model; none where the building has no heights."""
     old_equations: tuple[Equation, ...]
     new_equations: tuple[Equation, ...]
     threshold: float
@@ -157,6 +159,7 @@ def gather_discovery(discovery: Discovery) -> DiscoveryContent:
     """
     brought = {name for one in discovery.added for name in one.moments}
     before, after = _equations(discovery.model), _equations(discovery.improved)
+    final = gather(discovery.result)
     stages = [("Model as given", discovery.before)]
     stages += [("Improved model", discovery.after)] if discovery.added else []
     return DiscoveryContent(
@@ -166,7 +169,8 @@ def gather_discovery(discovery: Discovery) -> DiscoveryContent:
         by_state=_planes(discovery.model, stages),
         loops=_loops(discovery),
         steps=tuple(_step(step.number, step.sentence, step.decision) for step in discovery.steps),
-        new_marginals=tuple(m for m in gather(discovery.result).marginals if m.parameter.name in brought),
+        new_marginals=tuple(m for m in final.marginals if m.parameter.name in brought),
+        drift_ratios=tuple(one for one in final.storey_quantities if one.name == DRIFT_RATIO),
         old_equations=tuple(e for e in before if e not in after),
         new_equations=tuple(e for e in after if e not in before),
         threshold=THRESHOLD,

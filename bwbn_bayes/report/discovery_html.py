@@ -11,6 +11,7 @@ from bwbn_bayes.report.discovery_content import DiscoveryContent, gather_discove
 from bwbn_bayes.report.discovery_figures import draw_discovery
 from bwbn_bayes.report.html import ReportFiles, data_address, mathml_of, template, write_page, write_report
 from bwbn_bayes.report.numbers import NOTHING
+from bwbn_bayes.report.tables import quantity_table
 from bwbn_bayes.results import Equation
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
@@ -65,6 +66,7 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
         unexplained_leads=_leads(content),
         missing_forces=tables.missing_force_table(found) if found is not None else None,
         nearest=tables.nearest_table(found) if found is not None else None,
+        drift_ratios=quantity_table(content.drift_ratios, "storey"),
         steps=content.steps,
         limits=tables.limits_table(content.limits, discovery.model.n_storeys),
         threshold=f"{content.threshold:g}",

@@ -66,8 +66,8 @@ class ModelWriter:
         remarks, written = remarks or {}, written or {}
         lines = [f"model = {self._class(type(model))}("]
         if isinstance(model, ShearBuilding):
-            masses = f"[{', '.join(_number(mass) for mass in model.masses)}]"
-            lines.append(f"    masses={written.get('masses', masses)},  # kg")
+            lines.append(f"    masses={written.get('masses', _listed(model.masses))},  # kg")
+            lines += [f"    heights={_listed(model.heights)},  # m"] if model.heights is not None else []
         lines.append(f"    storey={self._class(type(model.storey))}(")
         units = {parameter.symbol: parameter.unit for parameter in model.storey.parameters}
         for symbol, value in model.storey.values.items():
@@ -162,6 +162,10 @@ def _taken(name: str) -> str:
 def _number(value: float) -> str:
     """The shortest text that reads back as the same number."""
     return repr(value) if isinstance(value, int) else repr(float(value))
+
+
+def _listed(values: Sequence[float]) -> str:
+    return f"[{', '.join(_number(value) for value in values)}]"
 
 
 def _rounded(value: float) -> str:

@@ -157,7 +157,11 @@ def modes(stiffness: Floats, damping: Floats, masses: Floats) -> tuple[Floats, F
 
 
 def engineering_quantities(
-    response: xr.Dataset, storey_parameters: xr.Dataset, masses: Sequence[float] | Floats, law: StoreyLaw
+    response: xr.Dataset,
+    storey_parameters: xr.Dataset,
+    masses: Sequence[float] | Floats,
+    law: StoreyLaw,
+    heights: Sequence[float] | None = None,
 ) -> xr.Dataset:
     """What an engineer asks next, for every draw.
 
@@ -173,13 +177,16 @@ def engineering_quantities(
         ``storey_parameters``; periods are those on a rigid base and without appendages.
     law : StoreyLaw
         Whose parameters they are.
+    heights : (n_storeys,) array, optional
+        Storey heights. [m]
 
     Returns
     -------
     Dataset
         ``peak_drift``, ``residual_drift`` (signed mean of the last 5 % of the record) [m], ``ductility`` (peak over
         :func:`yield_drift` at the start), ``stiffness_lost`` (``1 - 1/eta`` at the end), ``strength_lost``
-        (``1 - z_u(nu)/z_u(1) = 1 - nu^(-1/n)`` at the end), ``dissipated_energy`` [J], each (draw, storey);
+        (``1 - z_u(nu)/z_u(1) = 1 - nu^(-1/n)`` at the end), ``dissipated_energy`` [J], and with heights
+        ``peak_drift_ratio`` (peak over storey height), each (draw, storey);
         ``modal_period`` [s] and ``modal_damping_ratio`` at the start, each (draw, mode);
         ``period`` [s], the first period against time, (draw, time_point) with the coordinate ``time``.
     """
@@ -199,6 +206,10 @@ def engineering_quantities(
         "strength_lost": 1.0 - nu ** (-1.0 / at_end["n"]),
         "dissipated_energy": dissipated_energy(response.isel(time=-1), at_end),
     }
+    if heights is not None:
+        storey_quantities["peak_drift_ratio"] = peak / xr.DataArray(
+            np.asarray(heights, dtype=np.float64), dims="storey"
+        )
     dataset = xr.Dataset(
         {name: values.drop_vars("time", errors="ignore") for name, values in storey_quantities.items()}
     )

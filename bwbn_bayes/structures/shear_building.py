@@ -24,30 +24,48 @@ class ShearBuilding(Structure):
         Floor masses from the ground up, one per storey. [kg]
     storey : BoucWen
         The element of every storey.
+    heights : sequence of float, optional
+        Storey heights from the ground up; with them drifts are told as ratios too. [m]
     effects : tuple of PlacedEffect
         Use :meth:`with_effect` rather than this field.
 
     Raises
     ------
     UserError
-        If a mass is not positive, or a value lies outside its admissible range.
+        If a mass or a height is not positive, the heights are not one per storey, or a value lies outside its
+        admissible range.
     """
 
     masses: Sequence[float]
+    heights: Sequence[float] | None = None
 
     excitation_kind: ClassVar[str] = "ground_acceleration"
 
     def __post_init__(self) -> None:
-        try:
-            masses = tuple(float(mass) for mass in self.masses)
-        except (TypeError, ValueError):
-            masses = ()
-        if not masses or not all(np.isfinite(m) and m > 0.0 for m in masses):
+        masses = _positive(self.masses)
+        if not masses:
             raise UserError(f"masses = {self.masses!r}: give a list with one positive number of kg for each storey")
         object.__setattr__(self, "masses", masses)
+        if self.heights is not None:
+            heights = _positive(self.heights)
+            if len(heights) != len(masses):
+                raise UserError(
+                    f"heights = {self.heights!r}: give a list with one positive number of m for each of the "
+                    f"{len(masses)} storeys, or leave them out"
+                )
+            object.__setattr__(self, "heights", heights)
         super().__post_init__()
 
     @property
     @override
     def n_storeys(self) -> int:
         return len(self.masses)
+
+
+def _positive(values: object) -> tuple[float, ...]:
+    """The numbers of a list, none where one of them is no positive number."""
+    try:
+        numbers = tuple(float(value) for value in values)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        return ()
+    return numbers if all(np.isfinite(one) and one > 0.0 for one in numbers) else ()

@@ -106,6 +106,11 @@ def test_without_discovery_the_file_gives_the_model_exactly() -> None:
     assert names["model"] == model
 
 
+def test_storey_heights_are_kept(tmp_path: Path) -> None:
+    model = replace(BASE, heights=[3.2] * BASE.n_storeys)
+    assert read_back(improved_model_source(model), tmp_path) == model
+
+
 def test_a_specimen(tmp_path: Path) -> None:
     model = Specimen(storey=BoucWen(k=Uniform(1e3, 1e5), beta=100.0, gamma=-20.0)).with_effect(
         SlipLock(delta_s=HalfNormal(0.01), sigma=Uniform(0.001, 0.01))

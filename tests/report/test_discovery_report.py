@@ -23,7 +23,9 @@ from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 
 MODEL = ShearBuilding(
-    masses=[2.0], storey=BoucWen(k=Uniform(20, 120), c=Uniform(0.01, 2), alpha=0.15, beta=12.0, gamma=2.0, n=1.3)
+    masses=[2.0],
+    heights=[3.0],
+    storey=BoucWen(k=Uniform(20, 120), c=Uniform(0.01, 2), alpha=0.15, beta=12.0, gamma=2.0, n=1.3),
 )
 
 
@@ -138,6 +140,16 @@ def test_what_was_found_stands_in_the_page(found, tmp_path):
     assert f"{int(added.candidate.log_bayes_factor)}." in text
     assert f"{100 * found.gap.before.nrmse:.1f}" in text and f"{100 * found.gap.after.nrmse:.1f}" in text
     assert f"<td>{mean:.0f}</td><td>{float(f'{sd:.1e}'):.0f}</td>" in page
+
+
+def test_drifts_are_told_as_ratios_of_the_storey_height(found, tmp_path):
+    (ratio,) = gather_discovery(found).drift_ratios
+    drift = found.result.tree["quantities"]["peak_drift"]
+    np.testing.assert_allclose(ratio.band.middle, 100.0 * drift.mean("draw") / 3.0, rtol=1e-6)  # single precision
+    np.testing.assert_allclose(found.result.tree["constant_data"]["height"], [3.0])
+    files = write_discovery(found, tmp_path)
+    for page in (files.html, tmp_path / "identify" / "report.html"):
+        assert "peak drift ratio [%]" in page.read_text(encoding="utf-8")
 
 
 def test_old_and_new_equations_are_those_that_differ(found):

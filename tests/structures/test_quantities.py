@@ -143,6 +143,14 @@ def carriers(effect):
     return () if changed.name in VALUES else (bringing[changed.name].neutral_forms()[0],)
 
 
+def test_drift_ratios_need_storey_heights():
+    given = [ramp_response(), parameters(), [1.0, 1.0], PLAIN.law]
+    found = engineering_quantities(*given, heights=[3.0, 4.0])
+    np.testing.assert_allclose(found["peak_drift_ratio"], np.broadcast_to([0.4 * 4.95 / 3.0, 0.4 * 4.95 / 4.0], (3, 2)))
+    assert found["peak_drift_ratio"].dims == ("draw", "storey")
+    assert "peak_drift_ratio" not in engineering_quantities(*given)
+
+
 def test_losses_drifts_and_ductility_from_known_histories():
     found = engineering_quantities(ramp_response(), parameters(delta_nu=1.5, delta_eta=0.5), [1.0, 1.0], PLAIN.law)
     dims = ("draw", "storey")

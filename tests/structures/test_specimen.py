@@ -62,6 +62,34 @@ def test_opensees_extrapolated_agrees_with_us(number):
     np.testing.assert_allclose(extrapolated, forces, atol=2e-5)
 
 
+def at_random(material: str, seed: int) -> dict[str, float]:
+    """Parameters of a law with z_u and force of the order of one; gamma of either sign, A apart from one."""
+    rng = np.random.default_rng(seed)
+    n, bound, ratio = rng.uniform(1.0, 3.0), rng.uniform(0.3, 1.5), rng.uniform(0.5, 1.3)
+    spring = {"alpha": rng.uniform(-0.03, 0.3), "k": rng.uniform(1.0, 5.0), "n": n, "A": rng.uniform(0.7, 1.5)}
+    spring |= {"beta": ratio * bound**-n, "gamma": (1.0 - ratio) * bound**-n}
+    if material == "BoucWen":
+        return {**spring, "delta_nu": rng.uniform(0.0, 0.2), "delta_eta": rng.uniform(0.0, 0.2)}
+    pinch = {"q": rng.uniform(0.0, 0.4), "zeta_s": rng.uniform(0.2, 0.9), "p": rng.uniform(0.1, 2.0)}
+    return {**spring, **pinch, "psi_0": rng.uniform(0.1, 0.5), "delta_psi": 0.01, "lambda_": rng.uniform(0.1, 0.5)}
+
+
+@pytest.mark.parametrize("material", ["BoucWen", "BWBN"])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_law_at_random_is_that_of_opensees(material: str, seed: int):
+    """Forces of the order of one at twelve turning points; first order in the step, extrapolated."""
+    values = at_random(material, seed)
+    turning = np.random.default_rng(100 + seed).uniform(0.3, 3.0, 12) * np.tile([1.0, -1.0], 6)
+    model = specimen(
+        {s: v for s, v in values.items() if s not in ELEMENT}, **{s: values[s] for s in ELEMENT & {*values}}
+    )
+    solution = solve(model, cyclic_test(turning, PER_SEGMENT), ["force"], substeps=32)
+    forces = solution["force"][PER_SEGMENT::PER_SEGMENT]
+    coarse, fine = (forces_at_turning_points(material, values, turning, step) for step in (4e-4, 2e-4))
+    assert np.max(np.abs(fine - forces)) < SHORT_OF_THE_LIMIT
+    np.testing.assert_allclose(2.0 * fine - coarse, forces, atol=2e-5)
+
+
 def test_opensees_approaches_the_listed_limit_too():
     for number in NUMBERS:
         np.testing.assert_allclose(opensees(number, 2e-4), VECTORS[number]["forces"], atol=SHORT_OF_THE_LIMIT)

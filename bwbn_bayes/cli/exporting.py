@@ -1,0 +1,82 @@
+"""``bwbn export``: models and results for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from bwbn_bayes.cli.files import write_new
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.export import Exportable, Point, of_model, of_result, script_of
+from bwbn_bayes.records.readers import read_record
+from bwbn_bayes.results import Result
+from bwbn_bayes.structures.model_file import load_model_file
+
+app = typer.Typer(help="Write a model or a result for another program.")
+
+
+@app.callback()
+def about() -> None:
+    """Write a model or a result for another program."""
+
+
+@app.command()
+def opensees(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="A result.nc, or the directory of a report; or a model file, at its `truth`.", show_default=False
+        ),
+    ],
+    record: Annotated[
+        Path | None,
+        typer.Option("--record", help="Excitation of a model: CSV, netCDF or PEER AT2; its own by default."),
+    ] = None,
+    at: Annotated[Point, typer.Option("--at", help="Point of a result's posterior.")] = "mean",
+    out: Annotated[
+        Path | None, typer.Option("--out", help="File to write, a new one; MODEL_opensees.py, here, by default.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the fit to a law that OpenSees lacks.")] = 1,
+) -> None:
+    """Write SOURCE as a script for openseespy: a uniaxialMaterial for each link, masses, ground motion, analysis."""
+    structure = _of_result(source, record, at) if _is_result(source) else _of_model(source, record)
+    script = script_of(structure, seed=seed)
+    path = out or Path(f"{Path(structure.name).name}_opensees.py")
+    write_new(script.text, path)
+    for note in script.notes:
+        Console(stderr=True).print(note, markup=False, highlight=False, soft_wrap=True)
+    print(path)
+
+
+def _is_result(source: Path) -> bool:
+    return source.is_dir() or source.suffix.lower() == ".nc"
+
+
+def _of_result(source: Path, record: Path | None, at: Point) -> Exportable:
+    if record is not None:
+        raise UserError("--record belongs to a model: a result goes through the excitation that it was identified from")
+    return of_result(Result.load(_result_file(source)), at)
+
+
+def _result_file(source: Path) -> Path:
+    """The file itself, or that of a directory which ``bwbn identify`` or ``bwbn discover`` wrote."""
+    if not source.is_dir():
+        return source
+    discovered = source / "identify" / "result.nc"
+    return discovered if discovered.is_file() else source / "result.nc"
+
+
+def _of_model(source: Path, record: Path | None) -> Exportable:
+    file = load_model_file(source)
+    excitation = read_record(record) if record is not None else file.excitation or file.record
+    if excitation is None:
+        raise UserError(f"{source} defines no `excitation`: add one, or give it with --record FILE")
+    missing = [name for name in file.model.space.names if name not in file.truth]
+    if missing:
+        raise UserError(
+            f"{source} does not know {', '.join(missing)}: add `truth`, or identify it and export the result.nc"
+        )
+    return of_model(file.model, excitation, file.truth, name=file.name)

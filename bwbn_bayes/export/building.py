@@ -1,0 +1,108 @@
+"""What is around the storeys of a building: floors with their masses, a base that moves, appendages, dampers.
+
+Nodes are numbered 0 for the ground, 1 to n for the floors, n + 1 for the base, n + 1 + i for what stands on floor i. A
+base of compliance C, mass m_b and damping c_b is a node on ``Elastic`` 1/C and ``Viscous`` c_b; an appendage of mass
+``mu_t m_i`` stands on ``mu_t m_i omega_t^2`` and ``2 zeta_t omega_t mu_t m_i``; damping in proportion to the mass is a
+dashpot ``c_m m_i`` between floor and ground, since its force follows the velocity relative to the ground.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from bwbn_bayes.export.exportable import Exportable, Link
+from bwbn_bayes.export.laws import Material
+from bwbn_bayes.export.links import TAGS, LinkScript, in_parallel
+
+_STIFFEST = 100.0
+"""Circular frequency of a base [rad/s] above which our law takes it for rigid (``effects/base_flexibility.py``)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Node:
+    """A mass [kg] that moves."""
+
+    number: int
+    mass: float
+    says: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Element:
+    """A spring between two nodes, of a material."""
+
+    number: int
+    below: int
+    above: int
+    material: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Building:
+    """Nodes, elements, and what they are made of besides the storeys."""
+
+    nodes: tuple[Node, ...]
+    elements: tuple[Element, ...]
+    materials: tuple[LinkScript, ...]
+    below: tuple[int, ...]
+    """The node that each storey stands on."""
+    ground_factor: float
+    notes: tuple[str, ...]
+
+
+def building_of(structure: Exportable) -> Building:
+    """Lay out a building."""
+    first, n = structure.links[0].parameters, len(structure.masses)
+    masses = [
+        mass * (1.0 + link.parameters.get("e_m", 0.0))
+        for mass, link in zip(structure.masses, structure.links, strict=True)
+    ]
+    moves, notes = _moves(structure.links[0])
+    below = (n + 1 if moves else 0, *range(1, n))
+    nodes = [Node(number=i + 1, mass=mass) for i, mass in enumerate(masses)]
+    elements = [
+        Element(number=i + 1, below=below[i], above=i + 1, material=TAGS * link.number)
+        for i, link in enumerate(structure.links)
+    ]
+    further: list[LinkScript] = []
+
+    def joined(place: str, ends: tuple[int, int], stiffness: float, damping: float) -> None:
+        """A spring and a dashpot between two nodes."""
+        spring = Material(kind="Elastic", arguments=(stiffness,), says="stiffness [N/m]")
+        dashpot = Material(kind="Viscous", arguments=(damping, 1.0), says="C [N s/m], exponent of the velocity")
+        materials = [one for one, size in ((spring, stiffness), (dashpot, damping)) if size > 0.0]
+        number = len(elements) + 1
+        further.append(LinkScript(place=place, tag=TAGS * number, materials=in_parallel(TAGS * number, materials)))
+        elements.append(Element(number=number, below=ends[0], above=ends[1], material=TAGS * number))
+
+    if moves:
+        nodes.append(Node(number=n + 1, mass=first["m_b"], says="base"))
+        joined("Between ground and base", (0, n + 1), 1.0 / first["compliance"], first["c_b"])
+    for i, (link, mass) in enumerate(zip(structure.links, masses, strict=True)):
+        p = link.parameters
+        if p.get("c_m", 0.0) > 0.0:
+            joined(f"Damping of floor {i + 1} in proportion to its mass", (0, i + 1), 0.0, p["c_m"] * mass)
+        if p.get("mu_t", 0.0) > 0.0:
+            light, omega = p["mu_t"] * mass, 2.0 * math.pi * p["f_t"]
+            nodes.append(Node(number=n + 2 + i, mass=light, says=f"on floor {i + 1}"))
+            ends = (i + 1, n + 2 + i)
+            joined(f"What stands on floor {i + 1}", ends, light * omega**2, 2.0 * p["zeta_t"] * omega * light)
+    return Building(
+        nodes=tuple(nodes),
+        elements=tuple(elements),
+        materials=tuple(further),
+        below=below,
+        ground_factor=first.get("s_g", 1.0),
+        notes=notes,
+    )
+
+
+def _moves(first: Link) -> tuple[bool, tuple[str, ...]]:
+    """Whether the building stands on a base that can move, and what is to be said of one that hardly does."""
+    compliance = first.parameters.get("compliance", 0.0)
+    if compliance == 0.0:
+        return False, ()
+    if compliance * first.parameters["m_b"] * _STIFFEST**2 < 1.0:
+        return False, ("The base is so stiff that it is taken for rigid.",)
+    return True, ()

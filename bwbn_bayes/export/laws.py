@@ -1,0 +1,219 @@
+"""The law of a link in OpenSees' uniaxial materials.
+
+Our hysteretic spring is ``alpha k u + (1 - alpha) k z`` with
+``dz/du = h [A - nu |z|^n (beta sgn(z v) + gamma)] / eta``, ``nu = 1 + delta_nu epsilon``,
+``eta = 1 + delta_eta epsilon`` and ``d epsilon = (1 - alpha) k z du``.
+
+**BoucWen** (Haukaas and Der Kiureghian [1]_) solves, by implicit Euler in the strain [3]_,
+``z - z0 = [TA - |z|^n (gamma + beta sgn(z de)) Tnu] de / Teta`` with ``Te = Te0 + (1 - alpha) ko z de``,
+``TA = Ao - deltaA Te``, ``Tnu = 1 + deltaNu Te``, ``Teta = 1 + deltaEta Te`` and stress
+``alpha ko e + (1 - alpha) ko z``. As the step goes to zero this is our law with ``h = 1`` where strain is drift and
+stress is force: ``ko = k``, ``Ao = A``, ``deltaA = 0``, and alpha, n, gamma, beta, deltaNu, deltaEta have our values
+unchanged. The energy is the same work on the hysteretic spring [N m], so that deltaNu and deltaEta are per joule; in a
+model in other units they must be converted with it.
+
+**BWBN** has Foliente's multiplier [2]_ ``h = 1 - z1 exp(-(z sgn(de) - q zu)^2 / z2^2)`` with
+``z1 = zetas (1 - exp(-p Te))``, ``z2 = (Shi + deltaShi Te)(lambda + z1)``, ``zu = (1/(beta + gamma))^(1/n)``, and
+neither nu nor eta: our ``foliente_pinching`` with ``Shi = psi_0``, ``deltaShi = delta_psi`` where nothing degrades.
+
+Both start Newton's iteration at z = 0.01 and end it at an absolute tolerance on z, 1e-8 by default, which is coarse
+where z is measured in metres: the tolerance written here follows the size of z.
+
+A dashpot is ``Viscous`` (``C sgn(v) |v|^a``), a cubic spring ``ElasticPowerFunc``, a stop ``ElasticMultiLinear``, all
+exact; a Maxwell branch is ``Maxwell``, exact as the step goes to zero. Dahl's friction ``F q`` with
+``dq/dt = (v - |v| q)/x0`` is a Bouc-Wen spring with ``z = x0 q``, ``alpha = 0``, ``k = F/x0``, ``A = n = 1``,
+``beta = 1/x0``, ``gamma = 0``. They stand in ``Parallel`` with the hysteretic spring.
+
+References
+----------
+.. [1] T. Haukaas and A. Der Kiureghian, "Finite Element Reliability and Sensitivity Methods for Performance-Based
+   Earthquake Engineering", PEER 2003/14, 2004.
+.. [2] G. C. Foliente, "Hysteresis Modeling of Wood Joints and Structural Systems", J. Struct. Eng. 121(6), 1995.
+.. [3] OpenSees 3.8, SRC/material/uniaxial: BoucWenMaterial.cpp, BWBN.cpp, ViscousMaterial.cpp, ElasticPowerFunc.cpp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.export.exportable import Link
+from bwbn_bayes.parameters import Floats
+
+NEWTON_ITERATIONS = 200
+NEWTON_TOLERANCE = 1e-10
+"""Of the iteration for z, as a share of z's size."""
+
+_FIRST = "alpha, ko [N/m], n, gamma, beta [1/m^n], Ao"
+BOUC_WEN = f"{_FIRST}, deltaA, deltaNu, deltaEta [1/J], tolerance [m], iterations"
+BWBN = f"{_FIRST}, q, zetas, p [1/J], Shi [m], deltaShi [m/J], lambda, tolerance [m], iterations"
+"""What the arguments of the two materials are."""
+
+_NO_LAW = {
+    "delta_s": "slip-lock",
+    "b": "a play",
+    "phi": "asymmetry",
+    "phi_uv": "asymmetry",
+    "phi_u": "asymmetry",
+    "F_c": "friction that turns with the drift rate",
+    "F_ratio": "friction that turns with the drift rate",
+    "F_root": "friction that turns with the drift rate",
+}
+"""Amplitudes of what no uniaxial material of OpenSees does, in words."""
+_CHANGES = ("_jump", "_ramp")
+"""Endings of the amplitudes of what changes in time."""
+_TRANSLATED = (
+    *("k", "c", "alpha", "A", "beta", "gamma", "u_y", "rho", "n", "delta_nu", "delta_eta"),
+    *("alpha_offset", "beta_offset", "gamma_offset", "n_offset"),
+    *("zeta_s", "p", "q", "psi_0", "delta_psi", "lambda_"),
+    *("c2", "k3", "k_g", "g", "k_gp", "g_p", "k_gn", "g_n", "k_m", "tau", "F_dahl", "x_dahl"),
+)
+_SIZES_OF_NO_LAW = ("sigma", "w", "u_uv", "u_u", "v0", "v_ratio", "v_root")
+_AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g")
+"""Of floors, base and ground: the script has them."""
+_SIZES_OF_CHANGES = ("_time", "_ramp_duration")
+_KNOWN = {*_NO_LAW, *_TRANSLATED, *_SIZES_OF_NO_LAW, *_AROUND}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """One ``uniaxialMaterial``: its kind, its arguments after the tag, and what it is, in words with units."""
+
+    kind: str
+    arguments: tuple[float | str, ...]
+    says: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """A material beside the hysteretic spring and the force ``(n_times,)`` [N] it takes, None where it has a memory."""
+
+    material: Material
+    force: Floats | None
+
+
+def without_law(parameters: Mapping[str, float], *, in_analysis: bool) -> tuple[str, ...]:
+    """What of a link no exact combination of materials has, in words; empty where the translation is exact.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Of the link.
+    in_analysis : bool
+        Whether it stands in an analysis in time, whose step a ``Maxwell`` branch asks for.
+    """
+    acting = {symbol for symbol, value in parameters.items() if value != 0.0}
+    found = [words for symbol, words in _NO_LAW.items() if symbol in acting]
+    found += [f"a change of {one.rpartition('_')[0]} in time" for one in sorted(acting) if one.endswith(_CHANGES)]
+    if "zeta_s" in acting and acting & {"delta_nu", "delta_eta"}:
+        found.append("Foliente's pinching of a spring that degrades")
+    if "k_m" in acting and not in_analysis:
+        found.append("a Maxwell branch outside an analysis in time")
+    found += [f"a law of the user's own ({symbol})" for symbol in sorted(acting) if not is_known(symbol)]
+    return tuple(dict.fromkeys(found))
+
+
+def is_known(symbol: str) -> bool:
+    """Whether the export knows what a parameter does."""
+    return symbol in _KNOWN or symbol.endswith((*_CHANGES, *_SIZES_OF_CHANGES))
+
+
+def hysteretic_spring(link: Link) -> Material:
+    """The spring ``alpha k u + (1 - alpha) k z`` of a link whose law OpenSees has.
+
+    Raises
+    ------
+    UserError
+        If z has no bound in Foliente's pinch, which its bound is part of.
+    """
+    p = shape(link.parameters)
+    k, alpha, A, beta, gamma, n = (p[symbol] for symbol in ("k", "alpha", "A", "beta", "gamma", "n"))
+    first = (alpha, k, n, gamma, beta, A)
+    newton = (NEWTON_TOLERANCE * size_of_z(link), NEWTON_ITERATIONS)
+    if p.get("zeta_s", 0.0) != 0.0:
+        if not beta + gamma > 0.0:
+            raise UserError(f"storey {link.number}: beta + gamma = {beta + gamma:g} bounds no z, which BWBN asks for")
+        pinch = tuple(p[symbol] for symbol in ("q", "zeta_s", "p", "psi_0", "delta_psi", "lambda_"))
+        return Material(kind="BWBN", arguments=(*first, *pinch, *newton), says=BWBN)
+    loss = (p.get("delta_nu", 0.0), p.get("delta_eta", 0.0))
+    if beta == gamma == loss[1] == 0.0:
+        return Material(kind="Elastic", arguments=(k * (alpha + (1.0 - alpha) * A),), says="stiffness [N/m]")
+    return Material(kind="BoucWen", arguments=(*first, 0.0, *loss, *newton), says=BOUC_WEN)
+
+
+def shape(parameters: Mapping[str, float]) -> dict[str, float]:
+    """The parameters with beta and gamma in the place of u_y and rho, and with what differs at the storey added."""
+    p = dict(parameters)
+    for symbol in ("alpha", "n"):
+        p[symbol] += p.get(f"{symbol}_offset", 0.0)
+    if "u_y" in p:
+        bound = p["A"] * (p["A"] * p["u_y"]) ** -p["n"]
+        p |= {"beta": p["rho"] * bound, "gamma": (1.0 - p["rho"]) * bound}
+    for symbol in ("beta", "gamma"):
+        p[symbol] += p.get(f"{symbol}_offset", 0.0)
+    return p
+
+
+def size_of_z(link: Link) -> float:
+    """The largest hysteretic displacement [m] to expect: its bound, or what the drift makes of it."""
+    p = shape(link.parameters)
+    reached = p["A"] * float(np.max(np.abs(link.drift)))
+    bounding = p["beta"] + p["gamma"]
+    bound = (p["A"] / bounding) ** (1.0 / p["n"]) if bounding > 0.0 else np.inf
+    return float(min(size for size in (reached, bound, 1.0) if size > 0.0))
+
+
+def beside(link: Link) -> tuple[Part, ...]:
+    """Dashpots, elastic springs, stops and branches that act beside the hysteretic spring."""
+    p, u, v = link.parameters, link.drift, link.drift_rate
+    parts = []
+
+    def add(symbol: str, kind: str, arguments: tuple[float | str, ...], says: str, force: Floats | None) -> None:
+        if p.get(symbol, 0.0) != 0.0:
+            parts.append(Part(material=Material(kind=kind, arguments=arguments, says=says), force=force))
+
+    c, c2, k3 = (p.get(symbol, 0.0) for symbol in ("c", "c2", "k3"))
+    add("c", "Viscous", (c, 1.0), "C [N s/m], exponent of the drift rate", c * v)
+    add("c2", "Viscous", (c2, 2.0), "C [N s^2/m^2], exponent of the drift rate", c2 * v * np.abs(v))
+    add("k3", "ElasticPowerFunc", ("-coeff", k3, "-exp", 3.0), "coefficient [N/m^3], exponent of the drift", k3 * u**3)
+    for stiffness, gap, sides in _STOPS:
+        if p.get(stiffness, 0.0) != 0.0:
+            says = "drifts [m], forces [N] of its corners"
+            pushed = p[stiffness] * np.sum([side * np.maximum(side * u - p[gap], 0.0) for side in sides], axis=0)
+            add(stiffness, "ElasticMultiLinear", _corners(p[stiffness], p[gap], sides), says, pushed)
+    if p.get("k_m", 0.0) != 0.0:
+        branch = (p["k_m"], p["k_m"] * p["tau"], 1.0, 1.0)
+        add("k_m", "Maxwell", branch, "K [N/m], C [N s/m], exponent, length", None)
+    if p.get("F_dahl", 0.0) != 0.0:
+        force, width = p["F_dahl"], p["x_dahl"]
+        dahl = (
+            0.0,
+            force / width,
+            1.0,
+            0.0,
+            1.0 / width,
+            1.0,
+            0.0,
+            0.0,
+            0.0,
+            NEWTON_TOLERANCE * width,
+            NEWTON_ITERATIONS,
+        )
+        add("F_dahl", "BoucWen", dahl, "Dahl's friction: alpha, ko [N/m], n, gamma, beta [1/m], Ao, ...", None)
+    return tuple(parts)
+
+
+_STOPS = (("k_g", "g", (-1, 1)), ("k_gp", "g_p", (1,)), ("k_gn", "g_n", (-1,)))
+"""Stiffness, gap and sides of each form of a stop."""
+
+
+def _corners(stiffness: float, gap: float, sides: tuple[int, ...]) -> tuple[float | str, ...]:
+    """A stop at ``gap`` [m] on one side or both, up to a metre beyond; OpenSees goes on with the last slope."""
+    reach, push = gap + 1.0, stiffness
+    below = {-reach: -push, -gap: 0.0} if -1 in sides else {-reach: 0.0}
+    above = {gap: 0.0, reach: push} if 1 in sides else {reach: 0.0}
+    corners = below | above  # one at zero where there is no gap
+    return "-strain", *corners, "-stress", *corners.values()

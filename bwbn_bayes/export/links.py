@@ -1,0 +1,108 @@
+"""The materials of each link as lines of a script, and what is to be said of them."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.export.exportable import Link
+from bwbn_bayes.export.fitted import fitted_material
+from bwbn_bayes.export.laws import Material, beside, hysteretic_spring, size_of_z, without_law
+from bwbn_bayes.structures.model_source import WIDTH, comment
+
+TAGS = 100
+"""Tags of a link's materials: a hundred of its number, and one more for each of its parts."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkScript:
+    """The materials of one link as lines of a script.
+
+    Attributes
+    ----------
+    place : str
+        Which link it is, in words.
+    tag : int
+        Of the material that stands for the whole link.
+    materials : tuple of str
+        Lines, that of ``tag`` last.
+    says : tuple of str
+        How near they come to the link's law, in sentences.
+    error : float or None
+        Of a fitted material: rms of what it misses over the rms of the identified force. None where the translation is
+        exact as the step goes to zero.
+    """
+
+    place: str
+    tag: int
+    materials: tuple[str, ...]
+    says: tuple[str, ...] = ()
+    error: float | None = None
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """All of it, for the script."""
+        sentences = (f"{self.place}.", *self.says)
+        return (*(line for sentence in sentences for line in comment(sentence)), *self.materials)
+
+
+def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool) -> LinkScript:
+    """Translate a link, or fit a material to what of it has no translation.
+
+    Raises
+    ------
+    UserError
+        If something cannot be translated, or a fit asks for openseespy and it is not installed.
+    """
+    place = "The specimen" if is_specimen else f"Storey {link.number}"
+    missing = without_law(link.parameters, in_analysis=not is_specimen)
+    parts = beside(link)
+    error = None
+    if missing:
+        # What has a memory cannot be taken out of the force: the fit has it too.
+        known = [(part.material, part.force) for part in parts if part.force is not None]
+        rest = link.force - sum((force for _, force in known), np.zeros_like(link.force))
+        fit = fitted_material(link, rest, rng, place=place)
+        materials, error = [fit.material, *(material for material, _ in known)], fit.error
+        approximate = (
+            f"{fit.material.kind} is fitted and misses {100.0 * error:.2g} % of the loop's force (rms over rms)"
+        )
+        says = (f"No OpenSees material does {', '.join(missing)}: {approximate}.",)
+    else:
+        materials = [hysteretic_spring(link), *(part.material for part in parts)]
+        says = (f"Exact as the step goes to zero; z is of the size {size_of_z(link):.3g} m.",)
+    tag = TAGS * link.number
+    return LinkScript(place=place, tag=tag, materials=in_parallel(tag, materials), says=says, error=error)
+
+
+def in_parallel(tag: int, materials: Sequence[Material]) -> tuple[str, ...]:
+    """Lines of materials that act beside each other under one tag."""
+    if len(materials) == 1:
+        return tuple(_lines(tag, materials[0]))
+    tags = [tag + i + 1 for i in range(len(materials))]
+    lines = [line for own, material in zip(tags, materials, strict=True) for line in _lines(own, material)]
+    together = f'ops.uniaxialMaterial("Parallel", {tag}, {", ".join(map(str, tags))})'
+    return (*lines, *comment("Parallel: they share the drift, their forces add."), together)
+
+
+def _lines(tag: int, material: Material) -> list[str]:
+    """A material and, above it, what its arguments are."""
+    written = ", ".join(_literal(argument) for argument in material.arguments)
+    line = f'ops.uniaxialMaterial("{material.kind}", {tag}, {written})'
+    if len(line) > WIDTH:
+        wrapped = (f"    {one}" for one in textwrap.wrap(f'"{material.kind}", {tag}, {written}', WIDTH - 4))
+        line = "\n".join(["ops.uniaxialMaterial(", *wrapped, ")"])
+    return [*comment(f"{material.kind}: {material.says}"), line]
+
+
+def _literal(value: float | str) -> str:
+    if isinstance(value, str):
+        return f'"{value}"'
+    if not math.isfinite(value):
+        raise UserError(f"a parameter of a material is {value}, which no script can hold")
+    return repr(value)

@@ -1,0 +1,107 @@
+"""A structure as an OpenSees script that runs by itself: materials, masses, ground motion, analysis, what comes out."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from dataclasses import dataclass
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from bwbn_bayes.export.building import Building, building_of
+from bwbn_bayes.export.exportable import Exportable
+from bwbn_bayes.export.laws import size_of_z
+from bwbn_bayes.export.links import LinkScript, link_script
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.structures.model_source import WIDTH, comment, docstring
+
+_SHARE_OF_Z = 0.01
+"""Drift that a step of the analysis covers at the largest drift rate, in the size of z: the error is of first order."""
+_FEWEST_SUBSTEPS, _MOST_SUBSTEPS = 8, 200
+_UNBALANCE = 1e-9
+"""Force left out of balance, in the inertial force of all floors under the largest ground acceleration."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Script:
+    """Python source for openseespy.
+
+    Attributes
+    ----------
+    text : str
+    links : tuple of LinkScript
+        What each link became.
+    notes : tuple of str
+        What is left out or approximate, in sentences.
+    """
+
+    text: str
+    links: tuple[LinkScript, ...]
+    notes: tuple[str, ...]
+
+
+def script_of(structure: Exportable, *, seed: int = 1) -> Script:
+    """Write the script.
+
+    Parameters
+    ----------
+    structure : Exportable
+    seed : int
+        Of the fit to a loop whose law OpenSees does not have.
+
+    Raises
+    ------
+    UserError
+        If something cannot be translated, or a fit asks for openseespy and it is not installed.
+    """
+    rng = np.random.default_rng(seed)
+    links = tuple(link_script(link, rng, is_specimen=structure.is_specimen) for link in structure.links)
+    building = None if structure.is_specimen else building_of(structure)
+    fitted = (f"{link.place}: {' '.join(link.says)}" for link in links if link.error is not None)
+    notes = (*structure.notes, *(building.notes if building else ()), *fitted)
+    environment = Environment(
+        loader=PackageLoader("bwbn_bayes.export"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        autoescape=False,  # Python, not HTML: what comes from a file passes through `comment` and `docstring`
+        keep_trailing_newline=True,
+    )
+    text = environment.get_template("opensees.py.j2").render(
+        docstring=_docstring(structure, notes),
+        substeps=_substeps(structure),
+        time_step=repr(structure.time_step),
+        excitation=_listed(structure.excitation),
+        materials=(*links, *(building.materials if building else ())),
+        building=building,
+        tolerance=repr(_tolerance(structure, building)),
+    )
+    return Script(text=text, links=links, notes=notes)
+
+
+def _docstring(structure: Exportable, notes: tuple[str, ...]) -> str:
+    sentences = (
+        "Units: N, m, s, kg, J. Run: python THIS_FILE [SUBSTEPS]; histories are written beside it as CSV.",
+        "OpenSees' hysteretic materials are of first order in the step: twice the substeps show what the step does.",
+        *notes,
+    )
+    lines = (line.removeprefix("# ").replace("\\", " ").replace('"', "'") for one in sentences for line in comment(one))
+    first = f"{structure.name} for OpenSees, written by bwbn_bayes. Parameters are {structure.origin}."
+    return docstring(first, *lines)
+
+
+def _listed(values: Floats) -> list[str]:
+    return textwrap.wrap(", ".join(repr(float(value)) for value in values) + ",", WIDTH - 4)
+
+
+def _substeps(structure: Exportable) -> int:
+    """Steps of the analysis for each sample: none moves a link by more than a small share of its z."""
+    rates = (float(np.max(np.abs(link.drift_rate))) / size_of_z(link) for link in structure.links)
+    steps = math.ceil(structure.time_step * max(rates) / _SHARE_OF_Z)
+    return min(max(steps, _FEWEST_SUBSTEPS), _MOST_SUBSTEPS)
+
+
+def _tolerance(structure: Exportable, building: Building | None) -> float:
+    """Force [N] that may stay out of balance."""
+    return _UNBALANCE * sum(structure.masses) * float(np.max(np.abs(structure.excitation))) if building else 0.0

@@ -1,0 +1,72 @@
+"""``bwbn export opensees`` from end to end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from opensees_runs import error, run_script
+
+from bwbn_bayes import el_centro, simulate, write_record
+from bwbn_bayes.cli import main
+from bwbn_bayes.structures.model_file import load_model_file
+
+MODEL = """
+from bwbn_bayes import BoucWen, ShearBuilding, Uniform, el_centro
+
+model = ShearBuilding(masses=[2.0], storey=BoucWen(k=Uniform(50, 400), c=0.4, alpha=0.1, u_y=0.03, rho=0.6, n=1.5))
+"""
+KNOWN = 'excitation = el_centro("chopra", duration=6.0)\ntruth = {"k": 150.0}\n'
+
+
+@pytest.fixture
+def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "one.py"
+    path.write_text(MODEL + KNOWN, encoding="utf-8")
+    return path
+
+
+def export(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as leaving:
+        main(["export", *map(str, arguments)])
+    return int(leaving.value.code or 0)
+
+
+def test_a_model_becomes_a_script_that_runs(model: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert export("opensees", model) == 0
+    assert capfd.readouterr().out == "one_opensees.py\n"
+    file = load_model_file(model)
+    truth = simulate(file.model, el_centro("chopra", duration=6.0), {"k": 150.0}).channels
+    assert error(run_script(model.with_name("one_opensees.py")), dict(truth)) < 1e-2
+
+
+def test_another_ground_motion_and_another_name(model: Path) -> None:
+    write_record(el_centro("chopra", duration=4.0), Path("other.csv"))
+    assert export("opensees", model, "--record", "other.csv", "--out", "x.py") == 0
+    assert len(Path("x.py").read_text(encoding="utf-8")) < len(_written(model))
+
+
+def _written(model: Path) -> str:
+    assert export("opensees", model, "--out", "longer.py") == 0
+    return Path("longer.py").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("source", "arguments", "sentence"),
+    [
+        (MODEL + KNOWN, ("one.py", "--out", "one.py"), "--out one.py exists already"),
+        (MODEL + KNOWN.splitlines()[0], ("one.py",), "one.py does not know k: add `truth`"),
+        (MODEL, ("one.py",), "one.py defines no `excitation`"),
+        (MODEL, ("none.nc",), "none.nc does not exist"),
+        (MODEL, (".",), "result.nc does not exist"),
+        (MODEL, ("none.nc", "--record", "one.csv"), "--record belongs to a model"),
+    ],
+)
+def test_a_mistake_is_one_sentence(
+    model: Path, source: str, arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model.write_text(source, encoding="utf-8")
+    assert export("opensees", *arguments) == 2
+    assert sentence in capsys.readouterr().err
+    assert export() == 2

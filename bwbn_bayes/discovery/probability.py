@@ -62,7 +62,7 @@ class Beliefs:
     def probabilities(self) -> Floats:
         """Of each explanation, ``(n,)``."""
         log_joint = self.log_joint
-        return np.asarray(np.exp(log_joint - logsumexp(log_joint)))
+        return np.asarray(np.exp(log_joint - logsumexp(log_joint)), dtype=np.float64)
 
     @cached_property
     def log_joint(self) -> Floats:

@@ -10,9 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bwbn_bayes.discovery.name import THRESHOLD, Candidate, Decision
-from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery
-from bwbn_bayes.discovery.unexplained import Unexplained
+from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Step
 from bwbn_bayes.discovery.where import Disagreement, storey_in_words
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
@@ -22,13 +20,11 @@ from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
-MAX_CANDIDATES = 10
-"""Hypotheses drawn in each step."""
-MAX_NAMES = 8
-"""Effects drawn by name in each step."""
+MAX_EXPLANATIONS = 10
+"""Explanations drawn."""
 MAX_STOREYS = 3
-_MASSES_TIMES = "masses times measured accelerations"
 """Storeys drawn beside each other."""
+_MASSES_TIMES = "masses times measured accelerations"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,34 +71,13 @@ class LoopPair:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CandidateBar:
-    """A hypothesis: posterior log odds against the present model with their standard error, in nat."""
+class ExplanationBar:
+    """An explanation: its probability, and its log odds against the best one, in nat."""
 
     label: str
+    probability: float
     log_odds: float
-    se: float
-    sampled: bool
     chosen: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class Survival:
-    """Log odds of an effect, over its forms and places, under each width of the priors, in nat."""
-
-    name: str
-    log_odds: tuple[float, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepContent:
-    """One round of weighing."""
-
-    number: int
-    sentence: str
-    bars: tuple[CandidateBar, ...]
-    n_weighed: int
-    survivals: tuple[Survival, ...]
-    widths: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,13 +89,13 @@ class DiscoveryContent:
     by_time: tuple[HeatMap, ...]
     by_state: tuple[PlaneMap, ...]
     loops: tuple[LoopPair, ...]
-    steps: tuple[StepContent, ...]
+    explanations: tuple[ExplanationBar, ...]
+    n_weighed: int
     new_marginals: tuple[Marginal, ...]
     drift_ratios: tuple[Quantity, ...]
     """Of the final model; none where the building has no heights."""
     old_equations: tuple[Equation, ...]
     new_equations: tuple[Equation, ...]
-    threshold: float
 
     @property
     def added(self) -> tuple[Added, ...]:
@@ -128,21 +103,9 @@ class DiscoveryContent:
         return self.discovery.added
 
     @property
-    def withdrawn(self) -> tuple[str, ...]:
-        """Effects that steps named and that are not in the final model."""
-        kept = {one.candidate.hypothesis.label for one in self.added}
-        bars = (bar for step in self.steps for bar in step.bars)
-        return tuple(bar.label for bar in bars if bar.chosen and bar.label not in kept)
-
-    @property
     def limits(self) -> tuple[DetectionLimit, ...]:
         """The smallest effects that the record could have shown."""
         return self.discovery.limits
-
-    @property
-    def unexplained(self) -> Unexplained | None:
-        """What is known of the rest."""
-        return self.discovery.unexplained
 
 
 def gather_discovery(discovery: Discovery) -> DiscoveryContent:
@@ -168,12 +131,12 @@ def gather_discovery(discovery: Discovery) -> DiscoveryContent:
         by_time=tuple(_heat_map(discovery.model, title, seen) for title, seen in stages),
         by_state=_planes(discovery.model, stages),
         loops=_loops(discovery),
-        steps=tuple(_step(step.number, step.sentence, step.decision) for step in discovery.steps),
+        explanations=_explanations(discovery.steps[-1], discovery.added) if discovery.steps else (),
+        n_weighed=len(discovery.steps[-1].explanations) if discovery.steps else 0,
         new_marginals=tuple(m for m in final.marginals if m.parameter.name in brought),
         drift_ratios=tuple(one for one in final.storey_quantities if one.name == DRIFT_RATIO),
         old_equations=tuple(e for e in before if e not in after),
         new_equations=tuple(e for e in after if e not in before),
-        threshold=THRESHOLD,
     )
 
 
@@ -245,31 +208,18 @@ def _measured_force(model: Structure, record: Record, storey: int) -> Floats | N
     return np.asarray(record.storey_forces(model.masses, lowest_storey=storey)[0])
 
 
-def _step(number: int, sentence: str, decision: Decision | None) -> StepContent:
-    if decision is None:
-        return StepContent(number=number, sentence=sentence, bars=(), n_weighed=0, survivals=(), widths=())
-    chosen = decision.leader if decision.passes else None
-    others = decision.under_other_priors
-    names = list(decision.by_name)[:MAX_NAMES]
-    widths = ("as expected", *others)
-    tables = (decision.by_name, *others.values())
-    return StepContent(
-        number=number,
-        sentence=sentence,
-        bars=tuple(_bar(c, c is chosen) for c in decision.candidates[:MAX_CANDIDATES]),
-        n_weighed=len(decision.candidates),
-        survivals=tuple(Survival(name=name, log_odds=tuple(table[name] for table in tables)) for name in names),
-        widths=widths,
-    )
-
-
-def _bar(candidate: Candidate, chosen: bool) -> CandidateBar:
-    return CandidateBar(
-        label=candidate.hypothesis.label,
-        log_odds=candidate.log_odds,
-        se=candidate.log_bayes_factor_se,
-        sampled=candidate.evidence.method != "Laplace",
-        chosen=chosen,
+def _explanations(step: Step, added: Sequence[Added]) -> tuple[ExplanationBar, ...]:
+    """The best of the last round; marked, those that hold just what the improved model holds."""
+    improved = {(one.hypothesis.symbols, one.hypothesis.storeys) for one in added}
+    rows = zip(step.explanations, step.probabilities, step.log_joint, strict=True)
+    return tuple(
+        ExplanationBar(
+            label=one.label,
+            probability=probability,
+            log_odds=log_joint - step.log_joint[0],
+            chosen=one.effects_key == improved,
+        )
+        for one, probability, log_joint in list(rows)[:MAX_EXPLANATIONS]
     )
 
 

@@ -12,27 +12,24 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from bwbn_bayes.discovery.unexplained import MissingForce
+from bwbn_bayes.discovery.outcome import UnnamedForce
 from bwbn_bayes.report.canvas import (
     DASHES,
     IDENTIFIED,
     INK,
-    SERIES,
     STYLE,
     Drawing,
     canvas,
     finished,
     legend,
 )
-from bwbn_bayes.report.content import shown
 from bwbn_bayes.report.discovery_content import (
-    MAX_STOREYS,
     DiscoveryContent,
+    ExplanationBar,
     GapBar,
     HeatMap,
     LoopPair,
     PlaneMap,
-    StepContent,
 )
 from bwbn_bayes.report.marginals import draw_posterior
 from bwbn_bayes.report.numbers import MINUS, Scale, display_scale
@@ -41,11 +38,11 @@ GIVEN = "#a8a49b"
 """The model as given."""
 NEVER = "#e9e7e2"
 """States in which the storey never was."""
-RESIDUAL_MAP, FORCE_MAP = "YlOrBr", "RdBu_r"
+RESIDUAL_MAP, ORDER_MAP = "YlOrBr", "viridis"
 _LEAST_TOP = 3.0
 """The darkest colour is at least this many times the noise, so that noise looks pale."""
-_LINEAR_TO = 10.0
-"""Log odds are drawn linearly up to this, logarithmically beyond. [nat]"""
+_LEAST_PROBABILITY = 1e-12
+"""Bars of probability end there."""
 
 
 def draw_discovery(content: DiscoveryContent) -> tuple[Drawing, ...]:
@@ -60,20 +57,15 @@ def draw_discovery(content: DiscoveryContent) -> tuple[Drawing, ...]:
     -------
     tuple of Drawing
     """
-    forces = content.unexplained.forces if content.unexplained is not None else ()
     with mpl.rc_context(STYLE):
         drawings = [
             _gap(content.gaps),
             _by_time(content.by_time),
             _by_state(content.by_state),
             _loops(content.loops),
-            *(
-                figure
-                for step in content.steps
-                for figure in (_candidates(step, content.threshold), _survival(step, content.threshold))
-            ),
+            _explanations(content.explanations, content.n_weighed),
             draw_posterior(content.new_marginals),
-            _missing_force(forces),
+            _unnamed(content.discovery.unnamed),
         ]
     return tuple(drawing for drawing in drawings if drawing is not None)
 
@@ -219,49 +211,25 @@ def _loop(
     axis.yaxis.set_major_locator(MaxNLocator(5))
 
 
-def _odds_axis(axis: Axes, values: Sequence[float], threshold: float) -> None:
-    """Linear up to 10, logarithmic beyond: log odds run from a few below zero to tens of thousands."""
-    axis.set_xscale("symlog", linthresh=_LINEAR_TO, linscale=1.0)
-    low, high = min(*values, 0.0), max(*values, 2.0 * threshold)
-    axis.set_xlim(2.0 * low - 2.0 if low < 0.0 else -2.0, 4.0 * high if high > _LINEAR_TO else 1.3 * high)
-    ticks = [
-        t
-        for t in (-1e5, -1e4, -1e3, -100, -10, 0, 10, 100, 1e3, 1e4, 1e5)
-        if axis.get_xlim()[0] <= t <= axis.get_xlim()[1]
-    ]
-    axis.set_xticks(ticks, [f"{t:g}".replace("-", MINUS).replace("e+0", "e") for t in ticks])
-    axis.minorticks_off()
-    axis.axvline(threshold, color=INK, linewidth=0.9, dashes=DASHES)
-    axis.set_xlabel("log odds against the present model [nat]")
+def _explanations(bars: tuple[ExplanationBar, ...], n_weighed: int) -> Drawing | None:
+    if not bars:
+        return None
+    figure, (axis,) = canvas(1, 0.75 + 0.27 * len(bars))
+    for row, bar in enumerate(reversed(bars)):
+        colour = IDENTIFIED if bar.chosen else GIVEN
+        axis.barh(row, max(bar.probability, _LEAST_PROBABILITY), height=0.6, left=0.0, color=colour)
+    axis.set_yticks(range(len(bars)), [_short(bar.label) for bar in reversed(bars)])
+    axis.set_xscale("log")
+    axis.set_xlim(_LEAST_PROBABILITY, 1.0)
+    axis.set_xlabel("probability")
     axis.grid(visible=False, axis="y")
     axis.tick_params(length=0, axis="y")
-
-
-def _candidates(step: StepContent, threshold: float) -> Drawing | None:
-    if not step.bars:
-        return None
-    figure, (axis,) = canvas(1, 0.75 + 0.27 * len(step.bars))
-    for row, bar in enumerate(reversed(step.bars)):
-        colour = IDENTIFIED if bar.chosen else GIVEN
-        axis.barh(row, bar.log_odds, height=0.6, color=colour)
-        axis.errorbar(bar.log_odds, row, xerr=bar.se, color=INK, linewidth=0.9, capsize=2.0)
-    axis.set_yticks(
-        range(len(step.bars)), [_short(bar.label) + ("" if bar.sampled else " *") for bar in reversed(step.bars)]
-    )
-    _odds_axis(axis, [bar.log_odds for bar in step.bars], threshold)
-    more = (
-        f"The best {len(step.bars)} of {step.n_weighed}."
-        if step.n_weighed > len(step.bars)
-        else "All that were weighed."
-    )
-    blue = " Blue: the one that was named." if any(bar.chosen for bar in step.bars) else ""
-    star = "" if all(bar.sampled for bar in step.bars) else " *: Laplace's approximation, the others by sampling."
+    more = f"The best {len(bars)} of {n_weighed}." if n_weighed > len(bars) else "All that were weighed."
     return finished(
         figure,
-        f"candidates_{step.number}.png",
-        f"{more} Error bars: one standard error; dashed: the {threshold:g} that a name must exceed.{blue}{star} Linear "
-        f"up to {_LINEAR_TO:g}, logarithmic beyond.",
-        f"Log odds of the candidates of step {step.number}; best {step.bars[0].label}, {step.bars[0].log_odds:.1f}.",
+        "explanations.png",
+        f"{more} Blue: with the effects of the improved model.",
+        f"Probability of each explanation; best {bars[0].label}, {bars[0].probability:.3f}.",
     )
 
 
@@ -274,51 +242,20 @@ def _short(label: str) -> str:
     )
 
 
-def _survival(step: StepContent, threshold: float) -> Drawing | None:
-    if not step.survivals:
+def _unnamed(found: UnnamedForce | None) -> Drawing | None:
+    if found is None:
         return None
-    figure, (axis,) = canvas(1, 1.0 + 0.27 * len(step.survivals))
-    markers, colours = ("o", "<", ">"), (INK, SERIES[1], SERIES[2])
-    rows = np.arange(len(step.survivals))[::-1]
-    for column, (width, marker, colour) in enumerate(zip(step.widths, markers, colours, strict=False)):
-        odds = [survival.log_odds[column] for survival in step.survivals]
-        axis.plot(odds, rows, marker, color=colour, markersize=5, label=width, alpha=0.9)
-    axis.set_yticks(rows, [_short(survival.name) for survival in step.survivals])
-    axis.set_ylim(-0.6, len(step.survivals) - 0.4)
-    _odds_axis(axis, [odds for survival in step.survivals for odds in survival.log_odds], threshold)
-    axis.grid(visible=True, axis="y")
-    legend(figure, axis)
+    figure, (axis,) = canvas(1, 2.8)
+    length = display_scale("m", float(np.abs(found.drift).max()))
+    strength = display_scale("N", float(np.abs(found.force).max()))
+    order = np.linspace(0.0, 1.0, len(found.drift))
+    axis.scatter(length.factor * found.drift, strength.factor * found.force, c=order, cmap=ORDER_MAP, s=3.0)
+    axis.set_xlabel(f"drift [{length.unit}]")
+    axis.set_ylabel(f"force [{strength.unit}]")
+    _colour_bar(figure, [axis], Normalize(vmin=0.0, vmax=1.0), ORDER_MAP, "share of the record")
     return finished(
         figure,
-        f"survival_{step.number}.png",
-        "Does the name survive other priors? Log odds of each effect, over all its forms and places, with the prior "
-        "of its size as expected, and with a Cauchy prior ten times narrower and ten times wider.",
-        f"Log odds by effect under three widths of the priors, step {step.number}.",
-    )
-
-
-def _missing_force(forces: tuple[MissingForce, ...]) -> Drawing | None:
-    if not forces:
-        return None
-    chosen = [forces[i] for i in shown(range(len(forces)), MAX_STOREYS)]
-    figure, axes = canvas(len(chosen), 0.5 + 2.2 * len(chosen), share_x=False)
-    length = display_scale("m", max(float(force.drift[-1]) for force in chosen))
-    strength = display_scale("N", max(float(np.nanmax(np.abs(force.force))) for force in chosen))
-    peak = strength.factor * max(float(np.nanmax(np.abs(force.force))) for force in chosen)
-    norm = Normalize(vmin=-peak, vmax=peak)
-    for axis, force in zip(axes, reversed(chosen), strict=True):
-        drift, values = length.factor * force.drift, strength.factor * force.force
-        axis.pcolormesh(drift, force.drift_rate, values.T, norm=norm, cmap=FORCE_MAP, shading="nearest")
-        axis.set_facecolor(NEVER)
-        axis.grid(visible=False)
-        axis.set_title(f"{force.place.capitalize()}: {100.0 * force.share:.0f} % explained on unseen stretches")
-        axis.set_ylabel("drift rate [m/s]")
-    axes[-1].set_xlabel(f"drift [{length.unit}]")
-    _colour_bar(figure, axes, norm, FORCE_MAP, f"missing force [{strength.unit}]")
-    return finished(
-        figure,
-        "missing_force.png",
-        "The force that the storeys' law lacks, measured minus modelled, as a radial basis network learned it from "
-        "drift, drift rate and hysteretic displacement; grey where the storey never was.",
-        "Learned missing storey force over drift and drift rate.",
+        "unnamed_force.png",
+        "The force of no known law against the drift, coloured in the order of the record.",
+        f"Force of no known law at {found.place} against drift.",
     )

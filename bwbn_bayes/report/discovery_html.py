@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.discovery.probability import NAMED
 from bwbn_bayes.report import discovery_tables as tables
 from bwbn_bayes.report.canvas import Drawing
 from bwbn_bayes.report.discovery_content import DiscoveryContent, gather_discovery
@@ -14,11 +15,6 @@ from bwbn_bayes.report.numbers import NOTHING
 from bwbn_bayes.report.tables import quantity_table
 from bwbn_bayes.results import Equation
 from bwbn_bayes.structures.shear_building import ShearBuilding
-
-_LEADS = {
-    "unexplained": "The residual is not noise, and no catalogued effect accounts for it. Nothing is named.",
-    "partly_explained": "The effects above contribute; what follows is about the rest.",
-}
 
 
 def write_discovery(discovery: Discovery, directory: Path) -> ReportFiles:
@@ -45,7 +41,7 @@ def write_discovery(discovery: Discovery, directory: Path) -> ReportFiles:
 
 def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -> str:
     """The page as text: HTML with inline style and figures; texts are escaped, equations are MathML."""
-    discovery, found = content.discovery, content.unexplained
+    discovery = content.discovery
     held_out = discovery.held_out
     return template("discovery.html.j2").render(
         model=discovery.name,
@@ -62,27 +58,16 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
         parameters=tables.new_parameters_table(content),
         old_equations=_written(content.old_equations),
         new_equations=_written(content.new_equations),
-        unexplained=found,
-        unexplained_leads=_leads(content),
-        missing_forces=tables.missing_force_table(found) if found is not None else None,
-        nearest=tables.nearest_table(found) if found is not None else None,
         drift_ratios=quantity_table(content.drift_ratios, "storey"),
-        steps=content.steps,
+        unnamed=discovery.unnamed,
+        steps=discovery.steps,
         limits=tables.limits_table(content.limits, discovery.model.n_storeys),
-        threshold=f"{content.threshold:g}",
+        named=f"{NAMED:g}",
         never=f"A dash ({NOTHING}) stands",
         assumptions=discovery.result.facts.assumptions,
         provenance=tables.discovery_provenance(discovery),
         held_out=held_out is not None,
     )
-
-
-def _leads(content: DiscoveryContent) -> tuple[str, ...]:
-    lead = _LEADS.get(content.discovery.verdict, "")
-    if not content.withdrawn:
-        return (lead,)
-    names = ", ".join(content.withdrawn)
-    return (lead, f"Named by a step below and withdrawn again, for the reason given there: {names}.")
 
 
 def _written(equations: tuple[Equation, ...]) -> list[tuple[str, str]]:

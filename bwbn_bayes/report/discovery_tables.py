@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from bwbn_bayes.discovery.candidates import place_in_words
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery
-from bwbn_bayes.discovery.unexplained import Unexplained
+from bwbn_bayes.discovery.sentences import evidence_in_words
 from bwbn_bayes.report.discovery_content import DiscoveryContent
 from bwbn_bayes.report.numbers import NOTHING, duration, html_symbol, html_unit, percent, significant, with_uncertainty
 from bwbn_bayes.report.tables import KeyFigure, Table, parameter_row
@@ -21,10 +21,9 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
     gap, apart = discovery.gap, discovery.held_out
     figures = []
     for added in discovery.added[:2]:
-        candidate = added.candidate
-        factor = candidate.log_bayes_factor
-        value, _ = with_uncertainty((factor, 0.0), max(candidate.log_bayes_factor_se, 0.04 * abs(factor)))
-        figures.append(KeyFigure(value=f"{value} nat", label=f"log Bayes factor of {candidate.hypothesis.name}"))
+        factor = added.log_bayes_factor
+        value, _ = with_uncertainty((factor, 0.0), max(added.log_bayes_factor_se, 0.04 * abs(factor)))
+        figures.append(KeyFigure(value=f"{value} nat", label=f"log Bayes factor of {added.hypothesis.name}"))
     arrow = "\N{RIGHTWARDS ARROW}"
     fitted = _share(gap.before.nrmse)
     fitted += f" {arrow} {_share(gap.after.nrmse)}" if discovery.added else ""
@@ -55,28 +54,31 @@ def _share(value: float) -> str:
 
 
 def effects_table(added: tuple[Added, ...]) -> Table:
-    """Each added effect: place, how sure, what it cannot be told from."""
+    """Each added effect: how sure, at this place, and what it cannot be told from."""
     return Table(
-        columns=("effect", "where", "log Bayes factor [nat]", "Pareto k", "cannot be told from"),
+        columns=("effect", "evidence", "probability", "at this place", "log Bayes factor [nat]", "cannot be told from"),
         rows=tuple(_effect_row(one) for one in added),
     )
 
 
 def _effect_row(added: Added) -> tuple[str | Markup, ...]:
-    hypothesis, evidence = added.candidate.hypothesis, added.candidate.evidence
-    form = f" ({hypothesis.effect.form})" if hypothesis.effect.form else ""
-    se = added.candidate.log_bayes_factor_se
-    value, error = with_uncertainty((added.candidate.log_bayes_factor, se), se)
-    others = ", ".join(added.alternatives) or "nothing else"
-    k = evidence.method if evidence.pareto_k is None else significant(evidence.pareto_k, 2)
-    return hypothesis.name + form, hypothesis.where, f"{value} ± {error}", k, others
+    factor, se = added.log_bayes_factor, added.log_bayes_factor_se
+    value, error = with_uncertainty((factor, se), se)
+    return (
+        added.title,
+        evidence_in_words(factor),
+        significant(added.name_probability, 3),
+        significant(added.place_probability, 3),
+        f"{value} ± {error}",
+        ", ".join(added.alternatives) or "nothing else",
+    )
 
 
 def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:
     """What each added effect is, and which experiment would tell it from its equivalents, in sentences."""
     notes: list[str] = []
     for one in added:
-        hypothesis = one.candidate.hypothesis
+        hypothesis = one.hypothesis
         notes.append(f"{hypothesis.label}: {hypothesis.effect.summary} ({hypothesis.effect.source}).")
         notes += one.separation
     return tuple(notes)
@@ -117,23 +119,6 @@ def limits_table(limits: tuple[DetectionLimit, ...], n_storeys: int) -> Table:
 
 def _size(smallest: float) -> str:
     return significant(smallest, 2) if math.isfinite(smallest) else NOTHING
-
-
-def missing_force_table(found: Unexplained) -> Table:
-    """How much of each storey's missing force the network explains where it was not trained."""
-    rows = tuple(
-        (force.place, percent(force.share), percent(force.noise_share), str(force.n_neurons)) for force in found.forces
-    )
-    return Table(columns=("", "explained on unseen stretches", "noise's share there", "neurons"), rows=rows)
-
-
-def nearest_table(found: Unexplained) -> Table:
-    """The catalogued effects that come nearest."""
-    rows = tuple(
-        (near.label, percent(near.share), significant(near.correlation, 2), significant(near.log_odds, 4))
-        for near in found.nearest
-    )
-    return Table(columns=("effect", "explains", "correlation left", "log odds"), rows=rows)
 
 
 def discovery_provenance(discovery: Discovery) -> Table:

@@ -22,16 +22,13 @@ def discovery_in_words(discovery: Discovery) -> tuple[str, ...]:
     if apart and gap.held_out:
         after = gap.held_out.after.nrmse if changed else None
         lines.append(_gap(apart.label, gap.held_out.before.nrmse, after, gap.held_out.noise_floor))
-    if discovery.unexplained is not None:
-        lines += [f"nearest: {near.sentence}" for near in discovery.unexplained.nearest[:3]]
     return tuple(lines)
 
 
 def _effect(added: Added) -> list[str]:
-    hypothesis, candidate = added.candidate.hypothesis, added.candidate
-    form = f" ({hypothesis.effect.form})" if hypothesis.effect.form else ""
-    factor = f"{candidate.log_bayes_factor:.1f} +- {candidate.log_bayes_factor_se:.1f}"
-    lines = [f"effect: {hypothesis.name}{form}, {hypothesis.where}, log Bayes factor {factor}"]
+    hypothesis = added.hypothesis
+    factor = f"{added.log_bayes_factor:.1f} +- {added.log_bayes_factor_se:.1f}"
+    lines = [f"effect: {added.title}, probability {added.name_probability:.3g}, log Bayes factor {factor}"]
     if alternatives := added.alternatives:
         lines.append(f"    cannot be told from {', '.join(alternatives)}")
         lines += [f"    {sentence}" for sentence in added.separation]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.held_out import HeldOut
+from bwbn_bayes.discovery.outcome import UnnamedForce
 from bwbn_bayes.discovery.run import DiscoverySettings
-from bwbn_bayes.discovery.unexplained import MissingForce, NearShape, Unexplained
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, SensorGain
@@ -43,30 +43,24 @@ def found():
 
 def variants(found):
     """The same discovery under every verdict, and without held-out data."""
-    axis = np.linspace(-0.1, 0.1, 24)
-    force = np.where(np.add.outer(axis, axis) > 0.12, np.nan, np.multiply.outer(axis, axis))
-    learned = MissingForce(
-        storey=1, place="storey 1", share=0.42, noise_share=0.1, n_neurons=12, drift=axis, drift_rate=axis, force=force
+    drift = found.histories["after"]["drift"][0]
+    unnamed = UnnamedForce(
+        storey=1, place="storey <1>", probability=0.97, share=0.12, drift=drift, force=np.sin(40.0 * drift)
     )
-    near = NearShape(label="backlash, storey 1", share=0.2, correlation=0.8, log_odds=3.0, sentence="It is <not> it.")
-    rest = Unexplained(forces=(learned,), nearest=(near,))
     alone = replace(found.gap, held_out=None)
-    step = replace(found.steps[0], decision=None, sentence="No effect could gain enough to be named.")
+    step = replace(found.steps[0], sentence="Nothing <more> was found.")
     given = {"added": (), "improved": found.model, "after": found.before}
     return {
         "effects_found": found,
-        "partly_explained": replace(found, verdict="partly_explained", unexplained=rest),
-        "unexplained": replace(found, verdict="unexplained", unexplained=rest, **given),
-        "unexplained, no force measured": replace(
-            found, verdict="unexplained", unexplained=Unexplained(forces=(), nearest=()), **given
-        ),
+        "partly_explained": replace(found, verdict="partly_explained", unnamed=unnamed),
+        "unexplained": replace(found, verdict="unexplained", unnamed=unnamed, **given),
         "no_missing_effect": replace(
             found, verdict="no_missing_effect", gap=alone, held_out=None, steps=(step,), limits=(), **given
         ),
     }
 
 
-@pytest.fixture(scope="module", params=list(range(5)))
+@pytest.fixture(scope="module", params=list(range(4)))
 def case(request, found, tmp_path_factory):
     name, discovery = list(variants(found).items())[request.param]
     files = write_discovery(discovery, tmp_path_factory.mktemp("page") / "new")
@@ -114,11 +108,11 @@ def test_every_verdict_renders_with_its_sentences_and_figures(case):
     assert all(len(image["alt"]) > 20 for image in reader.images)
     assert ("posterior.png" in names) == bool(discovery.added)
     assert ("The equations that changed" in text) == bool(discovery.added)
-    assert ("What stays unexplained" in text) == (discovery.unexplained is not None)
-    assert ("missing_force.png" in names) == bool(discovery.unexplained and discovery.unexplained.forces)
+    assert ("The force of no known law" in text) == ("unnamed_force.png" in names) == (discovery.unnamed is not None)
+    assert "explanations.png" in names
     assert ("No held-out record" in text) == (discovery.held_out is None)
     assert (files.html.parent / "identify" / "report.html").is_file()
-    assert name.split(",")[0] == discovery.verdict
+    assert name == discovery.verdict
 
 
 def test_the_page_needs_nothing_from_outside_and_escapes_names(case):
@@ -128,7 +122,7 @@ def test_the_page_needs_nothing_from_outside_and_escapes_names(case):
     assert not re.search(r"url\(|@import", page)
     assert "a &lt;frame&gt; &amp; more" in page
     assert "<frame>" not in page
-    assert "It is <not> it." not in page
+    assert "storey <1>" not in page and "<more>" not in page
 
 
 def test_what_was_found_stands_in_the_page(found, tmp_path):
@@ -137,7 +131,8 @@ def test_what_was_found_stands_in_the_page(found, tmp_path):
     (added,) = found.added
     mean, sd = added.moments["k3"]
     assert "cubic_stiffness" in text and "storey 1" in text
-    assert f"{int(added.candidate.log_bayes_factor)}." in text
+    assert "overwhelming" in text
+    assert f"{added.log_bayes_factor:.0f} nats" in text
     assert f"{100 * found.gap.before.nrmse:.1f}" in text and f"{100 * found.gap.after.nrmse:.1f}" in text
     assert f"<td>{mean:.0f}</td><td>{float(f'{sd:.1e}'):.0f}</td>" in page
 
@@ -159,25 +154,24 @@ def test_old_and_new_equations_are_those_that_differ(found):
     assert 1 <= len(content.new_equations) <= 2
 
 
-def test_bars_are_the_candidates_best_first_and_the_added_one_is_marked(found):
+def test_bars_are_the_explanations_best_first_and_the_improved_model_is_marked(found):
     content = gather_discovery(found)
-    first = content.steps[0]
-    odds = [bar.log_odds for bar in first.bars]
-    assert odds == sorted(odds, reverse=True)
-    assert [bar.label for bar in first.bars if bar.chosen] == [found.added[0].candidate.hypothesis.label]
-    assert content.withdrawn == ()
-    assert gather_discovery(variants(found)["unexplained"]).withdrawn == ("cubic_stiffness, storey 1",)
-    assert {len(survival.log_odds) for survival in first.survivals} == {3}
+    bars = content.explanations
+    assert [bar.probability for bar in bars] == sorted((bar.probability for bar in bars), reverse=True)
+    assert bars[0].log_odds == 0.0
+    (added,) = found.added
+    assert {bar.chosen for bar in bars if added.hypothesis.label in bar.label} == {True}
+    assert {bar.chosen for bar in bars if bar.label == "nothing"} <= {False}
 
 
 def test_the_words_for_the_terminal(found):
     lines = discovery_in_words(found)
     assert lines[0] == "verdict: effects_found"
-    assert any(line.startswith("effect: cubic_stiffness, storey 1, log Bayes factor ") for line in lines)
+    assert any(line.startswith("effect: cubic_stiffness, storey 1, probability ") for line in lines)
     assert any(line.strip().startswith("k3 = ") and line.endswith("N/m^3") for line in lines)
-    assert sum("noise alone" in line for line in lines) == 2
+    assert sum(line.startswith("error on the") for line in lines) == 2
     none = discovery_in_words(variants(found)["no_missing_effect"])
-    assert sum("noise alone" in line for line in none) == 1
+    assert sum(line.startswith("error on the") for line in none) == 1
     assert not any("improved" in line for line in none)
 
 
@@ -201,7 +195,7 @@ def test_a_specimen_is_not_called_a_building(pushed, tmp_path):
     lines = discovery_in_words(discovery)
     page = write_discovery(discovery, tmp_path).html.read_text(encoding="utf-8")
     assert discovery.verdict == "effects_found"
-    assert any(line.startswith("effect: cubic_stiffness, the specimen, log Bayes factor") for line in lines)
+    assert any(line.startswith("effect: cubic_stiffness, probability ") for line in lines)
     assert "a specimen, 1 channel, 8 s" in page
     for word in ("storey 1", "Storey 1", "floors above", "accelerations) over"):
         assert word not in page

@@ -39,7 +39,7 @@ def with_wider_priors(given: Explanation) -> Structure | None:
 
 
 def _binding(given: Explanation) -> list[tuple[FreeParameter, bool]]:
-    """Parameters whose best fit lies at an end of a bounded prior, and whether at the upper; not at the law's own end."""
+    """Parameters whose best fit lies at an end of a bounded prior, which is not the law's own; whether at the upper."""
     admissible = {p.symbol: (p.lower, p.upper) for p in given.model.parameters}
     found = []
     for parameter, u in zip(given.posterior.space.parameters, given.best.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""What a finished search comes to: names with their signatures, the gap, what could have been seen, the final posterior."""
+"""What a finished search comes to: names with their signatures, the gap, detection limits, the final posterior."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def conclude(
         assumptions=assumptions,
         listener=lambda text, _: run.say(text),
     )
-    added = tuple(_added(number, present, pool, believed, result, run) for number in range(len(present.added)))
+    added = tuple(_added(number, present, believed, result, run) for number in range(len(present.added)))
     unnamed = unnamed_facts(pool, believed)
     share = 0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given, present)
     told = sentences(believed, added, unnamed, given.disagreement, gap)
@@ -99,7 +99,7 @@ def conclude(
     )
 
 
-def _added(number: int, present: Explanation, pool: Pool, believed: Beliefs, result: Result, run: Run) -> Added:
+def _added(number: int, present: Explanation, believed: Beliefs, result: Result, run: Run) -> Added:
     """An effect of the improved model: how probable, what it competes with, its signature, its sizes."""
     hypothesis = present.added[number]
     places = believed.of_places(hypothesis.name)
@@ -127,7 +127,7 @@ def _added(number: int, present: Explanation, pool: Pool, believed: Beliefs, res
 
 
 def _bayes_factor(hypothesis: Hypothesis, believed: Beliefs) -> tuple[float, float]:
-    """Best evidence with an effect over the best without it, and its error. [nat]"""
+    """Best evidence with an effect over the best without it, and its error, in nat."""
     sides = {True: (-np.inf, 0.0), False: (-np.inf, 0.0)}
     for one in believed.explanations:
         has, evidence = hypothesis.name in one.names, one.evidence

@@ -107,7 +107,7 @@ def sampled(evidence: Evidence, rng: np.random.Generator, n: int) -> Evidence:
 
 
 def autoregressive_bound(posterior: Posterior, modes: tuple[Mode, ...]) -> float:
-    """What autoregressive errors add to the evidence at least: at the optimum for white ones. [nat]"""
+    """What autoregressive errors add to the evidence at least, in nat: at the optimum for white ones."""
     residual = residual_of(posterior, modes[0].point)
     return sum(autoregression(own)[1] for own in residual)
 

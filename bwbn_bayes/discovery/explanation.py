@@ -1,4 +1,4 @@
-"""A model that could be the answer, fitted and weighed: the given one with effects added, and perhaps an unnamed force."""
+"""A model that could be the answer: the given one with effects added, and perhaps a force of no known law."""
 
 from __future__ import annotations
 

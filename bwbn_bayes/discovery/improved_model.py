@@ -80,7 +80,8 @@ def _remarks(added: Added) -> tuple[str, ...]:
         for label, (mean, sd) in added.moments.items()
     )
     return (
-        f"{added.title}: {hypothesis.effect.summary}; probability {added.probability:.3g}, log Bayes factor {_factor(added)}.",
+        f"{added.title}: {hypothesis.effect.summary}.",
+        f"Probability {added.probability:.3g}, log Bayes factor {_factor(added)}.",
         f"Posterior: {', '.join(moments)}.",
     )
 

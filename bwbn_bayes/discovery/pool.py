@@ -25,7 +25,6 @@ from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.structures.specimen import Specimen
 
 _MOST_COLOURED, _COLOURED_REACH = 8, 400.0
 """Explanations that are refitted under autoregressive errors in each round, and how far below the best: a law has been

@@ -1,8 +1,8 @@
 """From evidences to answers: which explanation, which class of them, which effect and where, each with a probability.
 
 An explanation is the model as given with some effects added and with or without a force of no known law. Each has a
-prior, made of the numbers below and of nothing else, and an evidence; the posterior over all of them is summed up in four
-ways. Held-out data play no part.
+prior, made of the numbers below and of nothing else, and an evidence; the posterior over all of them is summed up by
+class, by effect and by place. Held-out data play no part.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from bwbn_bayes.parameters import Floats
 NOTHING_MISSING = 0.5
 """Prior probability that the model as given is all there is."""
 UNNAMED = 0.2
-"""Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds most of
-what structures do."""
+"""Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds most
+of what structures do."""
 ANOTHER = 0.2
 """Prior probability of each further effect once there is one: structures that lack two are rarer than those with one."""
 UNNAMED_SCALE = 0.1
-"""Standard deviation of the unnamed force's scale about zero, over the largest force: a law that leaves more is a wrong
-law, not one with a force beside it."""
+"""Standard deviation of the unnamed force's scale about zero, over the largest force: a law that leaves more is a
+wrong law, not one with a force beside it."""
 NAMED = 0.9
 """Probability from which an effect is named: of ten names one may be wrong."""
 POSSIBLE = 0.5
@@ -66,7 +66,7 @@ class Beliefs:
 
     @cached_property
     def log_joint(self) -> Floats:
-        """Log prior and log evidence of each, ``(n,)``. [nat]"""
+        """Log prior and log evidence of each, ``(n,)``, in nat."""
         return self.log_prior + np.array([one.evidence.log_evidence for one in self.explanations])
 
     @property

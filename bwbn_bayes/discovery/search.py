@@ -67,15 +67,18 @@ def search(given: Explanation, run: Run) -> Pool:
         if parent is None:
             break
         pool.expanded.add(parent.effects_key)
-        pool.add(_built_upon(parent, pool, run))
+        pool.add(_built_upon(parent, run))
         if number == 1:
-            pool.add(_together(given, pool, run))
+            pool.add(_together(given, run))
         pool.weigh()
         pool.add(_left_out(pool, run))
         pool.weigh()
         _tell(number, parent, pool, run)
     if not given.is_specimen:
-        (_unnamed_to_first_order if pool.ranked()[0].is_noise else _unnamed_at_storeys)(pool, run)
+        if pool.ranked()[0].is_noise:
+            _unnamed_to_first_order(pool)
+        else:
+            _unnamed_at_storeys(pool, run)
     return pool
 
 
@@ -96,7 +99,7 @@ def _next(pool: Pool, run: Run) -> Explanation | None:
     return None
 
 
-def _built_upon(parent: Explanation, pool: Pool, run: Run) -> list[Explanation]:
+def _built_upon(parent: Explanation, run: Run) -> list[Explanation]:
     """The parent with every effect at every place that could improve it."""
     fits = _fits(parent, run, first=not parent.added)
     if not parent.added:
@@ -163,7 +166,7 @@ def _under_smaller_laws(parent: Explanation, every: Sequence[Hypothesis]) -> tup
     return grouped
 
 
-def _together(given: Explanation, pool: Pool, run: Run) -> Iterator[Explanation]:
+def _together(given: Explanation, run: Run) -> Iterator[Explanation]:
     """What occurs together, at a specimen, from all over its priors and from where its last effect alone was best."""
     if not given.is_specimen or run.settings.most_effects < len(_TOGETHER) + 1:
         return
@@ -246,7 +249,7 @@ def _tell(number: int, parent: Explanation, pool: Pool, run: Run) -> None:
     run.say(sentence)
 
 
-def _unnamed_to_first_order(pool: Pool, run: Run) -> None:
+def _unnamed_to_first_order(pool: Pool) -> None:
     """Where what the best leaves is noise: what an unnamed force at each storey could add to it, to first order."""
     best = pool.ranked()[0]
     for storey, hypothesis in _unnamed_hypotheses(best):

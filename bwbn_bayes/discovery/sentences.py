@@ -40,7 +40,7 @@ def sentences(
     first = [_first(believed, added)]
     if not added and unnamed is None:
         return tuple(first)
-    own = [_effect(one, believed) for one in added]
+    own = [_effect(one) for one in added]
     if unnamed is not None:
         own.append(
             f"A force of no known law at {unnamed.place} takes up what the model does not: "
@@ -71,7 +71,7 @@ def _first(believed: Beliefs, added: tuple[Added, ...]) -> str:
     )
 
 
-def _effect(one: Added, believed: Beliefs) -> str:
+def _effect(one: Added) -> str:
     """One effect: how sure it is, what else it could be, what it does to the loop."""
     words = {"named": "", "possible": "possibly, ", "weak": "perhaps, ", "shape": ""}[one.grade]
     text = (

@@ -1,4 +1,4 @@
-"""The unnamed force at a storey: a polynomial of drift, drift rate, hysteretic displacement and work, inside the motion.
+"""The unnamed force at a storey: a polynomial of drift, drift rate, hysteretic displacement and work, in the motion.
 
 Its weights are independent normals, so that it is a Gaussian process in a finite basis; they are identified like an
 effect's parameters. Odd terms come first, since a storey does the same in both directions more often than not.
@@ -49,7 +49,7 @@ _WEIGHTS = tuple(
 
 @dataclass(frozen=True, kw_only=True)
 class UnnamedForce(Effect):
-    """``F + sum_j w_j (u / u_0)^a (v / v_0)^b (z / z_0)^c (epsilon / epsilon_0)^d``, the powers those of :data:`POWERS`.
+    """``F + sum_j w_j (u / u_0)^a (v / v_0)^b (z / z_0)^c (epsilon / epsilon_0)^d``, with :data:`POWERS`.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def unnamed_hypothesis(base: Structure, storey: int, scales: Scales, share: floa
 
 
 def first_order_gain(posterior: Posterior, hypothesis: Hypothesis, point: Floats) -> float:
-    """Log Bayes factor of an unnamed force where what a fit leaves is small, to first order in its weights. [nat]
+    """Log Bayes factor of an unnamed force where what a fit leaves is small, to first order in its weights, in nat.
 
     Parameters
     ----------

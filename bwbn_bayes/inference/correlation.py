@@ -1,9 +1,9 @@
 """How the errors of a record's samples hang together: by the past of each channel, and by functions that they share.
 
 Errors are autoregressive, each channel's what a filter makes of white noise; or they are ``e + Phi w`` with white ``e``
-and a finite basis ``Phi`` whose weights ``w`` are independent normals (a Gaussian process: a force of no known law). A
-residual is whitened by the same matrix that whitens derivatives, so that optimum, evidence, posterior and checks see one
-likelihood.
+and a finite basis ``Phi`` whose weights ``w`` are independent normals (a Gaussian process: a force of no known law).
+A residual is whitened by the same matrix that whitens derivatives, so that optimum, evidence, posterior and checks see
+one likelihood.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class SharedFunctions(NamedTuple):
 
     @classmethod
     def of(cls, basis: Floats) -> SharedFunctions:
-        """Of functions ``(n_times, n)``, each times the standard deviation of its weight over that of the white part."""
+        """Of functions ``(n_times, n)``, each times the sd of its weight over that of the white part."""
         variance, turned = np.linalg.eigh(basis.T @ basis)
         kept = variance > _NEGLIGIBLE * variance[-1]
         return cls(basis @ (turned[:, kept] / np.sqrt(variance[kept])), variance[kept])
@@ -72,7 +72,7 @@ class Correlation:
 
     @property
     def log_volume(self) -> float:
-        """Minus half the log determinant of the correlation matrix, and the cost of its choice. [nat]"""
+        """Minus half the log determinant of the correlation matrix, and the cost of its choice, in nat."""
         spread = 0.0 if self.shared is None else 0.5 * float(np.sum(np.log1p(self.shared.variance)))
         return self.log_prior - spread
 
@@ -117,7 +117,7 @@ def autoregression(residual: Floats) -> tuple[Floats, float]:
 
 
 def order_cost(order: int, n_times: int) -> float:
-    """What an order of autoregression costs by Schwarz's approximation. [nat]"""
+    """What an order of autoregression costs by Schwarz's approximation, in nat."""
     return -0.5 * order * float(np.log(n_times))
 
 

@@ -152,10 +152,7 @@ def test_one_parameter_models_against_quadrature(effect: type[Effect], size: flo
     grid = np.linspace(0.0, 1.0, 6001)[1:-1]
     spacing = grid[1] - grid[0]
     values = parameter.prior.quantile(grid)
-    near = (
-        np.abs(values - fit.posterior.space.from_unit(fit.best(1))[0])
-        < 12.0 * laplace_of(fit).sds[parameter.name]
-    )
+    near = np.abs(values - fit.posterior.space.from_unit(fit.best(1))[0]) < 12.0 * laplace_of(fit).sds[parameter.name]
     log_likelihood = fit.posterior.log_likelihood(grid[near][:, None])
     log_evidence = float(logsumexp(log_likelihood) + np.log(spacing))
     found = sampled(fit)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bwbn_bayes.discovery.name import Candidate, Decision
 
 import bwbn_bayes
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses
 from bwbn_bayes.discovery.evidence import Evidence
 from bwbn_bayes.discovery.improved_model import improved_model_source
-from bwbn_bayes.discovery.name import Candidate, Decision
 from bwbn_bayes.discovery.outcome import Added
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered

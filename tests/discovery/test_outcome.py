@@ -7,10 +7,10 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from bwbn_bayes.discovery.unexplained import NearShape, Unexplained
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.outcome import SCHEMA, Added, DetectionLimit, Discovery, Step
-from bwbn_bayes.discovery.unexplained import NearShape, Unexplained
 from bwbn_bayes.discovery.where import Spot
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CoulombFriction

@@ -186,7 +186,7 @@ def _named(table: Table) -> list[_Used]:
     subtracted = {find_column(column.minus, known) for column in table.columns if column.minus is not None}
     found: list[_Used] = []
     for position, column in enumerate(table.columns):
-        name = column.label.lower()
+        name = column.label.lower() if quantity_of(column.label.lower()) else column.label
         if position in subtracted and quantity_of(name) is None:
             continue
         if name in [each.meaning.name for each in found]:

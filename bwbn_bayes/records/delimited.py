@@ -37,7 +37,7 @@ DELIMITERS = ("\t", ";", ",", "|", " ")
 
 _LOOKED_AT = 5
 _NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+-]?\d+)?|[+-]?(?:nan|inf(?:inity)?)", re.IGNORECASE)
-_WORD = re.compile(r"[^\s\[]+(?:\s*\[[^\]]*\])?|\S+")
+_WORD = re.compile(r"[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?|\S+")
 
 
 class _Body(NamedTuple):
@@ -191,9 +191,12 @@ def _columns(meanings: Sequence[Meaning], body: _Body, source: Source) -> tuple[
     for row, cells in enumerate(body.rows):
         if len(cells) != len(meanings):
             found = len(cells) if any(cell.strip() for cell in cells) else 0
+            advice = "give one number for each"
+            if row == 0:
+                advice = f"put # before lines above the header, and {advice}"
             raise UserError(
                 f"{source.file}, {source.place(row)}: {found} cells where the header has {len(meanings)} columns, "
-                "give one number for each"
+                f"{advice}"
             )
     by_column = zip(*body.rows, strict=True)
     return tuple(

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
 
 from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError
 from bwbn_bayes.records.columns import Column, Table, record_of
@@ -58,7 +59,7 @@ def read_matlab(path: Path | str, columns: str | None = None) -> Record:
             found = tuple(_columns(_arrays(variables), source))
     except UserError:
         raise
-    except (*UNREADABLE_ARRAYS, struct.error):
+    except (*UNREADABLE_ARRAYS, MatReadError, struct.error):
         raise UserError(f"{path}: the file is not a MATLAB file, or it is damaged, save it anew from MATLAB") from None
     if not found:
         raise UserError(f"{path}: the file holds no numbers, save arrays as in save('run.mat', 't', 'ag')")

@@ -37,7 +37,9 @@ def read_miniseed(path: Path | str, columns: str | None = None) -> Record:
         If ObsPy is not installed, the file is damaged, or its traces do not belong together.
     """
     try:
-        reader = importlib.import_module("obspy.io.mseed.core")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            reader = importlib.import_module("obspy.io.mseed.core")
     except ImportError:
         raise UserError(
             f"{path}: miniSEED is read by ObsPy, which is not installed, add it with pip install 'bwbn-bayes[obspy]'"

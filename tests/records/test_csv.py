@@ -248,13 +248,17 @@ BAD_FILES = [
     ),
     (
         lines(header=HEADER.replace("acceleration_1", "acceleration_1 [g]")),
-        "{path}, line 1, column 3: 'acceleration_1 [g] [m/s^2]' is not a column name, write a name and its unit, such as "
-        "acceleration_1 [m/s^2], and put # before lines above the header",
+        (
+            "{path}, line 1, column 3: 'acceleration_1 [g] [m/s^2]' is not a column name, write a name and its unit, "
+            "such as acceleration_1 [m/s^2], and put # before lines above the header"
+        ),
     ),
     (
         lines(header="0.1,0.2,0.3"),
-        "{path}, line 1: there are numbers where the header should be, write one such as time [s], or give a column map "
-        "with column 1, column 2 and so on",
+        (
+            "{path}, line 1: there are numbers where the header should be, write one such as time [s], or give a "
+            "column map with column 1, column 2 and so on"
+        ),
     ),
     (
         lines(header="time [s],ground_acceleration [g],displacement [m]"),

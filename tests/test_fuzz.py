@@ -80,6 +80,7 @@ def _record_file(path: Path, kind: str) -> str | None:
     elif kind == ".smc":
         path.write_text(smc(MOTION))
     elif kind == ".mat":
+        # SciPy's reader ended the process on some of these.
         savemat(path, MATLAB)
     elif kind == "v7.mat":
         savemat(path, MATLAB, do_compression=True)

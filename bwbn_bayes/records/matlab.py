@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import struct
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,12 +10,11 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
 from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError
 from bwbn_bayes.records.columns import Column, Table, record_of
 from bwbn_bayes.records.labels import Labels
+from bwbn_bayes.records.matlab5 import DEEPEST, arrays, is_matlab5
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.records.series import column_of
 from bwbn_bayes.records.text import file_bytes
@@ -26,12 +23,11 @@ from bwbn_bayes.records.time_base import Source
 MOST_COLUMNS = 1000
 """Of one matrix."""
 
-_DEEPEST = 4
 _UNIT_ADVICE = 'say it in the column map, as in "x = {name} [{unit}]"'
 
 
 def read_matlab(path: Path | str, columns: str | None = None) -> Record:
-    """Read a record from a ``.mat`` file, of MATLAB's version 4 to 7.3.
+    """Read a record from a ``.mat`` file, of MATLAB's version 5 to 7.3.
 
     Parameters
     ----------
@@ -52,23 +48,23 @@ def read_matlab(path: Path | str, columns: str | None = None) -> Record:
         if data[:19] == b"MATLAB 7.3 MAT-file":
             with h5py.File(path, "r") as file:
                 found = tuple(_columns(_hdf5_arrays(file), source))
+        elif is_matlab5(data):
+            found = tuple(_columns(arrays(data), source))
         else:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of variables that it cannot read: they are missing then
-                variables = loadmat(io.BytesIO(data), squeeze_me=True, struct_as_record=True)
-            found = tuple(_columns(_arrays(variables), source))
+            raise UserError(f"{path}: the file is no MATLAB file of version 5 to 7.3, save it anew with -v7")
     except UserError:
         raise
-    except (*UNREADABLE_ARRAYS, MatReadError, struct.error):
-        raise UserError(f"{path}: the file is not a MATLAB file, or it is damaged, save it anew from MATLAB") from None
+    except (*UNREADABLE_ARRAYS, struct.error):
+        raise UserError(f"{path}: the file is damaged, save it anew from MATLAB") from None
     if not found:
         raise UserError(f"{path}: the file holds no numbers, save arrays as in save('run.mat', 't', 'ag')")
     labels = Labels(name=Path(path).stem)
     return record_of(Table(columns=found, labels=labels, source=source, unit_advice=_UNIT_ADVICE), columns)
 
 
-def _columns(arrays: Iterator[tuple[str, NDArray[Any]]], source: Source) -> Iterator[Column]:
-    for label, array in arrays:
+def _columns(named: Iterator[tuple[str, NDArray[Any]]], source: Source) -> Iterator[Column]:
+    for label, stored in named:
+        array = np.squeeze(stored)
         if array.ndim == 2 and min(array.shape) <= MOST_COLUMNS:
             stand = array.shape[0] >= array.shape[1]
             rows, pattern = (array.T, "{}(:,{})") if stand else (array, "{}({},:)")
@@ -78,30 +74,17 @@ def _columns(arrays: Iterator[tuple[str, NDArray[Any]]], source: Source) -> Iter
             yield column_of(array, label, None, source)
 
 
-def _arrays(variables: dict[str, Any], depth: int = 0) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Numeric variables and, by dotted names, numeric fields of structures."""
-    for name, value in variables.items():
-        if name.startswith("__"):
-            continue
-        array = np.asarray(value)
-        if array.dtype.names is not None and array.ndim == 0 and depth < _DEEPEST:
-            fields = {f"{name}.{key}": array[key].item() for key in array.dtype.names}
-            yield from _arrays(fields, depth + 1)
-        elif array.dtype.kind in "fiub":
-            yield name, array
-
-
 def _hdf5_arrays(group: h5py.Group, prefix: str = "", depth: int = 0) -> Iterator[tuple[str, NDArray[Any]]]:
     """The same of a file of version 7.3; what points to another file is not followed."""
     for name in group:
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
         item = group[name]
-        if isinstance(item, h5py.Group) and depth < _DEEPEST:
+        if isinstance(item, h5py.Group) and depth < DEEPEST:
             yield from _hdf5_arrays(item, f"{prefix}{name}.", depth + 1)
         elif isinstance(item, h5py.Dataset) and _holds_numbers(item):
             # MATLAB stores the last dimension first.
-            yield prefix + name, np.squeeze(np.asarray(item[()]).T)
+            yield prefix + name, np.asarray(item[()]).T
 
 
 def _holds_numbers(item: h5py.Dataset) -> bool:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import pickle
+import struct
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from matlab_files import save_v73
 from scipy.io import savemat
 
@@ -45,11 +50,38 @@ def test_every_version_reads_alike(tmp_path: Path, version: str) -> None:
     np.testing.assert_allclose(record.channels["drift_1"], 1e-3 * np.arange(N), rtol=1e-15)
 
 
-def test_version_4_and_a_sampling_rate(tmp_path: Path) -> None:
-    savemat(tmp_path / "run.mat", {"ag": np.arange(N), "fs": 200.0}, format="4")
-    record = read_record(tmp_path / "run.mat", "fs = sampling_rate [Hz], ag = ground_acceleration [0.1 m/s^2]")
+def test_the_other_byte_order(tmp_path: Path) -> None:
+    """A file by hand, as a big-endian machine wrote it: a small element, padding, and a name of one letter."""
+
+    def element(kind: int, data: bytes) -> bytes:
+        return struct.pack(">II", kind, len(data)) + data + b"\x00" * (-len(data) % 8)
+
+    def matrix(name: bytes, values: np.ndarray) -> bytes:
+        small = struct.pack(">HH", len(name), 1) + name.ljust(4, b"\x00")
+        flags, shape = element(6, struct.pack(">II", 6, 0)), element(5, struct.pack(">ii", len(values), 1))
+        return element(14, flags + shape + small + element(3, values.astype(">i2").tobytes()))
+
+    body = matrix(b"a", np.arange(N)) + matrix(b"f", np.array([200]))
+    (tmp_path / "run.mat").write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI" + body)
+    record = read_record(tmp_path / "run.mat", "f = sampling_rate [Hz], a = ground_acceleration [m/s^2]")
     assert record.time_step == 0.005
-    np.testing.assert_allclose(record.excitation, 0.1 * np.arange(N), rtol=1e-15)
+    np.testing.assert_array_equal(record.excitation, np.arange(N))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    values=st.sampled_from(["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4"]).flatmap(
+        lambda kind: arrays(kind, st.tuples(st.integers(8, 20), st.integers(1, 3)), elements=st.integers(0, 127))
+    ),
+    compress=st.booleans(),
+)
+def test_any_numbers_that_scipy_writes(values: np.ndarray, compress: bool) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.mat"
+        savemat(path, {"some": {"thing": {"x": values}}}, do_compression=compress)
+        label = "some.thing.x" if values.shape[1] == 1 else f"some.thing.x(:,{values.shape[1]})"
+        record = read_record(path, f"1 = time_step [s], {label} = ground_acceleration [m/s^2]")
+    np.testing.assert_array_equal(record.excitation, values[:, -1].astype(np.float64))
 
 
 @pytest.mark.parametrize("version", ["5", "7.3"])
@@ -86,11 +118,13 @@ def test_damaged_files(tmp_path: Path) -> None:
     for version in ("5", "7", "7.3"):
         save(path, version, VARIABLES)
         path.write_bytes(path.read_bytes()[:700])
-        with pytest.raises(UserError, match=r"run\.mat: the file is not a MATLAB file, or it is damaged, save it anew"):
+        with pytest.raises(UserError, match=r"run\.mat: the file is damaged, save it anew from MATLAB"):
             read_record(path, MAP)
     for data in (b"time [s]\n", pickle.dumps(Path.home)):
         path.write_bytes(data)
-        with pytest.raises(UserError, match=r"run\.mat: the file is not a MATLAB file"):
+        with pytest.raises(
+            UserError, match=r"run\.mat: the file is no MATLAB file of version 5 to 7.3, save it anew with -v7"
+        ):
             read_record(path, MAP)
     savemat(path, {"note": "nothing else"})
     with pytest.raises(UserError, match=r"run\.mat: the file holds no numbers"):

@@ -6,14 +6,16 @@ import importlib
 import io
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.records.columns import Column, Table, record_of
+from bwbn_bayes.records.columns import Table, record_of
 from bwbn_bayes.records.labels import Labels
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Record, one_line
+from bwbn_bayes.records.series import column_of
 from bwbn_bayes.records.text import file_bytes
 from bwbn_bayes.records.time_base import Source
 
@@ -49,39 +51,43 @@ def read_miniseed(path: Path | str, columns: str | None = None) -> Record:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # This format alone: ObsPy's own search for the format would try pickles, too.
-            traces: list[Any] = list(reader._read_mseed(io.BytesIO(data)))
+            traces = [_plain(trace) for trace in reader._read_mseed(io.BytesIO(data))]
     except Exception as error:  # whatever ObsPy and its library raise, the file is not what it should be
         raise UserError(f"{path}: the file is not miniSEED, or it is damaged, get it anew") from error
     return record_of(_table(traces, Path(path)), columns)
 
 
-def _table(traces: list[Any], path: Path) -> Table:
+class _Trace(NamedTuple):
+    """A trace: its SEED name, start in words and in s of the epoch, sampling rate [Hz], samples."""
+
+    name: str
+    told_start: str
+    start: float
+    rate: float
+    data: NDArray[Any]
+
+
+def _plain(trace: Any) -> _Trace:
+    stats = trace.stats
+    start, rate = stats.starttime, float(stats.sampling_rate)
+    return _Trace(one_line(trace.id), str(start), float(start.timestamp), rate, np.asarray(trace.data))
+
+
+def _table(traces: list[_Trace], path: Path) -> Table:
     if not traces:
-        raise UserError(f"{path}: the file holds no trace")
-    first = traces[0].stats
-    seen: set[str] = set()
-    for trace in traces:
-        stats = trace.stats
-        if trace.id in seen:
-            raise UserError(f"{path}, trace {trace.id}: it comes in pieces with a gap, cut the file to one piece")
-        seen.add(trace.id)
-        if stats.sampling_rate != first.sampling_rate or abs(stats.starttime - first.starttime) > 0.5 * first.delta:
+        raise UserError(f"{path}: the file holds no trace, get it anew")
+    first = traces[0]
+    if not 0.0 < first.rate < np.inf:
+        raise UserError(f"{path}: the sampling rate is {first.rate:g} Hz, it must be positive")
+    for position, trace in enumerate(traces):
+        if trace.name in [earlier.name for earlier in traces[:position]]:
+            raise UserError(f"{path}, trace {trace.name}: it comes in pieces with a gap, cut the file to one piece")
+        if trace.rate != first.rate or abs(trace.start - first.start) > 0.5 / first.rate:
             raise UserError(
-                f"{path}, trace {trace.id}: it starts at {stats.starttime} with {stats.sampling_rate:g} Hz, the first "
-                f"trace at {first.starttime} with {first.sampling_rate:g} Hz, cut them to one time base"
+                f"{path}, trace {trace.name}: it starts at {trace.told_start} with {trace.rate:g} Hz, the first trace "
+                f"at {first.told_start} with {first.rate:g} Hz, cut them to one time base"
             )
-    if not first.sampling_rate > 0.0:
-        raise UserError(f"{path}: the sampling rate is {first.sampling_rate:g} Hz, it must be positive")
-    found = tuple(
-        Column(label=trace.id, values=np.asarray(trace.data, dtype=np.float64))
-        if trace.data.dtype.kind in "fiu"
-        else Column(label=trace.id, values=np.empty(0), fault=f"{path}, trace {trace.id}: it holds text, no numbers")
-        for trace in traces
-    )
-    labels = Labels(
-        name=path.stem,
-        time_step=1.0 / float(first.sampling_rate),
-        provenance={"start_time": str(first.starttime)},
-    )
     source = Source(file=str(path), header=str(path), place=lambda row: f"sample {row + 1}")
+    found = tuple(column_of(trace.data, trace.name, None, source) for trace in traces)
+    labels = Labels(name=path.stem, time_step=1.0 / first.rate, provenance={"start_time": first.told_start})
     return Table(columns=found, labels=labels, source=source, unit_advice=_UNIT_ADVICE)

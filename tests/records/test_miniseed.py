@@ -104,6 +104,25 @@ def test_every_mistake_gets_one_sentence(
     assert "\n" not in str(caught.value)
 
 
+def test_damaged_files_get_one_sentence(obspy: Any, tmp_path: Path) -> None:
+    """A start beyond the year 9999 once ended in a traceback, where the sentence about it was made."""
+    whole = save(obspy, tmp_path / "run.mseed", ("HNZ", 500, "2020-01-01", 200.0)).read_bytes()
+    rng = np.random.default_rng(1)
+    n_refused = 0
+    for _ in range(150):
+        data = bytearray(whole)
+        for start in rng.integers(0, len(data), 3):
+            data[start : start + 4] = rng.bytes(4)
+        (tmp_path / "run.mseed").write_bytes(bytes(data[: rng.integers(1, len(data))]) if rng.random() < 0.3 else data)
+        try:
+            record = read_record(tmp_path / "run.mseed", MAP.split(",")[0])
+            assert np.all(np.isfinite(record.excitation))
+        except UserError as error:
+            n_refused += 1
+            assert "\n" not in str(error)  # noqa: PT017
+    assert n_refused > 30
+
+
 @pytest.mark.usefixtures("obspy")
 def test_a_pickle_is_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """ObsPy's own reader tries pickles among its formats; this one is asked for miniSEED alone."""

@@ -19,6 +19,9 @@ from bwbn_bayes.records.units import frequency_factor, si_factor
 STATED = ("time_step", "sampling_rate")
 """Names that a column map may give to a single number."""
 
+MOST_SECONDS = 1e12
+"""Times beyond are no times, and their differences overflow. [s]"""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
@@ -144,9 +147,19 @@ def _in_si(used: Mapping[str, _Used], kind: str, table: Table) -> dict[str, Floa
                     f"{file}, column {part.label}: {len(part.values)} points where {kind} has {n_times}, they must be "
                     "equal"
                 )
-        first, *others = (_factor(each, table) * part.values for part, each in parts)
-        values[name] = first - sum(others) if others else first
+        values[name] = _difference([(_factor(each, table), part.values) for part, each in parts])
+        if not np.all(np.isfinite(values[name])) or (name == "time" and np.max(np.abs(values[name])) > MOST_SECONDS):
+            raise UserError(
+                f"{file}, column {column.label}: its numbers are too large for {meaning.unit}, correct them"
+            )
     return values
+
+
+def _difference(parts: Sequence[tuple[float, Floats]]) -> Floats:
+    """The first part in SI units, less the second if there is one; not finite where that is too large."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        first, *others = (factor * values for factor, values in parts)
+        return first - others[0] if others else first
 
 
 def excitation_kind_of(names: Sequence[str], header: str, *, has_step: bool = False) -> ExcitationKind:

@@ -138,3 +138,13 @@ def test_no_map_raises_anything_but_a_user_error(text: str) -> None:
         parse_columns(text)
     except UserError as error:
         assert "column map" in str(error)  # noqa: PT017
+
+
+@pytest.mark.parametrize(("row", "column"), [("1e308,1,1", "t"), ("0.1,1e308,1", "a"), ("0.1,1,-1.7e308", "y")])
+def test_numbers_beyond_doubles_in_si(tmp_path: Path, row: str, column: str) -> None:
+    """Their product with a unit ended in a warning of NumPy."""
+    rows = [f"{0.1 * i:.1f},1,1" for i in range(9)]
+    rows[1] = row
+    (tmp_path / "run.csv").write_text("\n".join(["t,a,y", *rows]), encoding="utf-8")
+    with pytest.raises(UserError, match=rf"run\.csv, column {column}: its numbers are too large for"):
+        read_record(tmp_path / "run.csv", "t = time [s], a = ground_acceleration [g], y = acceleration_1 [g]")

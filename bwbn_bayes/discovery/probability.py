@@ -21,8 +21,8 @@ from bwbn_bayes.parameters import Floats
 NOTHING_MISSING = 0.5
 """Prior probability that the model as given is all there is."""
 UNNAMED = 0.2
-"""Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds most
-of what structures do."""
+"""Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds
+most of what structures do."""
 ANOTHER = 0.2
 """Prior probability of each further effect once there is one: structures that lack two are rarer than those with one."""
 UNNAMED_SCALE = 0.1
@@ -62,7 +62,8 @@ class Beliefs:
     def probabilities(self) -> Floats:
         """Of each explanation, ``(n,)``."""
         log_joint = self.log_joint
-        return np.asarray(np.exp(log_joint - logsumexp(log_joint)), dtype=np.float64)
+        share: Floats = np.exp(log_joint - logsumexp(log_joint))
+        return share
 
     @cached_property
     def log_joint(self) -> Floats:

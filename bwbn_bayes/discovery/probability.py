@@ -24,7 +24,7 @@ UNNAMED = 0.2
 """Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds
 most of what structures do."""
 ANOTHER = 0.2
-"""Prior probability of each further effect once there is one: structures that lack two are rarer than those with one."""
+"""Prior probability of each further effect once there is one: structures that lack two are rarer."""
 UNNAMED_SCALE = 0.1
 """Standard deviation of the unnamed force's scale about zero, over the largest force: a law that leaves more is a
 wrong law, not one with a force beside it."""
@@ -68,7 +68,7 @@ class Beliefs:
     @cached_property
     def log_joint(self) -> Floats:
         """Log prior and log evidence of each, ``(n,)``, in nat."""
-        return self.log_prior + np.array([one.evidence.log_evidence for one in self.explanations])
+        return np.asarray(self.log_prior + np.array([one.evidence.log_evidence for one in self.explanations]))
 
     @property
     def best(self) -> Explanation:

@@ -26,8 +26,7 @@ _BEYOND = 1.5
 _SIZES = (8, 3, 5)
 """Functions of displacement, of the way since the last turn and of path."""
 _LENGTHS = (0.35, 0.8, 0.5)
-"""Correlation lengths of the three, each of which runs from -1 to 1: a third of the largest displacement, a loading
-branch, a quarter of the test."""
+"""Correlation lengths of the three, each of which runs from -1 to 1."""
 _FORGOTTEN = 0.25
 """Of the largest displacement: path within which a departure that no law has is forgotten, an eighth of a half cycle."""
 _MOST_KNOTS = 600

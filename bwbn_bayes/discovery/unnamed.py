@@ -28,7 +28,7 @@ _SIZES = (8, 3, 5)
 _LENGTHS = (0.35, 0.8, 0.5)
 """Correlation lengths of the three, each of which runs from -1 to 1."""
 _FORGOTTEN = 0.25
-"""Of the largest displacement: path within which a departure that no law has is forgotten, an eighth of a half cycle."""
+"""Of the largest displacement: path within which a departure that no law has is forgotten."""
 _MOST_KNOTS = 600
 
 

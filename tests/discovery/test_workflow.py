@@ -119,7 +119,7 @@ def test_a_hypothesis_that_cannot_be_solved_is_left_out_and_told(
     settings = DiscoverySettings(particles=100, effects=(QuadraticDamping, CubicStiffness))
     found = discover(MODEL, record, settings=settings)
     assert [added.candidate.hypothesis.name for added in found.added] == ["cubic_stiffness"]
-    assert found.sentences[-1] == "Could not be solved for this record and was left out: quadratic_damping, storey 1."
+    assert found.sentences[-1] == "Could not be solved for this record and was left out: quadratic damping in storey 1."
 
 
 def test_the_second_search_weighs_against_the_first_rounds_hypotheses(monkeypatch: pytest.MonkeyPatch) -> None:

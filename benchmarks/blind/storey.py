@@ -254,10 +254,11 @@ def _hysteretic_rate(p: Storey, u: float, v: float, z: float, eps: float, worn: 
     eta = 1.0 + p.delta_eta * eps + p.eta_wear * worn
     f: float = (1.0 - nu * float(abs(z) ** p.n) * bracket) / eta
     f *= pinching(p, v, z, eps)
-    slip = p.delta_s * eps + p.slip_wear * worn
     if p.delta_s == 0.0 and p.slip_wear == 0.0:
         return f * v
-    return f * v / (1.0 + slip * slip_density(p.slip_bell, z, p.sigma) * f)
+    slip = p.delta_s * eps + p.slip_wear * worn
+    compliance: float = slip * slip_density(p.slip_bell, z, p.sigma)
+    return f * v / (1.0 + compliance * f)
 
 
 def _stops(p: Storey, u: float, worn: float) -> float:

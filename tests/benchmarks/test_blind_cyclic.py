@@ -74,7 +74,7 @@ def test_it_looks_like_a_measured_test(index: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["nothing", "stiffness, saturating", "pinch, stiffness and strength"])
 def test_what_the_truth_leaves_is_what_is_said(name: str) -> None:
-    """The law in the truth leaves the unnamed force, ten times the noise, on both tests."""
+    """The law in the truth leaves the unnamed force, ten times the noise and more, on both tests."""
     case = of(name, 9)
     truth = case.truth
     assert UNNAMED[0] <= truth.unnamed_share <= UNNAMED[1]

@@ -238,9 +238,9 @@ def print_reliability(console: Console, summary: Json) -> None:
     ):
         error = summary[key]
         if error["value"] is not None:
-            found = f"expected calibration error {what}: {error['value']:.3f} +- {error['se']:.3f}"
+            value = f"expected calibration error {what}: {error['value']:.3f} +- {error['se']:.3f}"
             basis = f"{error['statements']} statements, {summary['cases']} cases"
-            console.print(f"{found} ({basis}; {error['if_calibrated']:.3f} if calibrated)", highlight=False)
+            console.print(f"{value} ({basis}; {error['if_calibrated']:.3f} if calibrated)", highlight=False)
     console.print()
 
 

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 
 from benchmarks.blind.draws import Draw, Hidden, Place
 
-_STIFFNESS = "the stiffness of the hysteretic spring falls while it works: when it stops falling is a detail of the law"
-_STRENGTH = "the yield force falls while the spring works: when it stops falling is a detail of the law"
+_STIFFNESS = "the stiffness of the hysteretic spring falls while it works: how fast, and whether it stops, is a detail"
+_STRENGTH = "the yield force falls while the spring works: how fast, and whether it stops, is a detail"
 _PINCH = "loops slip near the middle after a reversal, more so as work is done: either name of a pinch says so"
 _DRY = "a force against the motion that hardly depends on how fast it is: dry friction"
 

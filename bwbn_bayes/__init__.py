@@ -37,7 +37,9 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, SampledNoise
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, PerStorey, Uniform
+from bwbn_bayes.records.dataframe import as_dataframe, record_from_dataframe
 from bwbn_bayes.records.excitation import el_centro, filtered_noise, sine
+from bwbn_bayes.records.netcdf import as_dataset, record_from_dataset
 from bwbn_bayes.records.noise import add_noise
 from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.records.record import Record
@@ -91,11 +93,15 @@ __all__ = [
     "Uniform",
     "UserError",
     "add_noise",
+    "as_dataframe",
+    "as_dataset",
     "discover",
     "el_centro",
     "filtered_noise",
     "identify",
     "read_record",
+    "record_from_dataframe",
+    "record_from_dataset",
     "register",
     "simulate",
     "sine",

@@ -32,7 +32,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.history import Listener
 from bwbn_bayes.inference.settings import MOST_PARTICLES, Method, Settings
 from bwbn_bayes.inference.tmcmc.checkpoint import has_stages
-from bwbn_bayes.records.readers import read_record, write_record
+from bwbn_bayes.records.readers import RECORD_SUFFIXES, read_record, write_record
 from bwbn_bayes.records.record import Record, one_line
 from bwbn_bayes.report.discovery_text import discovery_in_words
 from bwbn_bayes.reproduction.cases import DamageOrder, Options
@@ -55,6 +55,15 @@ ModelArgument = Annotated[
 ]
 OutOption = Annotated[Path, typer.Option("--out", help="Directory to write to.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="The run is a function of it.")]
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--columns",
+        metavar="MAP",
+        help='What the columns of the record stand for: "ag = ground_acceleration [g], roof = acceleration_3 [g]".',
+        show_default=False,
+    ),
+]
 EngineOption = Annotated[EngineName, typer.Option("--engine", help="What solves the model; see `bwbn engines`.")]
 
 
@@ -70,7 +79,8 @@ def about(
 @app.command()
 def identify(
     model: ModelArgument,
-    record: Annotated[Path | None, typer.Option("--record", help="Measured record: CSV or netCDF.")] = None,
+    record: Annotated[Path | None, typer.Option("--record", help="Measured record: CSV, netCDF, MATLAB ...")] = None,
+    columns: ColumnsOption = None,
     method: Annotated[
         Method, typer.Option("--method", help="Road to the posterior; ga finds one point, ipv forces only.")
     ] = "importance",
@@ -96,7 +106,7 @@ def identify(
     ] = None,
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
-    file = load_model_file(model)
+    file = _loaded(model, columns, record)
     engine_by_name(engine)
     directory = writable(out or Path("reports") / f"{file.name}_{method}")
     notes = Console(stderr=True)
@@ -129,8 +139,10 @@ def identify(
 def discover(
     model: ModelArgument,
     record: Annotated[
-        Path | None, typer.Option("--record", help="Measured record: CSV or netCDF; the model file's by default.")
+        Path | None,
+        typer.Option("--record", help="Measured record: CSV, netCDF, MATLAB ...; the model file's by default."),
     ] = None,
+    columns: ColumnsOption = None,
     held_out: Annotated[
         str | None,
         typer.Option(
@@ -148,7 +160,7 @@ def discover(
     ] = DiscoverySettings.particles,
 ) -> None:
     """Find the physical effect that MODEL lacks to explain a record, add it, and write a report."""
-    file = load_model_file(model)
+    file = _loaded(model, columns, record, None if held_out == "end" else held_out)
     directory = writable(out or Path("reports") / f"{file.name}_discovery")
     notes = Console(stderr=True)
     with stopped_with(partial(_goes_on, directory)), told(notes) as tell:
@@ -174,14 +186,15 @@ def discover(
 
 @app.command(name="model")
 def starting_model(
-    record: Annotated[Path, typer.Argument(help="Measured record: CSV or netCDF.", show_default=False)],
+    record: Annotated[Path, typer.Argument(help="Measured record: CSV, netCDF, MATLAB ...", show_default=False)],
+    columns: ColumnsOption = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="File to write, a new one; RECORD's name with .py, here, by default.")
     ] = None,
 ) -> None:
     """Write a commented model file to start from, its priors of the sizes that RECORD shows."""
     path = out or Path(f"{record.stem}.py")
-    for sentence in write_starting_model(record, path):
+    for sentence in write_starting_model(record, path, columns):
         Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
     print(path)
 
@@ -190,15 +203,17 @@ def starting_model(
 def simulate(
     model: ModelArgument,
     record: Annotated[
-        Path | None, typer.Option("--record", help="Excitation: CSV, netCDF or PEER AT2; the model file's by default.")
+        Path | None,
+        typer.Option("--record", help="Excitation: CSV, PEER AT2, COSMOS ...; the model file's by default."),
     ] = None,
+    columns: ColumnsOption = None,
     out: OutOption = Path("reports"),
     seed: SeedOption = 1,
     engine: EngineOption = "reference",
 ) -> None:
     """Write the record that MODEL gives at its `truth` under its `excitation`, as OUT/MODEL.csv."""
-    file = load_model_file(model)
-    excitation = read_record(record) if record is not None else file.excitation
+    file = _loaded(model, columns, record)
+    excitation = read_record(record, file.columns) if record is not None else file.excitation
     if excitation is None:
         raise UserError(f"{model} defines no `excitation`: add one, or give it with --record FILE")
     if not file.truth:
@@ -340,9 +355,15 @@ def _warn(model: Structure, notes: Console) -> None:
         notes.print(warning, markup=False, highlight=False, soft_wrap=True)
 
 
+def _loaded(model: Path, columns: str | None, *records: Path | str | None) -> ModelFile:
+    if columns is not None and model.suffix.lower() not in RECORD_SUFFIXES and not any(records):
+        raise UserError("--columns says what the columns of a record are, and no record is given: add --record FILE")
+    return load_model_file(model, columns)
+
+
 def _record(file: ModelFile, path: Path | None, seed: int, listener: Listener) -> Record:
     if path is not None:
-        return read_record(path)
+        return read_record(path, file.columns)
     if file.record is not None:
         return file.record
     if file.excitation is None or not file.truth:
@@ -355,4 +376,4 @@ def _held_out(file: ModelFile, asked: str | None, record: Path | None) -> Record
     if asked is None:
         # A record named on the command line is another test: the file's held-out one may not belong to it.
         return file.held_out if record is None else None
-    return "end" if asked == "end" else read_record(asked)
+    return "end" if asked == "end" else read_record(asked, file.columns)

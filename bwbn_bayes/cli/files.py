@@ -123,7 +123,7 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
         (partial / "improved_model.py").write_text(source, encoding="utf-8")
 
 
-def write_starting_model(record: Path, path: Path) -> tuple[str, ...]:
+def write_starting_model(record: Path, path: Path, columns: str | None = None) -> tuple[str, ...]:
     """A new model file for a record; what is left for the user to do in it.
 
     Raises
@@ -132,7 +132,8 @@ def write_starting_model(record: Path, path: Path) -> tuple[str, ...]:
         If the record is wrong, or the file exists already: it may have been edited.
     """
     beside = record.resolve().parent == path.resolve().parent
-    source = starting_source(read_record(record), Path(record.name) if beside else record.resolve())
+    place = Path(record.name) if beside else record.resolve()
+    source = starting_source(read_record(record, columns), place, columns)
     write_new(source.text, path)
     return source.to_do
 

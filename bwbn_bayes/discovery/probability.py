@@ -15,16 +15,16 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.explanation import Explanation, Key
 from bwbn_bayes.parameters import Floats
 
 NOTHING_MISSING = 0.5
 """Prior probability that the model as given is all there is."""
 UNNAMED = 0.2
-"""Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds most
-of what structures do."""
+"""Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds
+most of what structures do."""
 ANOTHER = 0.2
-"""Prior probability of each further effect once there is one: structures that lack two are rarer than those with one."""
+"""Prior probability of each further effect once there is one: structures that lack two are rarer."""
 UNNAMED_SCALE = 0.1
 """Standard deviation of the unnamed force's scale about zero, over the largest force: a law that leaves more is a
 wrong law, not one with a force beside it."""
@@ -62,12 +62,13 @@ class Beliefs:
     def probabilities(self) -> Floats:
         """Of each explanation, ``(n,)``."""
         log_joint = self.log_joint
-        return np.asarray(np.exp(log_joint - logsumexp(log_joint)), dtype=np.float64)
+        share: Floats = np.exp(log_joint - logsumexp(log_joint))
+        return share
 
     @cached_property
     def log_joint(self) -> Floats:
         """Log prior and log evidence of each, ``(n,)``, in nat."""
-        return self.log_prior + np.array([one.evidence.log_evidence for one in self.explanations])
+        return np.asarray(self.log_prior + np.array([one.evidence.log_evidence for one in self.explanations]))
 
     @property
     def best(self) -> Explanation:
@@ -106,13 +107,18 @@ class Beliefs:
 
     @cached_property
     def predictive(self) -> Explanation:
-        """The effects that are most probable together, with the unnamed force or without, as an explanation without."""
-        total: dict[frozenset[object], list[float]] = {}
+        """The effects to deliver, as an explanation without an unnamed force.
+
+        Those that are most probable together, with the unnamed force or without; of several, none of which could be
+        named against the best, those of fewest parameters at fewest places.
+        """
+        total: dict[Key, list[float]] = {}
         for one, log_joint in zip(self.explanations, self.log_joint, strict=True):
             total.setdefault(one.effects_key, []).append(float(log_joint))
-        chosen = max(total, key=lambda key: logsumexp(total[key]))
-        own = [one for one in self.explanations if one.effects_key == chosen]
-        return next((one for one in own if not one.has_unnamed), own[0])
+        summed = {key: float(logsumexp(values)) for key, values in total.items()}
+        least = max(summed.values()) - float(np.log(NAMED / (1.0 - NAMED)))
+        close = [one for one in self.explanations if summed[one.effects_key] >= least and not one.has_unnamed]
+        return min(close, key=lambda one: (one.n_parameters, one.n_placed, -summed[one.effects_key]))
 
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
         own = [p for one, p in zip(self.explanations, self.probabilities, strict=True) if wanted(one)]

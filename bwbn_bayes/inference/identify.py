@@ -182,7 +182,9 @@ def _sampled(
     method: str = settings.method
     nested: NestedLaplace | None = None
     if method == "importance":
-        found, nested = _by_importance(target, at, settings, rng, history)
+        # Where nothing takes over, the bent posterior of a model that leaves more than noise is not worth following.
+        follows = settings.fallback or all(check.passed for check in fitted.checks)
+        found, nested = _by_importance(target, at, settings, rng, history, follows=follows)
     elif method == "tmcmc":
         found = _by_bridge(target, at, None, settings, history)
         found = _beside_the_published_road(found, posterior, settings, history)
@@ -218,10 +220,16 @@ def _sampled(
 
 
 def _by_importance(
-    target: Posterior, modes: tuple[Mode, ...], settings: Settings, rng: np.random.Generator, history: History
+    target: Posterior,
+    modes: tuple[Mode, ...],
+    settings: Settings,
+    rng: np.random.Generator,
+    history: History,
+    *,
+    follows: bool,
 ) -> tuple[_Sampled, NestedLaplace | None]:
     """Importance sampling, with the sheet that it laid; no draws where the weights' tail is too heavy."""
-    weighted, nested = _importance(target, modes, rng, settings.particles, history)
+    weighted, nested = _importance(target, modes, rng, settings.particles, history, follows=follows)
     checks = (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
     stands = weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k))
     draws = Draws.of_weighted(weighted, rng, settings.particles) if stands else None
@@ -315,11 +323,17 @@ def _modes_on(section: Section, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
 
 
 def _importance(
-    posterior: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator, effective: int, history: History
+    posterior: Posterior,
+    modes: tuple[Mode, ...],
+    rng: np.random.Generator,
+    effective: int,
+    history: History,
+    *,
+    follows: bool,
 ) -> tuple[WeightedDraws, NestedLaplace | None]:
     """Importance sampling from the modes, or from the sheet through them where they alone cover the posterior badly."""
     sheet, effective = Sheet(posterior, modes, rng), max(effective, _LEAST_EFFECTIVE)
-    n_refined = _N_REFINED if posterior.n_dim > 1 else 0
+    n_refined = _N_REFINED if posterior.n_dim > 1 and follows else 0
     pilot = sample_importance(posterior, sheet.proposal, rng, effective=_PILOT, most=_PILOT)
     poor = pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
     if poor and n_refined:

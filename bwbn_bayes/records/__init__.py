@@ -1,7 +1,10 @@
 """Records: what was measured, its files, excitations and noise."""
 
+from bwbn_bayes.records.at2 import read_at2
 from bwbn_bayes.records.band import NoiseBand, noise_band
 from bwbn_bayes.records.cycles import HalfCycle, half_cycles, repeats
+from bwbn_bayes.records.dataframe import as_dataframe, record_from_dataframe
+from bwbn_bayes.records.delimited import read_csv, write_csv
 from bwbn_bayes.records.excitation import (
     Envelope,
     el_centro,
@@ -9,25 +12,19 @@ from bwbn_bayes.records.excitation import (
     ground_motion_density,
     sine,
 )
+from bwbn_bayes.records.netcdf import as_dataset, read_netcdf, record_from_dataset, write_netcdf
 from bwbn_bayes.records.noise import add_noise, model_free_noise_sd, noise_sds
-from bwbn_bayes.records.readers import (
-    as_dataset,
-    read_at2,
-    read_csv,
-    read_netcdf,
-    read_record,
-    write_csv,
-    write_netcdf,
-    write_record,
-)
+from bwbn_bayes.records.readers import RECORD_SUFFIXES, read_record, write_record
 from bwbn_bayes.records.record import Record, si_unit
 
 __all__ = [
+    "RECORD_SUFFIXES",
     "Envelope",
     "HalfCycle",
     "NoiseBand",
     "Record",
     "add_noise",
+    "as_dataframe",
     "as_dataset",
     "el_centro",
     "filtered_noise",
@@ -40,6 +37,8 @@ __all__ = [
     "read_csv",
     "read_netcdf",
     "read_record",
+    "record_from_dataframe",
+    "record_from_dataset",
     "repeats",
     "si_unit",
     "sine",

@@ -11,7 +11,7 @@ import numpy as np
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.readers import read_at2
+from bwbn_bayes.records.at2 import read_at2
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.records.units import si_factor
 

@@ -88,6 +88,11 @@ class Hypothesis:
         present = set(self.base.space.names)
         return tuple(name for name in self.model.space.names if name not in present)
 
+    @property
+    def n_brought(self) -> int:
+        """How many identified parameters the effect brings."""
+        return len(self.brought)
+
     @cached_property
     def amplitudes(self) -> tuple[str, ...]:
         """Those that switch it on: their priors are normal or half-normal about neutral (all, if none is)."""

@@ -123,7 +123,7 @@ def test_starts_are_admissible_and_keep_the_base_point(hypothesis: Hypothesis) -
     for start in starts[:, known]:
         assert np.min(np.max(np.abs(start - base_points), axis=1)) < 1e-9
     assert len(np.unique(starts.round(9), axis=0)) == len(starts)
-    assert len(hypothesis.brought) == space.n_dim - BASE.space.n_dim > 0
+    assert hypothesis.n_brought == space.n_dim - BASE.space.n_dim > 0
     assert set(hypothesis.amplitudes) <= set(hypothesis.brought)
 
 

@@ -33,7 +33,7 @@ from bwbn_bayes.elements.effects import (
     SuddenDamage,
 )
 from bwbn_bayes.engines.simulation import simulate
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, require_installed
 from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, SampledNoise
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, PerStorey, Uniform
@@ -110,6 +110,7 @@ __all__ = [
 def __getattr__(name: str) -> object:
     """``to_pymc`` on first use: PyMC takes seconds to load, which a run without it need not pay."""
     if name == "to_pymc":
+        require_installed("pymc", "to_pymc")
         from bwbn_bayes.inference.pymc.model import to_pymc
 
         return to_pymc

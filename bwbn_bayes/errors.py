@@ -64,6 +64,6 @@ def require_installed(extra: str, what: str) -> None:
     missing = [library for library in EXTRAS[extra] if find_spec(library) is None]
     if missing:
         raise UserError(
-            f"{what} needs {' and '.join(missing)}, which is not installed: add the extra {extra}, as in "
+            f"{what} needs {missing[0]}, which is not installed: add the extra {extra}, as in "
             f"pip install 'bwbn-bayes[{extra}]' or, in a clone, uv sync --extra {extra}"
         )

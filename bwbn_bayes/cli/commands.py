@@ -19,7 +19,14 @@ from rich.text import Text
 
 from bwbn_bayes.baselines.methods import identify as identify_model
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
-from bwbn_bayes.cli.files import replacing, writable, write_discovery_files, write_result, write_starting_model
+from bwbn_bayes.cli.files import (
+    replacing,
+    writable,
+    write_discovery_files,
+    write_example,
+    write_result,
+    write_starting_model,
+)
 from bwbn_bayes.cli.interruption import EXIT_CODE, interruptible, stopped_with
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover as discover_missing
@@ -37,6 +44,7 @@ from bwbn_bayes.report.discovery_text import discovery_in_words
 from bwbn_bayes.reproduction.cases import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
 from bwbn_bayes.reproduction.workflow import reproduce as reproduce_tables
+from bwbn_bayes.structures.examples import examples
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
 from bwbn_bayes.structures.structure import Structure
 
@@ -172,15 +180,30 @@ def discover(
 
 @app.command(name="model")
 def starting_model(
-    record: Annotated[Path, typer.Argument(help="Measured record: CSV or netCDF.", show_default=False)],
+    record: Annotated[Path | None, typer.Argument(help="Measured record: CSV or netCDF.", show_default=False)] = None,
+    example: Annotated[
+        str | None, typer.Option("--example", metavar="NAME", help="Copy a model file that comes with the package.")
+    ] = None,
+    listed: Annotated[bool, typer.Option("--examples", help="List those.")] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", help="File to write, a new one; RECORD's name with .py, here, by default.")
+        Path | None, typer.Option("--out", help="File to write, a new one; RECORD's name or NAME.py, here, by default.")
     ] = None,
 ) -> None:
-    """Write a commented model file to start from, its priors of the sizes that RECORD shows."""
-    path = out or Path(f"{record.stem}.py")
-    for sentence in write_starting_model(record, path):
-        Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
+    """Write a commented model file to start from, its priors of the sizes that RECORD shows; or copy an example."""
+    if (record is not None) + (example is not None) + listed != 1:
+        raise UserError("give either a RECORD, --example NAME or --examples")
+    if listed:
+        table = plain_table("example", "what it is")
+        for name, what in examples().items():
+            table.add_row(name, Text(what))
+        results_console().print(table)
+        return
+    path = out or Path(f"{example or (record.stem if record else '')}.py")
+    if example is not None:
+        write_example(example, path)
+    if record is not None:
+        for sentence in write_starting_model(record, path):
+            Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
     print(path)
 
 

@@ -44,7 +44,7 @@ class DiscoverySettings:
 
     seed: int = 1
     most_effects: int = 4
-    most_rounds: int = 8
+    most_rounds: int = 4
     particles: int = 2000
     n_workers: int = os.cpu_count() or 1
     effects: tuple[type[Effect], ...] | None = None

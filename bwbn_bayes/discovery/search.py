@@ -40,7 +40,7 @@ _LEAST_SCORE = 3.0
 """A further effect must gain as much to first order to be worth a fit. [nat]"""
 _N_KEPT = 40
 """Fits of a round that become explanations."""
-_N_UNNAMED = 2
+_N_UNNAMED = 1
 """Explanations of a building that get an unnamed force, beside the model as given."""
 _TOGETHER = ("strength_degradation", "stiffness_degradation")
 _WITH = ("slip_lock", "foliente_pinching")
@@ -73,13 +73,11 @@ def search(given: Explanation, run: Run) -> Pool:
         pool.weigh()
         pool.add(_left_out(pool, run))
         pool.weigh()
-        _tell(f"Built upon {parent.label}", parent.label, pool, run)
-    if not given.is_specimen:
-        if pool.ranked()[0].is_noise:
-            _unnamed_to_first_order(pool)
-        else:
+        if not given.is_specimen and not pool.ranked()[0].is_noise:
             _unnamed_at_storeys(pool, run)
-        _tell("With a force of no known law at each storey", pool.ranked()[0].label, pool, run)
+        _tell(f"Built upon {parent.label}", parent.label, pool, run)
+    if not given.is_specimen and pool.ranked()[0].is_noise:
+        _unnamed_to_first_order(pool)
     return pool
 
 
@@ -262,6 +260,8 @@ def _unnamed_at_storeys(pool: Pool, run: Run) -> None:
     """The model as given and the best explanations with an unnamed force at each storey, fitted."""
     wanted = {one.effects_key: one for one in (*pool.ranked()[:_N_UNNAMED], pool.plain[frozenset()])}
     for one in wanted.values():
+        if any((one.effects_key, (storey,)) in pool.unnamed for storey in range(1, one.model.n_storeys + 1)):
+            continue
         run.say(f"fitting {one.label} with a force of no known law at each storey")
         for storey, hypothesis in _unnamed_hypotheses(one):
             fits = race(on_one_thread(one.posterior), [hypothesis], one.points, n_workers=1, guess=False)

@@ -3,8 +3,12 @@
 ``python -m benchmarks.discovery --cases 40 --snr 30 --seed 7 --json trial.json --kind all --workers 2``
 
 An independent simulator draws structure, effect, place, size, ground motion and noise and writes the records; discovery
-reads those files, with the plain model, and nothing else. Finished cases are kept in a ``.jsonl`` file beside the JSON
-and are not run again; records and truths lie in a folder beside it. Cases are a function of seed, kind and index.
+reads those files, with the plain model (of a cyclic test, the model to start from), and nothing else. Finished cases
+are kept in a ``.jsonl`` file beside the JSON and are not run again; records and truths lie in a folder beside it. Cases
+are a function of seed, kind and index.
+
+``--kind all --cases 4`` is a small balanced trial: four cases of every kind, taken in turns. ``--also`` adds the cases
+of other trials to the rows asked and to the reliability of probabilities; with ``--cases 0`` nothing is run.
 """
 
 from __future__ import annotations
@@ -23,13 +27,17 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.blind.cases import KINDS, Kind, make_case
-from benchmarks.blind.picture import draw_confusion
-from benchmarks.blind.scoring import Outcome, case_outcome, column_summary
+from benchmarks.blind.columns import column_summary
+from benchmarks.blind.picture import draw_confusion, draw_reliability
+from benchmarks.blind.reliability import reliability
+from benchmarks.blind.scoring import Outcome, case_outcome
+from benchmarks.blind.show import show_rows
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.records import Record, read_csv, write_csv
 from bwbn_bayes.structures.model_file import load_model_file
+from bwbn_bayes.structures.starting_model import starting_model
 
 PLAIN_MODEL = Path(__file__).parents[1] / "models" / "plain_three_storey.py"
 
@@ -66,10 +74,17 @@ class Job:
 
 
 def discover_blind(record: Record, held_out: Record, seed: int, n_threads: int) -> Json:
-    """Run discovery with the plain three-storey model on a record, knowing nothing else."""
-    file = load_model_file(PLAIN_MODEL)
+    """Run discovery on a record, knowing nothing else.
+
+    A building gets the plain three-storey model, a cyclic test the model to start from that its own columns give.
+    """
     settings = DiscoverySettings(seed=seed, n_workers=n_threads)
-    return discover(file.model, record, held_out=held_out, settings=settings, name=file.name).as_json()
+    if record.excitation_kind == "displacement":
+        model, name = starting_model(record), "starting model"
+    else:
+        file = load_model_file(PLAIN_MODEL)
+        model, name = file.model, file.name
+    return discover(model, record, held_out=held_out, settings=settings, name=name).as_json()
 
 
 def run_job(job: Job, discoverer: Discoverer = discover_blind) -> dict[str, Any]:
@@ -173,17 +188,25 @@ def _line(number: int, total: int, entry: Json) -> str:
     return f"{number}/{total} {outcome.name}: hidden {hidden}{faint}; said {said}{seconds} {outcome.error}".rstrip()
 
 
+def print_proportions(console: Console, rows: Sequence[Json], title: str) -> None:
+    """Print counts, shares and intervals, beside what is asked where something is."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column("")
+    for name in ("cases", "of", "share", "95 %", "asked"):
+        table.add_column(name, justify="right")
+    for row in rows:
+        low, high = row["interval95"]
+        share = "" if row["share"] is None else f"{100 * row['share']:.1f} %"
+        interval = f"{100 * low:.1f} to {100 * high:.1f}"
+        table.add_row(row["what"], str(row["count"]), str(row["total"]), share, interval, row.get("asked", ""))
+    console.print(table)
+
+
 def print_column(console: Console, kind: str, summary: Json, title: str) -> None:
     """Print one column of the trial: proportions with their intervals, figures, misses, undetectable cases."""
-    table = Table(title=f"{kind}, {title}", title_justify="left", box=None, pad_edge=False)
-    table.add_column("")
-    for name in ("cases", "of", "share", "95 %"):
-        table.add_column(name, justify="right")
-    for p in summary["proportions"]:
-        low, high = p["interval95"]
-        share = "" if p["share"] is None else f"{100 * p['share']:.1f} %"
-        table.add_row(p["what"], str(p["count"]), str(p["total"]), share, f"{100 * low:.1f} to {100 * high:.1f}")
-    console.print(table)
+    print_proportions(console, summary["proportions"], f"{kind}, {title}")
+    for verdict, probability in summary["mean_verdict_probabilities"].items():
+        console.print(f"mean probability of {verdict}: {probability:.3f}", highlight=False)
     for name in (
         "mean_class_size",
         "held_out_over_floor_before",
@@ -199,45 +222,102 @@ def print_column(console: Console, kind: str, summary: Json, title: str) -> None
     console.print()
 
 
+def print_reliability(console: Console, summary: Json) -> None:
+    """Print the bins of the reliability diagram and the expected calibration error."""
+    table = Table(title="reliability of the names' probabilities", title_justify="left", box=None, pad_edge=False)
+    for name in ("from", "to", "statements", "mean probability", "share hidden", "se"):
+        table.add_column(name, justify="right")
+    for b in summary["bins"]:
+        found = [b["mean_probability"], b["share"], b["share_se"]]
+        shown = ["" if value is None else f"{value:.3f}" for value in found]
+        table.add_row(f"{b['from']:.1f}", f"{b['to']:.1f}", str(b["statements"]), *shown)
+    console.print(table)
+    for key, what in (
+        ("expected_calibration_error", "of statements of 0.1 and more"),
+        ("expected_calibration_error_of_all", "of all statements"),
+    ):
+        error = summary[key]
+        if error["value"] is not None:
+            value = f"expected calibration error {what}: {error['value']:.3f} +- {error['se']:.3f}"
+            basis = f"{error['statements']} statements, {summary['cases']} cases"
+            console.print(f"{value} ({basis}; {error['if_calibrated']:.3f} if calibrated)", highlight=False)
+    console.print()
+
+
+def balanced_jobs(options: argparse.Namespace, kinds: Sequence[Kind]) -> list[Job]:
+    """So many cases of every kind, in turns: a trial that is cut short is balanced too."""
+    return [
+        Job(
+            kind=kind,
+            seed=options.seed,
+            index=index,
+            snr_db=options.snr,
+            folder=options.json.with_suffix(""),
+            n_threads=1 if options.workers > 1 else 2,
+        )
+        for index in range(options.cases)
+        for kind in kinds
+    ]
+
+
+def other_outcomes(logs: Sequence[Path], own: set[str]) -> list[Outcome]:
+    """Outcomes of the cases that other trials have filed, each case once and none that this trial holds."""
+    found: dict[str, dict[str, Any]] = {}
+    for log in logs:
+        found |= finished_cases(log)
+    return [case_outcome(e["truth"], e["discovery"]) for key, e in found.items() if key not in own]
+
+
+def pooled_summary(console: Console, outcomes: Sequence[Outcome], picture: Path) -> dict[str, Any]:
+    """Print and return the rows asked and the reliability of probabilities over all cases; draw its diagram."""
+    rows = show_rows(outcomes)
+    print_proportions(console, rows, f"rows asked, {len(outcomes)} cases")
+    claims = [outcome.claims for outcome in outcomes if outcome.claims is not None]
+    kept = reliability(claims)
+    if claims:
+        console.print()
+        print_reliability(console, kept)
+        draw_reliability(kept, picture, f"names' probabilities, {len(claims)} cases")
+    return {"rows": rows, "reliability": kept}
+
+
+def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Options of a trial."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=21, help="cases of each kind")
+    parser.add_argument("--snr", type=float, default=30.0, help="signal-to-noise ratio in dB of mean square")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--kind", choices=(*KINDS, "all"), default="catalogue")
+    parser.add_argument("--workers", type=int, choices=(1, 2), default=1, help="processes, one case each at a time")
+    parser.add_argument("--also", type=Path, nargs="+", default=(), help=".jsonl files of other trials, to be pooled")
+    return parser.parse_args(arguments)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a trial, print its tables, write JSON and one confusion matrix per column.
+    """Run a trial, print its tables, write JSON, one confusion matrix per column and the reliability diagram.
 
     Parameters
     ----------
     arguments : sequence of str, optional
         Those of the process by default.
     """
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", type=int, default=21, help="cases per column")
-    parser.add_argument("--snr", type=float, default=30.0, help="signal-to-noise ratio in dB of mean square")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", type=Path, required=True)
-    parser.add_argument("--kind", choices=(*KINDS, "all"), default="catalogue")
-    parser.add_argument("--workers", type=int, choices=(1, 2), default=1, help="processes, one case each at a time")
-    options = parser.parse_args(arguments)
+    options = read_options(arguments)
+    options.json.parent.mkdir(parents=True, exist_ok=True)
     kinds: tuple[Kind, ...] = KINDS if options.kind == "all" else (options.kind,)
     folder = options.json.with_suffix("")
-    jobs = [
-        Job(
-            kind=kind,
-            seed=options.seed,
-            index=index,
-            snr_db=options.snr,
-            folder=folder,
-            n_threads=1 if options.workers > 1 else 2,
-        )
-        for kind in kinds
-        for index in range(options.cases)
-    ]
+    jobs = balanced_jobs(options, kinds)
     console = Console(width=None if Console().is_terminal else 160)
     outcomes = run_trial(jobs, options.json.with_suffix(".jsonl"), workers=options.workers, console=console)
     title = f"{options.snr:g} dB, seed {options.seed}"
     columns = {}
-    for kind in kinds:
+    for kind in kinds if options.cases else ():
         columns[kind] = column_summary(kind, [outcome for outcome in outcomes if outcome.kind == kind])
         print_column(console, kind, columns[kind], title)
         picture = folder.with_name(f"{folder.name}-{kind}.png")
         draw_confusion(columns[kind]["confusion"], picture, f"{kind}, {title}, detectable cases")
+    others = other_outcomes(options.also, {job.key for job in jobs})
+    pooled = pooled_summary(console, [*outcomes, *others], folder.with_name(f"{folder.name}-reliability.png"))
     facts = {
         "snr_db": options.snr,
         "seed": options.seed,
@@ -245,6 +325,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "workers": options.workers,
         "processor": processor_name(),
         "columns": columns,
+        "pooled": pooled,
         "cases": [{**vars(outcome), "floor_ratio": outcome.floor_ratio} for outcome in outcomes],
     }
     options.json.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")

@@ -18,6 +18,9 @@ import xarray as xr
 from evidence_oracles import gaussian_in_box
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from matlab_files import save_v73
+from scipy.io import savemat
+from strong_motion_files import cosmos, smc
 
 from bwbn_bayes import Result, Settings, UserError, read_record, sine
 from bwbn_bayes.engines import cache_files
@@ -62,20 +65,52 @@ def _fuzz(share: float, strategy: st.SearchStrategy[Any], test: Callable[[Any], 
 RUNS = pytest.mark.parametrize("slow", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["few", "many"])
 
 
-@RUNS
-@pytest.mark.parametrize(("suffix", "share"), [(".csv", 0.25), (".AT2", 0.1), (".nc", 0.1)])
-def test_records(tmp_path: Path, suffix: str, share: float, slow: bool) -> None:
+MATLAB_MAP = "t = time [s], run.ag = ground_acceleration [g], data(:,1) = acceleration_1 [g]"
+MOTION = np.round(np.sin(np.arange(24.0)), 3)
+MATLAB = {"t": 0.1 * np.arange(24), "run": {"ag": MOTION}, "data": np.ones((24, 2)), "fs": 5.0}
+
+
+def _record_file(path: Path, kind: str) -> str | None:
+    """A whole file of a kind, and the column map that it is read with."""
     motion = sine(amplitude=1.0, frequency_hz=1.0, duration=0.5, time_step=0.05)
-    path = tmp_path / f"record{suffix}"
-    if suffix == ".AT2":
+    if kind == ".AT2":
         path.write_text("a\nb\nACCELERATION TIME SERIES IN UNITS OF G\nNPTS= 12, DT= .01 SEC\n" + ".1 .2 .3\n" * 4)
+    elif kind == ".v2":
+        path.write_text(cosmos({"1": MOTION}))
+    elif kind == ".smc":
+        path.write_text(smc(MOTION))
+    elif kind == ".mat":
+        # SciPy's reader ended the process on some of these.
+        savemat(path, MATLAB)
+    elif kind == "v7.mat":
+        savemat(path, MATLAB, do_compression=True)
+    elif kind == "v7.3.mat":
+        save_v73(path, MATLAB)
+    elif kind == ".txt":
+        path.write_text("t;ag;dach\ns;g;[m/s²]\n" + "".join(f"0,{i:02d};{i},5;1\n" for i in range(9)), "utf-8")
+        return "t = time, ag = ground_acceleration, dach = acceleration_1 minus ag [m/s2]"
     else:
         write_record(motion.with_channels({"acceleration_1": np.array(motion.excitation)}), path)
+    return MATLAB_MAP if kind.endswith("mat") else None
+
+
+@RUNS
+@pytest.mark.parametrize(
+    ("kind", "share"),
+    [
+        *((".csv", 0.25), (".AT2", 0.1), (".nc", 0.1), (".txt", 0.1), (".v2", 0.05), (".smc", 0.05)),
+        *((".mat", 0.1), ("v7.mat", 0.05), ("v7.3.mat", 0.05)),
+    ],
+)
+def test_records(tmp_path: Path, kind: str, share: float, slow: bool) -> None:
+    path = tmp_path / f"record{kind}"
+    columns = _record_file(path, kind)
+    assert read_record(path, columns).n_times > 8
 
     def test(data: bytes) -> None:
         path.write_bytes(data)
         with suppress(UserError):
-            record = read_record(path)
+            record = read_record(path, columns)
             assert np.all(np.isfinite(record.excitation))
             assert record.name.isprintable()
 

@@ -10,15 +10,18 @@ import numpy as np
 
 from benchmarks.blind.base_fit import box, nats_against, with_base_numbers
 from benchmarks.blind.catalogue_draws import CATALOGUE
+from benchmarks.blind.cyclic import CYCLIC, cyclic_test
 from benchmarks.blind.draws import Dice, Draw, Hidden, Place, raised, reached
+from benchmarks.blind.more_forms import MORE_FORMS
 from benchmarks.blind.other_draws import FORMS, OUTSIDE
 from benchmarks.blind.simulator import Building, Floats, respond
 from benchmarks.blind.storey import Storey, ultimate_displacement
 from bwbn_bayes.records import Envelope, Record, el_centro, filtered_noise
 
-Kind = Literal["catalogue", "none", "forms", "outside", "pairs"]
+Kind = Literal["catalogue", "none", "forms", "outside", "pairs", "more_forms", "cyclic"]
 
-KINDS: tuple[Kind, ...] = ("catalogue", "none", "forms", "outside", "pairs")
+KINDS: tuple[Kind, ...] = ("catalogue", "none", "forms", "outside", "pairs", "more_forms", "cyclic")
+"""A kind's number enters its seeds: new ones come last, and tables that have been drawn from do not grow."""
 
 DETECTABLE_NATS = 40.0
 
@@ -50,17 +53,19 @@ class Truth:
     peak_ratio : float
         Largest |z| over its bound (of the base parameters), over the storeys.
     excitation : str
-        Ground motion of the training record.
+        Ground motion of the training record, or the protocol of a cyclic test.
     noise : str
         Kind of noise.
     noise_sd : tuple of float
-        Per floor. [m/s^2]
+        Per floor [m/s^2], or of a specimen's force [N].
     held_out_floor : float
         NRMSE of a perfect model on the held-out record: root mean square over the floors of the noise's rms over the
-        measured rms.
+        measured rms; of a specimen, the unnamed force and the digits included.
     nats : tuple of float
         What the fit without each effect leaves behind the truth: one number for a single effect (all of it), one for
         each of a pair (the other kept as it is). [nat]
+    unnamed_share : float
+        Root mean square of the force that no law has over that of the law's.
     """
 
     kind: Kind
@@ -76,6 +81,7 @@ class Truth:
     noise_sd: tuple[float, ...]
     held_out_floor: float
     nats: tuple[float, ...]
+    unnamed_share: float = 0.0
 
     @property
     def detectable(self) -> bool:
@@ -89,7 +95,7 @@ class Truth:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A training record, a record of the same structure under another ground motion, and the truth."""
+    """A training record, a record of the same structure under another motion or protocol, and the truth."""
 
     name: str
     record: Record
@@ -127,16 +133,19 @@ def make_case(kind: Kind, seed: int, index: int, snr_db: float, setting: Setting
 
     Parameters
     ----------
-    kind : {"catalogue", "none", "forms", "outside", "pairs"}
-        What is hidden: a catalogued effect, nothing, another form of one, an effect the catalogue lacks, two effects.
+    kind : {"catalogue", "none", "forms", "outside", "pairs", "more_forms", "cyclic"}
+        What is hidden: a catalogued effect, nothing, another form of one, an effect the catalogue lacks, two effects,
+        another form out of another table; or a cyclic test (:mod:`benchmarks.blind.cyclic`).
     seed, index : int
         Choose everything else; consecutive indices walk through all effects of the kind, and every other case is
-        severe.
+        severe (a cyclic test always is).
     snr_db : float
         Signal-to-noise ratio. [dB of mean square]
     setting : Setting
-        Size of the building and of the record.
+        Size of the building and of the record; of no account in a cyclic test, but for ``judged``.
     """
+    if kind == "cyclic":
+        return _cyclic(seed, index, snr_db, setting)
     rng = np.random.default_rng([seed, KINDS.index(kind), index])
     severe = bool(index % 2)
     draws = _draws(kind, seed, index)
@@ -186,10 +195,35 @@ def _draws(kind: Kind, seed: int, index: int) -> list[Draw]:
     if kind == "pairs":
         chosen = np.random.default_rng([seed, 99, index]).choice(len(CATALOGUE), 2, replace=False)
         return [list(CATALOGUE.values())[int(i)] for i in chosen]
-    table = {"catalogue": CATALOGUE, "forms": FORMS, "outside": OUTSIDE}[kind]
-    turn, position = divmod(index, len(table))
-    order = np.random.default_rng([seed, 98, KINDS.index(kind), turn]).permutation(len(table))
-    return [list(table.values())[int(order[position])]]
+    tables = {"catalogue": CATALOGUE, "forms": FORMS, "outside": OUTSIDE, "more_forms": MORE_FORMS}
+    every = list(CYCLIC.values()) if kind == "cyclic" else [(draw,) for draw in tables[kind].values()]
+    turn, position = divmod(index, len(every))
+    order = np.random.default_rng([seed, 98, KINDS.index(kind), turn]).permutation(len(every))
+    return list(every[int(order[position])])
+
+
+def _cyclic(seed: int, index: int, snr_db: float, setting: Setting) -> Case:
+    rng = np.random.default_rng([seed, KINDS.index("cyclic"), index])
+    name = f"case-{index:04d}"
+    test = cyclic_test(rng, _draws("cyclic", seed, index), snr_db, name, judged=setting.judged)
+    base = test.base
+    truth = Truth(
+        kind="cyclic",
+        seed=seed,
+        index=index,
+        snr_db=snr_db,
+        effects=test.hidden,
+        base={"k": base.k, "alpha": base.alpha, "beta": base.beta, "gamma": base.gamma, "n": base.n},
+        severe=test.peak_ratio > SEVERE_RATIO,
+        peak_ratio=test.peak_ratio,
+        excitation=test.protocol,
+        noise="white, beside an unnamed force",
+        noise_sd=(test.noise_sd,),
+        held_out_floor=test.held_out_floor,
+        nats=test.nats,
+        unnamed_share=test.unnamed_share,
+    )
+    return Case(name=name, record=test.record, held_out=test.held_out, truth=truth)
 
 
 Drawn = tuple[Building, Floats, tuple[Hidden, ...], list[Record], list[Floats], float]

@@ -17,12 +17,13 @@ from benchmarks.blind.storey import Storey, ultimate_displacement
 
 @dataclass(frozen=True, kw_only=True)
 class Reached:
-    """What the base structure reaches at one storey: peaks of drift, rate, z and force, final energy, rms acceleration.
+    """What the base structure reaches at one storey.
 
     Attributes
     ----------
-    drift, rate, z, z_bound, force, energy, acceleration : float
-        [m], [m/s], [m], [m], [N], [J], [m/s^2]
+    drift, rate, z, z_bound, force, energy, path, acceleration : float
+        Peaks of drift, rate, z (and its bound) and force, final energy, length of the drift's path, rms acceleration.
+        [m], [m/s], [m], [m], [N], [J], [m], [m/s^2]
     strong_from, strong_until : float
         Times by which a tenth and seven tenths of the ground motion's energy have arrived. [s]
     omegas : tuple of float
@@ -35,6 +36,7 @@ class Reached:
     z_bound: float
     force: float
     energy: float
+    path: float
     acceleration: float
     strong_from: float
     strong_until: float
@@ -55,6 +57,8 @@ class Hidden:
         Which form of the effect; empty for the catalogue's own.
     accepted : tuple of str
         Names that count as right.
+    why : str
+        Why they do, where the law is not the catalogue's.
     storey_values, whole_values : mapping of str to float
         What it changes in that storey, or in the whole.
     parameters : mapping of str to float
@@ -65,6 +69,7 @@ class Hidden:
     storeys: tuple[int, ...]
     form: str = ""
     accepted: tuple[str, ...] = ()
+    why: str = ""
     storey_values: Mapping[str, float] = field(default_factory=dict)
     whole_values: Mapping[str, float] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -128,6 +133,7 @@ def reached(building: Building, motion: Motion, ground: Floats, time_step: float
         z_bound=ultimate_displacement(p),
         force=float(np.max(np.abs(force))),
         energy=float(np.max(motion.energy[i])),
+        path=float(np.sum(np.abs(np.diff(drift)))),
         acceleration=float(np.sqrt(np.mean(np.square(motion.measured[i])))),
         strong_from=float(time_step * np.searchsorted(share, 0.1)),
         strong_until=float(time_step * np.searchsorted(share, 0.7)),

@@ -61,7 +61,7 @@ def _slip_sech(here: Place) -> Hidden:
     values = {
         "delta_s": here.dice.size(0.03, 0.6) * here.at.drift / here.at.energy,
         "sigma": here.dice.anywhere(0.05, 0.25) * min(here.at.z_bound, here.at.z),
-        "slip_sech": 1.0,
+        "slip_bell": 1.0,
     }
     return other_form("slip_lock", "sech^2 in place of the Gaussian", here.storey, values, ("foliente_pinching",))
 

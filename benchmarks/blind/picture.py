@@ -1,4 +1,4 @@
-"""The confusion matrix as a picture."""
+"""The confusion matrix and the reliability of probabilities as pictures."""
 
 from __future__ import annotations
 
@@ -47,5 +47,48 @@ def draw_confusion(confusion: Mapping[str, Mapping[str, int]], path: Path, title
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_xlabel("named first")
         axes.set_ylabel("hidden")
+        axes.set_title(title, loc="left", fontsize=8.5)
+        figure.savefig(path, facecolor="white")
+
+
+def draw_reliability(summary: Mapping[str, Any], path: Path, title: str) -> None:
+    """Write a reliability diagram as PNG: share that came true over the probability stated, with 95 % intervals.
+
+    Parameters
+    ----------
+    summary : mapping
+        Of :func:`benchmarks.blind.reliability.reliability`.
+    path : Path
+        The PNG.
+    title : str
+        One line above it.
+    """
+    bins = [b for b in summary["bins"] if b["statements"]]
+    with rc_context(_STYLE):
+        figure = Figure(figsize=(4.2, 4.4), dpi=160, layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.subplots()
+        axes.plot([0.0, 1.0], [0.0, 1.0], color="#b0b0b0", linewidth=0.8)
+        for b in bins:
+            low, high = b["interval95"]
+            axes.plot([b["mean_probability"]] * 2, [low, high], color="#3b6ea5", linewidth=1.0)
+            axes.plot(b["mean_probability"], b["share"], "o", color="#3b6ea5", markersize=4.0)
+            # Above the interval where there is room, so that numbers do not cover each other.
+            above = high < 0.93
+            axes.annotate(
+                str(b["statements"]),
+                (b["mean_probability"], high if above else low),
+                (0.0, 2.0 if above else -2.0),
+                textcoords="offset points",
+                ha="center",
+                va="bottom" if above else "top",
+                fontsize=7.0,
+            )
+        axes.set_xlim(-0.03, 1.03)
+        axes.set_ylim(-0.03, 1.03)
+        axes.set_aspect("equal")
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.set_xlabel("probability stated for a name")
+        axes.set_ylabel("share that was hidden, of so many statements")
         axes.set_title(title, loc="left", fontsize=8.5)
         figure.savefig(path, facecolor="white")

@@ -1,23 +1,23 @@
-"""Score what discovery says against what was hidden: one case at a time, then a column of the trial.
+"""Score what discovery says against what was hidden, one case at a time.
 
-Only the dictionary of ``discovery.json`` (schema 1) is read, so that hand-made ones can be scored as well.
+Only the dictionary of ``discovery.json`` is read, so that hand-made ones can be scored as well. Of schema 2 an effect
+counts as named from a probability of 0.9; schema 1 states none, and what asks for them has no cases.
 """
 
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from scipy.stats import binomtest
+from benchmarks.blind.stated import SURE, stated
 
 Json = Mapping[str, Any]
+Claim = tuple[float, bool]
+"""A probability stated for a name, and whether it was hidden."""
 
-FLOOR_FACTOR = 1.1
-POSTERIOR_SDS = 4.0
+SHOWS_NATS = 40.0
 NOTHING = "nothing"
 UNEXPLAINED = "unexplained"
 FAILED = "failed"
@@ -39,19 +39,29 @@ class Outcome:
         See :class:`benchmarks.blind.cases.Truth`.
     verdict : str
         As discovery gives it, or ``failed``.
+    snr_db : float
+        Signal-to-noise ratio. [dB of mean square]
     named : tuple of str
         Every effect named, with its place.
     right_name, right_place, within_class : bool
         Of the first hidden effect: the first name given is right; it is at the right place as well; the right name
-        is the first one given or among those it is said to be equivalent to.
-    both_named : bool
-        Every hidden effect is among the effects named.
+        is the first one listed, named or not, or among those it is said to be equivalent to.
+    all_named : bool
+        Every hidden effect is among the effects named; of a cyclic test, every one that shows.
     extra : tuple of str
         Effects named that are not hidden, at any place.
     wrong_with_confidence : bool
         The first name given is wrong, and the right one is not among those said to be equivalent to it.
+    sure_and_wrong : tuple of str
+        Names with a probability above 0.9 that are not hidden.
+    claims : tuple of (float, bool), or None
+        Every probability stated for a name, and whether it was hidden. Names that are right for one hidden effect count
+        as one, by the sum of their probabilities; a hidden effect that is not listed has probability zero. None where
+        no probabilities are stated.
+    verdict_probabilities : mapping of str to float
+        As stated.
     class_size : int
-        Names in the first effect's equivalence class; 0 where nothing is named.
+        Names in the equivalence class of the first effect listed; 0 where none is.
     held_out_before, held_out_after, noise_floor : float or None
         Error on the held-out record and that of a perfect model.
     z : mapping of str to float
@@ -68,14 +78,18 @@ class Outcome:
     confusion: tuple[str, str]
     detectable: bool
     severe: bool
+    snr_db: float
     verdict: str
     named: tuple[str, ...]
     right_name: bool
     right_place: bool
     within_class: bool
-    both_named: bool
+    all_named: bool
     extra: tuple[str, ...]
     wrong_with_confidence: bool
+    sure_and_wrong: tuple[str, ...]
+    claims: tuple[Claim, ...] | None
+    verdict_probabilities: Mapping[str, float]
     class_size: int
     held_out_before: float | None
     held_out_after: float | None
@@ -114,11 +128,15 @@ def case_outcome(truth: Json, discovery: Json) -> Outcome:
     Outcome
     """
     hidden: Sequence[Json] = truth["effects"]
-    effects: Sequence[Json] = discovery.get("effects", [])
+    listed: Sequence[Json] = discovery.get("effects", [])
+    effects = [e for e in listed if e.get("probability", 1.0) >= SURE]
+    probabilities = stated(discovery)
+    names = {} if probabilities is None else probabilities.names
     verdict = str(discovery.get("verdict", FAILED))
     first = effects[0] if effects else None
     right_name = bool(first and any(_is_right(first, h) for h in hidden))
-    in_class = bool(first and any(_in_class(first, h) for h in hidden))
+    leading = listed[0] if listed else None  # of a class that shares a probability none is named
+    in_class = bool(leading and any(_in_class(leading, h) for h in hidden))
     held_out: Json = discovery.get("gap", {}).get("held_out") or {}
     floor = truth.get("held_out_floor", discovery.get("gap", {}).get("noise_floor"))
     return Outcome(
@@ -126,17 +144,21 @@ def case_outcome(truth: Json, discovery: Json) -> Outcome:
         name=truth["name"],
         hidden=tuple(_label(h["name"], h["storeys"], h.get("form", "")) for h in hidden),
         confusion=(_row(hidden, first), _column(first, verdict)),
-        detectable=bool(truth["detectable"]),
+        detectable=bool(truth["detectable"]) or (truth["kind"] == "cyclic" and bool(_showing(truth))),
         severe=bool(truth["severe"]),
+        snr_db=truth["snr_db"],
         verdict=verdict,
         named=tuple(_label(e["name"], e["storeys"]) for e in effects),
         right_name=right_name,
         right_place=bool(first and any(_is_right(first, h) and _same_place(first, h) for h in hidden)),
         within_class=in_class,
-        both_named=all(any(_is_right(e, h) for e in effects) for h in hidden),
+        all_named=all(any(_is_right(e, h) for e in effects) for h in _showing(truth)),
         extra=tuple(_label(e["name"], e["storeys"]) for e in effects if not any(_is_right(e, h) for h in hidden)),
-        wrong_with_confidence=first is not None and not in_class,
-        class_size=_class_size(first),
+        wrong_with_confidence=first is not None and not any(_in_class(first, h) for h in hidden),
+        sure_and_wrong=tuple(name for name, p in names.items() if p > SURE and not _is_hidden(name, hidden)),
+        claims=None if probabilities is None else _claims(names, hidden),
+        verdict_probabilities={} if probabilities is None else probabilities.verdicts,
+        class_size=_class_size(leading),
         held_out_before=held_out.get("before"),
         held_out_after=held_out.get("after"),
         noise_floor=floor,
@@ -149,6 +171,23 @@ def case_outcome(truth: Json, discovery: Json) -> Outcome:
 def _label(name: str, storeys: Sequence[int], form: str = "") -> str:
     place = f"[{','.join(map(str, storeys))}]" if storeys else ""
     return f"{name}{place}" + (f" ({form})" if form else "")
+
+
+def _showing(truth: Json) -> list[Json]:
+    """Hidden effects to be named: all; of a cyclic test, where another may cover one, those that show."""
+    hidden: Sequence[Json] = truth["effects"]
+    if truth["kind"] != "cyclic" or not truth["nats"]:
+        return list(hidden)
+    return [h for h, nats in zip(hidden, truth["nats"], strict=True) if nats > SHOWS_NATS]
+
+
+def _claims(names: Mapping[str, float], hidden: Sequence[Json]) -> tuple[Claim, ...]:
+    right = [(min(sum(names.get(name, 0.0) for name in h["accepted"]), 1.0), True) for h in hidden]
+    return (*right, *((p, False) for name, p in names.items() if not _is_hidden(name, hidden)))
+
+
+def _is_hidden(name: str, hidden: Sequence[Json]) -> bool:
+    return any(name in h["accepted"] for h in hidden)
 
 
 def _is_right(effect: Json, hidden: Json) -> bool:
@@ -201,127 +240,3 @@ def _z(hidden: Sequence[Json], effects: Sequence[Json]) -> dict[str, float]:
                 if true is not None and moments["sd"]:
                     found[label] = (moments["mean"] - true) / moments["sd"]
     return found
-
-
-@dataclass(frozen=True, kw_only=True)
-class Proportion:
-    """A count out of a total, with its exact (Clopper-Pearson) 95 % interval."""
-
-    what: str
-    count: int
-    total: int
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Ends of the interval; the whole range where there are no cases."""
-        if self.total == 0:
-            return 0.0, 1.0
-        found = binomtest(self.count, self.total).proportion_ci(0.95, "exact")
-        return float(found.low), float(found.high)
-
-    def as_json(self) -> dict[str, object]:
-        """Count, total, share and interval."""
-        low, high = self.interval
-        share = self.count / self.total if self.total else None
-        return {"what": self.what, "count": self.count, "total": self.total, "share": share, "interval95": [low, high]}
-
-
-Question = tuple[str, Callable[[Outcome], bool]]
-
-_NAMED: tuple[Question, ...] = (
-    ("right name", lambda o: o.right_name),
-    ("right name and storey", lambda o: o.right_place),
-    ("within the equivalence class", lambda o: o.within_class),
-    ("wrong name, with confidence", lambda o: o.wrong_with_confidence),
-    ("a second effect that is not there", lambda o: o.right_name and bool(o.extra)),
-)
-
-_QUESTIONS: dict[str, tuple[Question, ...]] = {
-    "catalogue": _NAMED,
-    "forms": _NAMED,
-    "none": (
-        ("an effect named", lambda o: bool(o.named)),
-        ("called unexplained", lambda o: o.verdict == UNEXPLAINED),
-    ),
-    "outside": (
-        ("reported as unexplained", lambda o: o.verdict == UNEXPLAINED),
-        ("partly explained", lambda o: o.verdict == "partly_explained"),
-        ("an effect named as the whole cause", lambda o: o.verdict == "effects_found"),
-        ("nothing found missing", lambda o: o.verdict == "no_missing_effect"),
-    ),
-    "pairs": (
-        ("both named", lambda o: o.both_named),
-        ("first name is one of the two", lambda o: o.right_name),
-        ("an effect that is not there", lambda o: bool(o.extra)),
-    ),
-}
-
-
-def column_summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Proportions and figures of one column of the trial; proportions are over its detectable cases.
-
-    Parameters
-    ----------
-    kind : str
-        The column.
-    outcomes : sequence of Outcome
-        All of its cases.
-    """
-    judged = [o for o in outcomes if o.detectable]
-    proportions = [Proportion(what="detectable", count=len(judged), total=len(outcomes))]
-    for what, test in _QUESTIONS[kind]:
-        proportions.append(Proportion(what=what, count=sum(map(test, judged)), total=len(judged)))
-    named = [o for o in judged if o.named and o.floor_ratio is not None]
-    near = sum(o.floor_ratio <= FLOOR_FACTOR for o in named if o.floor_ratio is not None)
-    z = [abs(value) for o in judged for value in o.z.values()]
-    if kind != "none":
-        proportions += [
-            Proportion(what="named: held-out error <= 1.1 noise floor", count=near, total=len(named)),
-            Proportion(what="added parameters within 4 sd", count=sum(v <= POSTERIOR_SDS for v in z), total=len(z)),
-        ]
-    sizes = [o.class_size for o in judged if o.class_size]
-    seconds = [o.elapsed_s for o in outcomes if o.elapsed_s is not None]
-    return {
-        "cases": len(outcomes),
-        "failed": [f"{o.name}: {o.error}" for o in outcomes if o.verdict == FAILED],
-        "proportions": [p.as_json() for p in proportions],
-        "mean_class_size": _mean(sizes),
-        "held_out_over_floor_before": _median([o.floor_ratio_before for o in named]),
-        "held_out_over_floor_after": _median([o.floor_ratio for o in named]),
-        "seconds_median": _median(seconds),
-        "seconds_max": max(seconds, default=None),
-        "undetectable": [f"{o.name}: {', '.join(o.hidden)}" for o in outcomes if not o.detectable],
-        "misses": [_miss(o) for o in judged if _missed(kind, o)],
-        "confusion": confusion(judged),
-    }
-
-
-def confusion(outcomes: Sequence[Outcome]) -> dict[str, dict[str, int]]:
-    """Counts by hidden name (row), then by first name given (column); names in alphabetical order."""
-    counts = Counter(o.confusion for o in outcomes)
-    rows = sorted({row for row, _ in counts})
-    return {row: {c: counts[row, c] for r, c in sorted(counts) if r == row} for row in rows}
-
-
-def _missed(kind: str, outcome: Outcome) -> bool:
-    if kind == "none":
-        return bool(outcome.named) or outcome.verdict == FAILED
-    if kind == "outside":
-        return outcome.verdict != UNEXPLAINED
-    if kind == "pairs":
-        return not outcome.both_named or bool(outcome.extra)
-    return not outcome.right_place or bool(outcome.extra)
-
-
-def _miss(outcome: Outcome) -> str:
-    said = ", ".join(outcome.named) or outcome.verdict
-    return f"{outcome.name}: {', '.join(outcome.hidden) or NOTHING}; said {said}"
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return float(np.mean(values)) if values else None
-
-
-def _median(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None

@@ -22,12 +22,16 @@ from benchmarks.blind.storey import (
     rate_force,
     stiffness,
     stop_rate,
+    wear,
 )
 
 Floats = NDArray[np.float64]
 
 STEPS_PER_SAMPLE = 80
 """At 50 samples a second: 4 kHz."""
+
+N_OWN = 6
+"""States of a storey besides its floor's motion: z, eps, Maxwell force, bristle, play, path."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,8 +109,8 @@ def respond(building: Building, ground: Floats, time_step: float, steps: int = S
     n = len(building.storeys)
     states, fine = integrate(_packed(building.storeys), _packed([building.whole]), ground, time_step, steps)
     table = states[:, : 4 * n].reshape(-1, 4, n)
-    base = states[:, 7 * n] if building.whole.base_compliance > 0.0 else np.zeros(len(ground))
-    base_rate = states[:, 7 * n + 1] if building.whole.base_compliance > 0.0 else np.zeros(len(ground))
+    base = states[:, 8 * n] if building.whole.base_compliance > 0.0 else np.zeros(len(ground))
+    base_rate = states[:, 8 * n + 1] if building.whole.base_compliance > 0.0 else np.zeros(len(ground))
     return Motion(
         measured=np.stack([_sensed(p, fine[:, i], time_step, steps) for i, p in enumerate(building.storeys)]),
         drift=np.diff(table[:, 0], axis=1, prepend=base[:, None]).T,
@@ -135,18 +139,20 @@ def _sensed(p: Storey, fine: Floats, time_step: float, steps: int) -> Floats:
 
 
 def _storey_rates(p: Storey, t: float, t_step: float, u: float, v: float, own: Floats, out: Floats) -> float:
-    """Storey force with damping; ``own`` holds z, eps, Maxwell force, bristle and play, ``out`` their rates."""
+    """Storey force with damping; ``own`` holds z, eps, Maxwell force, bristle, play and path, ``out`` their rates."""
     k = stiffness(p, t, t_step)
     within = play_rate(own[4], p.b, v) if p.b > 0.0 else 0.0
     taken, rate = u - own[4], v - within
     spring = (1.0 - p.alpha) * k * own[0]
-    out[0] = hysteretic_rate(p, taken, rate, own[0], own[1])
+    worn = wear(p, t, own[1], own[5])
+    out[0] = hysteretic_rate(p, taken, rate, own[0], own[1], worn)
     out[1] = spring * rate
     out[2] = p.k_m * v - own[2] / p.tau
     out[3] = stop_rate(own[3], p.bristle, v) if p.F_bristle != 0.0 else 0.0
     out[4] = within
+    out[5] = abs(rate)
     force = p.alpha * k * taken + spring + own[2] + p.F_bristle * own[3] / p.bristle
-    return float(force + rate_force(p, v) + drift_force(p, u))
+    return float(force + rate_force(p, u, v) + drift_force(p, u, worn))
 
 
 def _rates(
@@ -161,20 +167,21 @@ def _rates(
 ) -> None:
     """Rates of the state, and the floors' total accelerations.
 
-    The state: x, x', z, eps, Maxwell force, bristle, play (each n), base and its rate, appendages and rates (each n).
+    The state: x, x', z, eps, Maxwell force, bristle, play, path (each n), base and its rate, appendages and rates (each
+    n).
     """
     n = len(storeys)
-    base, shaken = 7 * n, (1.0 + whole.input_error) * ground
-    force, own, slope = np.empty(n), np.empty(5), np.empty(5)
+    base, shaken = 8 * n, (1.0 + whole.input_error) * ground
+    force, own, slope = np.empty(n), np.empty(N_OWN), np.empty(N_OWN)
     drift = np.empty(n)
     for i in range(n):
         below = y[i - 1] if i > 0 else y[base]
         below_rate = y[n + i - 1] if i > 0 else y[base + 1]
         drift[i] = y[i] - below
-        for j in range(5):
+        for j in range(N_OWN):
             own[j] = y[(2 + j) * n + i]
         force[i] = storey_rates(storeys[i], t, t_step, drift[i], y[n + i] - below_rate, own, slope)
-        for j in range(5):
+        for j in range(N_OWN):
             dy[(2 + j) * n + i] = slope[j]
     for i in range(n - 1):
         bending = storeys[i].coupling * (drift[i] - drift[i + 1])
@@ -203,9 +210,9 @@ def _integrate(
     """States at the samples and total accelerations at every step."""
     n, n_times, h = len(storeys), len(ground), time_step / steps
     whole = wholes[0]
-    states = np.zeros((n_times, 9 * n + 2))
+    states = np.zeros((n_times, 10 * n + 2))
     total = np.zeros(((n_times - 1) * steps + 1, n))
-    y = np.zeros(9 * n + 2)
+    y = np.zeros(10 * n + 2)
     stage, k1, k2, k3, k4 = np.zeros_like(y), np.zeros_like(y), np.zeros_like(y), np.zeros_like(y), np.zeros_like(y)
     unused = np.zeros(n)
     for j in range(n_times - 1):

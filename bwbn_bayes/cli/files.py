@@ -20,6 +20,7 @@ from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.report.canvas import is_ours
 from bwbn_bayes.results import Result
+from bwbn_bayes.structures.examples import example_files
 from bwbn_bayes.structures.starting_source import starting_source
 
 _PREFIX = ".partial-"
@@ -123,7 +124,7 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
         (partial / "improved_model.py").write_text(source, encoding="utf-8")
 
 
-def write_starting_model(record: Path, path: Path) -> tuple[str, ...]:
+def write_starting_model(record: Path, path: Path, columns: str | None = None) -> tuple[str, ...]:
     """A new model file for a record; what is left for the user to do in it.
 
     Raises
@@ -132,7 +133,8 @@ def write_starting_model(record: Path, path: Path) -> tuple[str, ...]:
         If the record is wrong, or the file exists already: it may have been edited.
     """
     beside = record.resolve().parent == path.resolve().parent
-    source = starting_source(read_record(record), Path(record.name) if beside else record.resolve())
+    place = Path(record.name) if beside else record.resolve()
+    source = starting_source(read_record(record, columns), place, columns)
     write_new(source.text, path)
     return source.to_do
 
@@ -152,3 +154,21 @@ def write_new(text: str, path: Path) -> None:
         raise UserError(f"--out {path} exists already: give another name") from None
     except OSError as error:
         raise UserError(f"--out {path} cannot be written ({error.strerror}): choose another place") from error
+
+
+def write_example(name: str, path: Path) -> None:
+    """A copy of a model file that comes with the package, with the records that it reads beside it.
+
+    Raises
+    ------
+    UserError
+        If there is no such example, or one of its files exists already: it may have been edited.
+    """
+    source, *records = example_files(name)
+    places = {source: path} | {record: path.parent / record.name for record in records}
+    taken = next((place for place in places.values() if place.exists()), None)
+    if taken is not None:
+        raise UserError(f"{taken} exists already: give another place with --out")
+    with writing(f"--out {path}", "choose another place"):
+        for original, place in places.items():
+            place.write_bytes(original.read_bytes())

@@ -29,6 +29,8 @@ LAPLACE_SE = 2.0
 """Error allowed for Laplace's approximation where it was not checked by sampling. [nat]"""
 SCALES = tuple(2.0**exponent for exponent in range(10))
 """Of the unnamed force, over the noise level: one of them is within a factor of 1.4 of the best."""
+_PRIOR_PRECISION = 12.0
+"""Of a uniform prior on the unit interval."""
 _N_POLISHED, _N_ITERATIONS, _N_TURNS = 6, 12, 2
 
 
@@ -77,13 +79,32 @@ def laplace(posterior: Posterior, modes: tuple[Mode, ...]) -> Evidence:
     sds = np.sqrt(np.diag(covariance_of(best.information))) * posterior.space.unit_scale(values)[0]
     return Evidence(
         log_likelihood=best.log_likelihood,
-        log_evidence=laplace_log_evidence(modes) - posterior.space.log_admissible_mass,
+        log_evidence=laplace_log_evidence(_apart(modes)) - posterior.space.log_admissible_mass,
         log_evidence_se=LAPLACE_SE,
         means=dict(zip(posterior.space.names, values[0].tolist(), strict=True)),
         sds=dict(zip(posterior.space.names, sds.tolist(), strict=True)),
         posterior=posterior,
         modes=modes,
     )
+
+
+def _apart(modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
+    """Modes whose normal approximations hardly overlap: along a ridge many optima are one mass, not many.
+
+    In d dimensions a normal's mass lies about the root of d away from its centre.
+    """
+    kept: list[Mode] = []
+    for mode in modes:
+        d = len(mode.point)
+        if all(_length(mode, one) > 4.0 * d for one in kept):
+            kept.append(mode)
+    return tuple(kept)
+
+
+def _length(mode: Mode, other: Mode) -> float:
+    """Squared distance between two modes in standard deviations of the second."""
+    step = mode.point - other.point
+    return float(step @ other.information @ step + _PRIOR_PRECISION * step @ step)
 
 
 def sampled(evidence: Evidence, rng: np.random.Generator, n: int) -> Evidence:

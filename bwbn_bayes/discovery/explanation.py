@@ -79,6 +79,16 @@ class Explanation:
         return frozenset(hypothesis.name for hypothesis in self.added)
 
     @property
+    def n_parameters(self) -> int:
+        """Identified parameters that its effects bring."""
+        return sum(hypothesis.n_brought for hypothesis in self.added)
+
+    @property
+    def n_placed(self) -> int:
+        """Places at which its effects act."""
+        return sum(len(hypothesis.storeys) for hypothesis in self.added)
+
+    @property
     def label(self) -> str:
         """Its effects in words."""
         parts = [hypothesis.label for hypothesis in self.added]

@@ -20,8 +20,6 @@ from bwbn_bayes.structures.structure import Structure
 SCHEMA = 2
 _LEAST_SHOWN = 1e-6
 """Probability of an effect from which it is listed."""
-CLOSED = 1.25
-"""Error over noise up to which a gap counts as closed."""
 Grade = Literal["named", "possible", "shape", "weak"]
 """Of an effect that was added: its name is certain, likely, or not deserved (its law helps without its signature)."""
 
@@ -199,16 +197,6 @@ class Gap:
     before: Prediction
     after: Prediction
     held_out: Gap | None = None
-
-    @property
-    def left(self) -> float:
-        """The error after, over the noise."""
-        return self.after.nrmse / self.noise_floor
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether the error after is that of the noise, within a quarter or two standard errors."""
-        return self.left <= CLOSED or self.after.nrmse - 2.0 * self.after.nrmse_se <= self.noise_floor
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,16 +15,16 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.explanation import Explanation, Key
 from bwbn_bayes.parameters import Floats
 
 NOTHING_MISSING = 0.5
 """Prior probability that the model as given is all there is."""
 UNNAMED = 0.2
-"""Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds most
-of what structures do."""
+"""Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds
+most of what structures do."""
 ANOTHER = 0.2
-"""Prior probability of each further effect once there is one: structures that lack two are rarer than those with one."""
+"""Prior probability of each further effect once there is one: structures that lack two are rarer."""
 UNNAMED_SCALE = 0.1
 """Standard deviation of the unnamed force's scale about zero, over the largest force: a law that leaves more is a
 wrong law, not one with a force beside it."""
@@ -33,6 +33,9 @@ NAMED = 0.9
 POSSIBLE = 0.5
 """Probability from which an effect is said to be possible: it is more likely there than not."""
 
+_NEGLIGIBLE = 1e-3
+"""Probability of an explanation below which it moves no verdict."""
+
 Verdict = Literal["effects_found", "partly_explained", "no_missing_effect", "unexplained"]
 _CLASSES: Mapping[tuple[bool, bool], Verdict] = {
     (False, False): "no_missing_effect",
@@ -40,7 +43,7 @@ _CLASSES: Mapping[tuple[bool, bool], Verdict] = {
     (True, True): "partly_explained",
     (False, True): "unexplained",
 }
-"""By whether an effect was added, and a force of no known law."""
+"""By whether an effect was added, and something without a name is part of it or left by it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,12 +65,13 @@ class Beliefs:
     def probabilities(self) -> Floats:
         """Of each explanation, ``(n,)``."""
         log_joint = self.log_joint
-        return np.asarray(np.exp(log_joint - logsumexp(log_joint)), dtype=np.float64)
+        share: Floats = np.exp(log_joint - logsumexp(log_joint))
+        return share
 
     @cached_property
     def log_joint(self) -> Floats:
         """Log prior and log evidence of each, ``(n,)``, in nat."""
-        return self.log_prior + np.array([one.evidence.log_evidence for one in self.explanations])
+        return np.asarray(self.log_prior + np.array([one.evidence.log_evidence for one in self.explanations]))
 
     @property
     def best(self) -> Explanation:
@@ -76,11 +80,25 @@ class Beliefs:
 
     @cached_property
     def verdicts(self) -> dict[Verdict, float]:
-        """Probability of each of the four classes."""
+        """Probability of each of the four classes.
+
+        The classes presume that one of them is right, which is checked: what an explanation leaves must be noise, by
+        the tests of :mod:`~bwbn_bayes.inference.residuals`. Else something without a name is left, a force or not, and
+        it counts among those that have it.
+        """
+        kinds = [(bool(one.added), self._has_nameless(one, p)) for one, p in self._pairs]
         return {
-            verdict: self._sum(lambda one, kind=kind: (bool(one.added), one.has_unnamed) == kind)  # type: ignore[misc]
+            verdict: float(min(sum(p for (_, p), own in zip(self._pairs, kinds, strict=True) if own == kind), 1.0))
             for kind, verdict in _CLASSES.items()
         }
+
+    def _has_nameless(self, one: Explanation, probability: float) -> bool:
+        """Whether something without a name is part of an explanation, or left by it; the improbable are not asked."""
+        return one.has_unnamed or (probability > _NEGLIGIBLE and not one.is_noise)
+
+    @property
+    def _pairs(self) -> list[tuple[Explanation, float]]:
+        return list(zip(self.explanations, self.probabilities.tolist(), strict=True))
 
     @property
     def verdict(self) -> Verdict:
@@ -106,16 +124,21 @@ class Beliefs:
 
     @cached_property
     def predictive(self) -> Explanation:
-        """The effects that are most probable together, with the unnamed force or without, as an explanation without."""
-        total: dict[frozenset[object], list[float]] = {}
+        """The effects to deliver, as an explanation without an unnamed force.
+
+        Those that are most probable together, with the unnamed force or without; of several, none of which could be
+        named against the best, those of fewest parameters at fewest places.
+        """
+        total: dict[Key, list[float]] = {}
         for one, log_joint in zip(self.explanations, self.log_joint, strict=True):
             total.setdefault(one.effects_key, []).append(float(log_joint))
-        chosen = max(total, key=lambda key: logsumexp(total[key]))
-        own = [one for one in self.explanations if one.effects_key == chosen]
-        return next((one for one in own if not one.has_unnamed), own[0])
+        summed = {key: float(logsumexp(values)) for key, values in total.items()}
+        least = max(summed.values()) - float(np.log(NAMED / (1.0 - NAMED)))
+        close = [one for one in self.explanations if summed[one.effects_key] >= least and not one.has_unnamed]
+        return min(close, key=lambda one: (one.n_parameters, one.n_placed, -summed[one.effects_key]))
 
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
-        own = [p for one, p in zip(self.explanations, self.probabilities, strict=True) if wanted(one)]
+        own = [p for one, p in self._pairs if wanted(one)]
         return float(min(sum(own), 1.0))
 
 

@@ -68,10 +68,13 @@ def _first(believed: Beliefs, added: tuple[Added, ...]) -> str:
         return f"The model lacks {titles}{meaning} ({sure})."
     if believed.verdict == "partly_explained":
         what = f"The model lacks {titles}, and more" if titles else "What the model lacks is only partly known"
-        return f"{what}: beside it stays a force of no known law ({sure})."
-    return (
-        f"Model and record disagree, and no catalogued effect explains it better than a force of no known law ({sure})."
-    )
+        left = "stays a force of no known law" if believed.best.has_unnamed else "stays what no smooth force explains"
+        return f"{what}: beside it {left} ({sure})."
+    if believed.best.has_unnamed:
+        rest = "no catalogued effect explains it better than a force of no known law"
+    else:
+        rest = "neither a catalogued effect nor a smooth force of the storeys explains it"
+    return f"Model and record disagree, and {rest} ({sure})."
 
 
 def _effect(one: Added) -> str:

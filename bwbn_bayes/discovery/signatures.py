@@ -80,7 +80,7 @@ def _responses(hypothesis: Hypothesis, present: Explanation, values: Floats) -> 
         if not np.all(np.isfinite(histories["drift"])):
             continue
         place = place_of(hypothesis, histories)
-        own = {p.symbol: float(v) for p, v in zip(model.law.parameters, local[draw, place or 0], strict=False)}
+        own = {p.symbol: float(v) for p, v in zip(model.parameters, local[draw, place or 0], strict=True)}
         own |= {name: float(value) for name, value in model.law.derived_from(own).items()}
         at = {kind: h if place is None or len(h) <= place else h[place] for kind, h in histories.items()}
         result.append(PlaceResponse(histories=at, parameters=own, scales=hypothesis.scales))

@@ -2,8 +2,8 @@
 
 Half of its variance is a smooth function of displacement, of the way since the last turn (the force of an
 elastic-plastic spring, continuous where a direction jumps) and of the path covered: the law that is missing. The other
-half is a function of the path alone that forgets itself within a quarter of the largest displacement: what no law of few
-parameters holds. Both follow from the displacement history, without a model.
+half is a function of the path alone that forgets itself within a quarter of the largest displacement: what no law of
+few parameters holds. Both follow from the displacement history, without a model.
 
 References
 ----------
@@ -26,10 +26,9 @@ _BEYOND = 1.5
 _SIZES = (8, 3, 5)
 """Functions of displacement, of the way since the last turn and of path."""
 _LENGTHS = (0.35, 0.8, 0.5)
-"""Correlation lengths of the three, each of which runs from -1 to 1: a third of the way to the largest displacement,
-a loading branch, a quarter of the test."""
+"""Correlation lengths of the three, each of which runs from -1 to 1."""
 _FORGOTTEN = 0.25
-"""Of the largest displacement: path within which a departure that no law has is forgotten, an eighth of a half cycle."""
+"""Of the largest displacement: path within which a departure that no law has is forgotten."""
 _MOST_KNOTS = 600
 
 

@@ -191,8 +191,6 @@ class Effect(Protocol):
     """What it leaves in the residual of a model without it."""
     confusable: ClassVar[str]
     """What it is hard to tell from."""
-    one_law: ClassVar[bool] = False
-    """Whether its forms are shapes of one law, of which a place has but one; a gap, say, may close to either side."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -243,13 +241,6 @@ class Effect(Protocol):
     def signature(self) -> Signature:
         """What the effect does in an engineer's measure, and from which size it deserves its name."""
         return NO_SIGNATURE
-
-    def doubt(self, values: Mapping[str, float], scales: Scales) -> str:
-        """Why sizes such as these, by symbol, are hardly what the effect's name says; empty where they are.
-
-        Discovery takes an effect for an imitation that is in doubt and leaves more than noise.
-        """
-        return ""
 
     def fill(self, slots: Slots) -> Slots:
         """The slots with this effect added to them."""

@@ -1,9 +1,9 @@
 """Where Runge-Kutta steps are refined and where they end: the same rules in the lane and in the scalar engine.
 
 An interval between two samples is cut into equal steps, more where an imposed displacement takes a long stride. Near a
-sharp feature of the law each step changes the state by at most ``resolution`` widths; some are sharp near a state's zero,
-some wherever it is. A step ends where a drift rate is foretold to change sign, if the law has a kink there, unless the
-engine is told not to; and at every event. What is decided for a draw depends on that draw alone.
+sharp feature of the law each step changes the state by at most ``resolution`` widths; some are sharp near a state's
+zero, some wherever it is. A step ends where a drift rate is foretold to change sign, if the law has a kink there,
+unless the engine is told not to; and at every event. What is decided for a draw depends on that draw alone.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MARGIN = 0.02
 MOST_STEPS = 64.0
 """Most steps that a sharp feature asks for between two samples."""
 
-RANGE_STEPS = 200
+RANGE_STEPS = 100
 """Steps in which an imposed displacement passes from its least to its largest, per substep, however few samples it has
 there: a digitised loop has some ten samples a half cycle, and a step longer than the yield displacement diverges."""
 

@@ -17,6 +17,7 @@ import numpy as np
 from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.base import require_parameters, require_usable
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.errors import require_installed
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
 from bwbn_bayes.inference.bridge import bridge
 from bwbn_bayes.inference.history import History, Listener
@@ -85,7 +86,8 @@ def identify(
     Raises
     ------
     UserError
-        If nothing is to be identified, the record measures nothing, or record and model do not belong together.
+        If nothing is to be identified, the record measures nothing, record and model do not belong together, or the
+        method's library is not installed.
     """
     settings = settings or Settings()
     if settings.method not in METHODS:
@@ -94,10 +96,7 @@ def identify(
     require_usable(model, record)
     if noise is not None:
         require_noise(noise, record)
-    if settings.method == "tmcmc":
-        require_particles(settings.particles, model.space.n_dim)
-    if settings.checkpoint is not None:
-        require_place(settings.checkpoint)
+    _require_road(settings, model.space.n_dim)
     began = time.perf_counter()
     history = History(listener, began, [])
     posterior = Posterior(
@@ -143,6 +142,17 @@ def identify_from(
     return _sampled(fitted, settings, np.random.default_rng(_streams(settings.seed)[-1]), history, name, assumptions)
 
 
+def _require_road(settings: Settings, n_dim: int) -> None:
+    """Refuse before the search what the road asked for could not do after it."""
+    if settings.method == "tmcmc":
+        require_particles(settings.particles, n_dim)
+    if settings.method in ("smc", "nuts"):
+        nutpie = settings.method == "nuts" and settings.sampler == "nutpie"
+        require_installed("nuts" if nutpie else "pymc", "sampler nutpie" if nutpie else f"method {settings.method}")
+    if settings.checkpoint is not None:
+        require_place(settings.checkpoint)
+
+
 def _streams(seed: int) -> list[np.random.SeedSequence]:
     """A stream for each attempt to find the modes, one for the road from the prior, one for draws."""
     return np.random.SeedSequence(seed).spawn(N_ATTEMPTS + 2)
@@ -182,7 +192,9 @@ def _sampled(
     method: str = settings.method
     nested: NestedLaplace | None = None
     if method == "importance":
-        found, nested = _by_importance(target, at, settings, rng, history)
+        # Where nothing takes over, the bent posterior of a model that leaves more than noise is not worth following.
+        follows = settings.fallback or all(check.passed for check in fitted.checks)
+        found, nested = _by_importance(target, at, settings, rng, history, follows=follows)
     elif method == "tmcmc":
         found = _by_bridge(target, at, None, settings, history)
         found = _beside_the_published_road(found, posterior, settings, history)
@@ -218,10 +230,16 @@ def _sampled(
 
 
 def _by_importance(
-    target: Posterior, modes: tuple[Mode, ...], settings: Settings, rng: np.random.Generator, history: History
+    target: Posterior,
+    modes: tuple[Mode, ...],
+    settings: Settings,
+    rng: np.random.Generator,
+    history: History,
+    *,
+    follows: bool,
 ) -> tuple[_Sampled, NestedLaplace | None]:
     """Importance sampling, with the sheet that it laid; no draws where the weights' tail is too heavy."""
-    weighted, nested = _importance(target, modes, rng, settings.particles, history)
+    weighted, nested = _importance(target, modes, rng, settings.particles, history, follows=follows)
     checks = (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
     stands = weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k))
     draws = Draws.of_weighted(weighted, rng, settings.particles) if stands else None
@@ -315,11 +333,17 @@ def _modes_on(section: Section, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
 
 
 def _importance(
-    posterior: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator, effective: int, history: History
+    posterior: Posterior,
+    modes: tuple[Mode, ...],
+    rng: np.random.Generator,
+    effective: int,
+    history: History,
+    *,
+    follows: bool,
 ) -> tuple[WeightedDraws, NestedLaplace | None]:
     """Importance sampling from the modes, or from the sheet through them where they alone cover the posterior badly."""
     sheet, effective = Sheet(posterior, modes, rng), max(effective, _LEAST_EFFECTIVE)
-    n_refined = _N_REFINED if posterior.n_dim > 1 else 0
+    n_refined = _N_REFINED if posterior.n_dim > 1 and follows else 0
     pilot = sample_importance(posterior, sheet.proposal, rng, effective=_PILOT, most=_PILOT)
     poor = pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
     if poor and n_refined:

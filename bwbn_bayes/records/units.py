@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from functools import cache
 
@@ -11,6 +12,8 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.record import quantity_of, si_unit
 
 # Only products of powers of plain words reach pint's parser, so that a header like [m^(9**9**9)] costs nothing.
+_NUMBER = r"[+-]?(?:[0-9]{1,20}(?:\.[0-9]{0,20})?|\.[0-9]{1,20})(?:[eE][+-]?[0-9]{1,3})?"
+_SCALED = re.compile(rf"({_NUMBER})\s*(?:\*\s*)?([^0-9\s].*)")
 _TERM = r"(?:1|%?[A-Za-zµμ_]+(?:_0)?(?:(?:\^|\*\*)?-?[0-9]{1,2}|²)?)"
 _UNIT = re.compile(rf"{_TERM}(?:(?:\s*[*/·]\s*|\s+){_TERM})*")
 _BARE_POWER = re.compile(r"(?<=[A-Za-zµμ])(-?[0-9]+)")
@@ -39,7 +42,8 @@ def si_factor(column: str, unit: str) -> float:
     column : str
         Column name, e.g. ``acceleration_1``; it decides the dimension. In an acceleration ``g`` is standard gravity.
     unit : str
-        As written in the file: ``m/s^2``, ``m/s2``, ``g``, ``gal``, ``mm``, ``in``, ``kN``, ``kip``, ``ms`` ...
+        As written in the file: ``m/s^2``, ``m/s2``, ``g``, ``gal``, ``mm``, ``in``, ``kN``, ``kip``, ``ms`` ..., or a
+        sensor's scale and its unit: ``0.25 g`` for numbers in volts where a volt is a quarter of g.
 
     Returns
     -------
@@ -51,10 +55,31 @@ def si_factor(column: str, unit: str) -> float:
     UserError
         If the unit is not understood or has another dimension than the column.
     """
-    registry, target, text = _registry(), si_unit(column), unit.strip()
+    target = si_unit(column)
     wanted = f"write a unit of {(quantity_of(column) or '').replace('_', ' ')} such as {target}"
+    scaled = _SCALED.fullmatch(unit.strip())
+    scale, text = (float(scaled.group(1)), scaled.group(2)) if scaled else (1.0, unit.strip())
+    if scale == 0.0 or not math.isfinite(scale):
+        raise UserError(f"the unit [{unit}] is not understood: {wanted}")
     if target == "m/s^2" and text.lower() in _ACCELERATION_WORDS:
-        return float(registry.Quantity(_ACCELERATION_WORDS[text.lower()]).m_as(target))
+        text = _ACCELERATION_WORDS[text.lower()]
+        return scale * float(_registry().Quantity(text).m_as(target))
+    return scale * _pint_factor(text, unit, target, wanted)
+
+
+def frequency_factor(unit: str) -> float:
+    """Factor that takes a sampling rate to Hz: ``Hz``, ``kHz``, ``1/s``.
+
+    Raises
+    ------
+    UserError
+        If the unit is not understood or no frequency.
+    """
+    return _pint_factor(unit.strip(), unit, "Hz", "write a unit of frequency such as Hz")
+
+
+def _pint_factor(text: str, unit: str, target: str, wanted: str) -> float:
+    registry = _registry()
     if len(text) > 40 or not _UNIT.fullmatch(text):
         raise UserError(f"the unit [{unit}] is not understood: {wanted}")
     try:

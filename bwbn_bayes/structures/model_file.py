@@ -1,8 +1,9 @@
 """Model files: Python a user copies and edits, run with the user's rights.
 
 A model file defines ``model``, and may define ``record`` and ``held_out`` (measured Records), ``excitation`` (a
-Record), ``truth`` (parameter values), ``snr_db`` (dB) and ``assumptions`` (sentences); with ``excitation`` and
-``truth`` it can make its own record. A record's file stands for its starting model.
+Record), ``truth`` (parameter values), ``snr_db`` (dB), ``assumptions`` (sentences) and ``columns`` (a column map for
+records that the command line names); with ``excitation`` and ``truth`` it can make its own record. A record's file
+stands for its starting model.
 """
 
 from __future__ import annotations
@@ -15,15 +16,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.records.column_map import EXAMPLE, parse_columns
 from bwbn_bayes.records.noise import MOST_DECIBELS
-from bwbn_bayes.records.readers import read_record
+from bwbn_bayes.records.readers import RECORD_SUFFIXES, read_record
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.starting_model import starting_model
 from bwbn_bayes.structures.starting_source import UNIT_MASSES
 from bwbn_bayes.structures.structure import Structure
-
-RECORD_SUFFIXES = (".csv", ".nc")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +47,8 @@ class ModelFile:
         Its signal-to-noise ratio in dB of mean square.
     assumptions : tuple of str
         Sentences for the report.
+    columns : str, optional
+        What the columns of a record stand for that is given beside the model file.
     """
 
     name: str
@@ -57,15 +59,18 @@ class ModelFile:
     truth: Mapping[str, float] = field(default_factory=dict)
     snr_db: float | None = None
     assumptions: tuple[str, ...] = ()
+    columns: str | None = None
 
 
-def load_model_file(path: Path | str) -> ModelFile:
+def load_model_file(path: Path | str, columns: str | None = None) -> ModelFile:
     """Run a model file and take what it defines, or make the starting model of a record.
 
     Parameters
     ----------
     path : Path or str
-        Python source, which runs with the rights of whoever loads it; or a record, ``.csv`` or ``.nc``.
+        Python source, which runs with the rights of whoever loads it; or a record.
+    columns : str, optional
+        A column map (:mod:`~bwbn_bayes.records.column_map`) for the record, or in place of the file's own.
 
     Returns
     -------
@@ -78,7 +83,7 @@ def load_model_file(path: Path | str) -> ModelFile:
     """
     path = Path(path)
     if path.suffix.lower() in RECORD_SUFFIXES:
-        return _of_record(path)
+        return _of_record(path, columns)
     if not path.is_file():
         raise UserError(f"model file {path} does not exist: give the path of a Python file that defines `model`")
     names = _run(path)
@@ -97,11 +102,12 @@ def load_model_file(path: Path | str) -> ModelFile:
         truth=_truth(names.get("truth"), model, path),
         snr_db=_snr(names.get("snr_db"), path),
         assumptions=_sentences(names.get("assumptions", ()), path),
+        columns=_columns(names.get("columns"), path) if columns is None else columns,
     )
 
 
-def _of_record(path: Path) -> ModelFile:
-    record = read_record(path)
+def _of_record(path: Path, columns: str | None) -> ModelFile:
+    record = read_record(path, columns)
     model = starting_model(record)
     told = ("The model is the record's starting model: sizes read off the record, wide priors about them.",)
     return ModelFile(
@@ -109,6 +115,7 @@ def _of_record(path: Path) -> ModelFile:
         model=model,
         record=record,
         assumptions=(*told, UNIT_MASSES) if isinstance(model, ShearBuilding) else told,
+        columns=columns,
     )
 
 
@@ -170,3 +177,15 @@ def _sentences(value: object, path: Path) -> tuple[str, ...]:
     if isinstance(value, (list, tuple)) and all(isinstance(sentence, str) for sentence in value):
         return tuple(value)
     raise UserError(f"{path}: `assumptions` must be a list of sentences")
+
+
+def _columns(value: object, path: Path) -> str | None:
+    if value is None:
+        return None
+    if not isinstance(value, str):
+        raise UserError(f"{path}: `columns` must be a column map in quotes, such as {EXAMPLE}")
+    try:
+        parse_columns(value)
+    except UserError as error:
+        raise UserError(f"{path}, `columns`: {error}") from None
+    return value

@@ -45,7 +45,7 @@ class StartingSource(NamedTuple):
     to_do: tuple[str, ...]
 
 
-def starting_source(record: Record, file: Path) -> StartingSource:
+def starting_source(record: Record, file: Path, columns: str | None = None) -> StartingSource:
     """Write the starting model of a record as a model file.
 
     Parameters
@@ -53,6 +53,8 @@ def starting_source(record: Record, file: Path) -> StartingSource:
     record : Record
     file : Path
         The record's own file as the model file is to name it: relative to the model file's directory, or absolute.
+    columns : str, optional
+        The column map that the record was read with.
 
     Returns
     -------
@@ -68,7 +70,8 @@ def starting_source(record: Record, file: Path) -> StartingSource:
     place = f"Path({quoted(str(file))})" if file.is_absolute() else f"Path(__file__).parent / {quoted(file.as_posix())}"
     is_building = isinstance(model, ShearBuilding)
     blocks = [
-        f"record = {read}({place})",
+        *([] if columns is None else [f"columns = {quoted(columns)}"]),
+        f"record = {read}({place}{'' if columns is None else ', columns'})",
         "",
         *(_masses(model) if isinstance(model, ShearBuilding) else ()),
         writer.structure(

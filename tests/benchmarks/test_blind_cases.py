@@ -8,12 +8,13 @@ import pytest
 from benchmarks.blind import cases
 from benchmarks.blind.cases import make_case
 from benchmarks.blind.catalogue_draws import CATALOGUE
+from benchmarks.blind.more_forms import MORE_FORMS
 from benchmarks.blind.other_draws import FORMS, OUTSIDE
 from benchmarks.blind.simulator import Floats
 from bwbn_bayes.records import Record
 
 SHORT = Record(name="short", time_step=0.02, excitation=np.ones(40))
-TABLES = {"catalogue": CATALOGUE, "forms": FORMS, "outside": OUTSIDE}
+TABLES = {"catalogue": CATALOGUE, "forms": FORMS, "more_forms": MORE_FORMS, "outside": OUTSIDE}
 
 
 @pytest.fixture(autouse=True)
@@ -36,6 +37,23 @@ def test_every_run_of_cases_holds_every_effect_once() -> None:
         for turn in (0, 1):
             names = [cases._draws(kind, 8, turn * n + i)[0] for i in range(n)]  # type: ignore[arg-type]
             assert len(set(names)) == n
+
+
+def test_seeds_that_were_spent_draw_what_they_drew() -> None:
+    """A snapshot of November 2026: a table that grows, or a kind put before another, would redraw every spent seed."""
+
+    def order(kind: cases.Kind, n: int) -> list[str]:
+        names = {draw: name for name, draw in TABLES[kind].items()}
+        return [names[cases._draws(kind, 66, index)[0]] for index in range(n)]
+
+    assert order("forms", 9) == [
+        "friction_root", "asymmetry_drift_rate", "pinching_lorentz", "asymmetry_drift", "friction_stick_slip",
+        "slip_sech", "gap_softened", "gap_one_sided", "damage_ramp",
+    ]  # fmt: skip
+    assert order("catalogue", 3) == ["storey_parameter", "stiffness_degradation", "mass_error"]
+    assert order("outside", 3) == ["softening_damping", "root_damping", "breathing_stiffness"]
+    pair = [hidden.name for hidden in make_case("pairs", 66, 2, 30.0).truth.effects]
+    assert pair == ["base_flexibility", "maxwell_branch"]
 
 
 @pytest.mark.parametrize(("kind", "index", "n_hidden"), [("catalogue", 1, 1), ("catalogue", 2, 1), ("pairs", 3, 2)])

@@ -13,8 +13,9 @@ from scipy.stats import beta
 
 from benchmarks import discovery as trial
 from benchmarks.blind import cases
+from benchmarks.blind.columns import Proportion, column_summary
 from benchmarks.blind.picture import draw_confusion
-from benchmarks.blind.scoring import Proportion, case_outcome, column_summary
+from benchmarks.blind.scoring import case_outcome
 from bwbn_bayes.records import Record
 
 
@@ -22,10 +23,12 @@ def hidden(name: str, *storeys: int, accepted: tuple[str, ...] = (), **parameter
     return {"name": name, "storeys": list(storeys), "accepted": [name, *accepted], "parameters": parameters}
 
 
-def truth(*effects: dict[str, Any], kind: str = "catalogue", detectable: bool = True) -> dict[str, Any]:
+def truth(
+    *effects: dict[str, Any], kind: str = "catalogue", detectable: bool = True, nats: tuple[float, ...] = ()
+) -> dict[str, Any]:
     return {
         "kind": kind, "name": "case", "effects": list(effects), "detectable": detectable, "severe": True,
-        "held_out_floor": 0.03,
+        "held_out_floor": 0.03, "snr_db": 30.0, "nats": list(nats),
     }  # fmt: skip
 
 
@@ -90,9 +93,9 @@ def test_parameters_are_compared_where_the_labels_agree() -> None:
 def test_pairs_want_both_and_nothing_else() -> None:
     both = truth(SLIP, hidden("input_scale"), kind="pairs")
     whole = case_outcome(both, answer(effect("input_scale"), effect("slip_lock", 2)))
-    assert (whole.both_named, whole.extra, whole.confusion) == (True, (), ("input_scale", "input_scale"))
+    assert (whole.all_named, whole.extra, whole.confusion) == (True, (), ("input_scale", "input_scale"))
     half = case_outcome(both, answer(effect("slip_lock", 2), effect("gap_impact", 1)))
-    assert (half.both_named, half.extra) == (False, ("gap_impact[1]",))
+    assert (half.all_named, half.extra) == (False, ("gap_impact[1]",))
 
 
 def test_a_crash_is_a_miss_that_is_seen() -> None:
@@ -119,8 +122,14 @@ def test_a_column_counts_over_its_detectable_cases() -> None:
         "within the equivalence class": (2, 3),
         "wrong name, with confidence": (1, 3),
         "a second effect that is not there": (0, 3),
+        "a wrong effect with probability above 0.9": (0, 0),
         "named: held-out error <= 1.1 noise floor": (2, 3),
         "added parameters within 4 sd": (1, 2),
+        "verdict effects_found": (3, 3),
+        "verdict partly_explained": (0, 3),
+        "verdict unexplained": (0, 3),
+        "verdict no_missing_effect": (0, 3),
+        "verdict failed": (0, 3),
     }
     assert found["mean_class_size"] == pytest.approx(5 / 3)
     assert found["seconds_median"] == 12.0
@@ -136,9 +145,12 @@ def test_columns_without_a_right_name() -> None:
     assert (named["what"], named["count"], named["total"]) == ("an effect named", 1, 2)
     strange = truth(hidden("snap_window", 1), kind="outside")
     outcomes = [case_outcome(strange, answer(verdict=v)) for v in ("unexplained", "unexplained", "no_missing_effect")]
+    outcomes.append(case_outcome(strange, answer(effect("asymmetry", 1), verdict="partly_explained")))
     column = column_summary("outside", outcomes)
-    assert [p["count"] for p in column["proportions"][1:5]] == [2, 0, 0, 1]
-    assert len(column["misses"]) == 1
+    verdicts = {p["what"]: p["count"] for p in column["proportions"]}
+    assert [verdicts[f"verdict {v}"] for v in ("unexplained", "partly_explained", "no_missing_effect")] == [2, 1, 1]
+    assert verdicts["an effect named"] == 1
+    assert column["misses"] == ["case: snap_window[1]; said asymmetry[1]"]
 
 
 @pytest.mark.parametrize(("count", "total"), [(0, 20), (13, 40), (40, 40)])

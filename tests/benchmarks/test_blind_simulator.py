@@ -13,6 +13,7 @@ from scipy.linalg import expm
 from benchmarks.blind import make_hidden_effect
 from benchmarks.blind.catalogue_draws import CATALOGUE
 from benchmarks.blind.draws import Dice, Hidden, Place, reached
+from benchmarks.blind.more_forms import MORE_FORMS
 from benchmarks.blind.other_draws import FORMS, OUTSIDE
 from benchmarks.blind.simulator import STEPS_PER_SAMPLE, Building, Floats, Whole, respond
 from benchmarks.blind.storey import Storey
@@ -27,7 +28,7 @@ GROUND = el_centro("chopra", scale=2.0, duration=6.0)
 K, C = (34.0, 22.0, 28.0), (0.3, 0.15, 0.2)
 SHARED = {"alpha": 0.12, "beta": 3.0, "gamma": 1.0, "n": 1.7}
 BASE = Building(storeys=tuple(Storey(k=k, c=c, **SHARED) for k, c in zip(K, C, strict=True)))
-EVERY = {**CATALOGUE, **FORMS, **OUTSIDE}
+EVERY = {**CATALOGUE, **FORMS, **MORE_FORMS, **OUTSIDE}
 
 
 def nrmse(found: Floats, expected: Floats) -> float:
@@ -105,7 +106,8 @@ def test_names_and_parameters_are_those_of_the_catalogue() -> None:
         assert (hidden.name, hidden.accepted) == (name, (name,))
         assert set(hidden.parameters) <= known[name]
         assert hidden.parameters
-    assert all(set(drawn(name).accepted) <= set(CATALOGUE) for name in FORMS)
+    assert all(set(drawn(name).accepted) <= set(CATALOGUE) for name in (*FORMS, *MORE_FORMS))
+    assert all(drawn(name).why for name in MORE_FORMS)
     assert not any(set(drawn(name).accepted) & set(CATALOGUE) for name in OUTSIDE)
 
 

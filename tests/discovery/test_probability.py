@@ -13,12 +13,14 @@ VARIANTS = {"slip_lock": 4, "cubic_stiffness": 8}
 N_EFFECTS = 20
 
 
-def hypothesis(name: str, *storeys: int) -> Any:
-    return SimpleNamespace(name=name, symbols=(name,), storeys=storeys)
+def hypothesis(name: str, *storeys: int, n_brought: int = 1) -> Any:
+    return SimpleNamespace(name=name, symbols=(name,), storeys=storeys, n_brought=n_brought)
 
 
-def explanation(log_evidence: float, *added: Any, unnamed: tuple[int, ...] | None = None) -> Explanation:
-    return Explanation(
+def explanation(
+    log_evidence: float, *added: Any, unnamed: tuple[int, ...] | None = None, is_noise: bool = True
+) -> Explanation:
+    result = Explanation(
         added=added,
         posterior=cast(Any, None),
         modes=(),
@@ -26,6 +28,8 @@ def explanation(log_evidence: float, *added: Any, unnamed: tuple[int, ...] | Non
         unnamed=unnamed,
         n_places=3,
     )
+    result.__dict__["is_noise"] = is_noise  # else found from the record
+    return result
 
 
 SLIP, SLIP_3, CUBIC = hypothesis("slip_lock", 2), hypothesis("slip_lock", 3), hypothesis("cubic_stiffness", 2)
@@ -100,3 +104,23 @@ def test_nothing_is_named_where_evidences_are_equal() -> None:
     found = beliefs((explanation(0.0), explanation(0.0, SLIP), explanation(0.0, unnamed=(1,))), N_EFFECTS, VARIANTS)
     assert found.verdict == "no_missing_effect"
     assert found.names["slip_lock"] < 0.05
+
+
+def test_of_explanations_that_cannot_be_told_apart_the_simpler_one_is_delivered() -> None:
+    """Odds of nine to one are what a name takes; fewer parameters first, then fewer places."""
+    sloppy = hypothesis("foliente_pinching", 2, n_brought=6)
+    everywhere = hypothesis("slip_lock", 1, 2, 3)
+    variants = {**VARIANTS, "foliente_pinching": 4}
+    one, other, wide = explanation(10.0, SLIP), explanation(11.5, sloppy), explanation(10.5, everywhere)
+    found = beliefs((one, other, wide), N_EFFECTS, variants)
+    assert found.best is other
+    assert found.predictive is one
+    assert beliefs((one, explanation(13.0, sloppy)), N_EFFECTS, variants).predictive.names == {"foliente_pinching"}
+
+
+def test_what_is_left_must_be_noise() -> None:
+    """A sensor that drifts is no force of the states: nothing beats the model as given, which yet does not explain."""
+    found = beliefs((explanation(20.0, is_noise=False), explanation(0.0, SLIP)), N_EFFECTS, VARIANTS)
+    assert found.verdict == "unexplained"
+    found = beliefs((explanation(0.0), explanation(40.0, SLIP, is_noise=False)), N_EFFECTS, VARIANTS)
+    assert found.verdict == "partly_explained"

@@ -50,8 +50,8 @@ def test_other_units(tmp_path: Path) -> None:
         (
             HEAD + UNIT.replace(" G", " furlong") + COUNT + NUMBERS,
             (
-                "{path}, line 3: the unit [furlong] has the wrong dimension: write a unit of ground acceleration "
-                "such as m/s^2"
+                "{path}, line 3, column ground_acceleration: the unit [furlong] has the wrong dimension: write a "
+                "unit of ground acceleration such as m/s^2"
             ),
         ),
         (

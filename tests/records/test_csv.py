@@ -167,7 +167,6 @@ CHANNELS = (
     "acceleration_i, relative_acceleration_i, displacement_i, drift_i, force_i (i from 1), or displacement and force "
     "for a cyclic test"
 )
-COLUMN_NAME = "write a name and its unit, such as acceleration_1 [m/s^2], separated by commas"
 BAD_FILES = [
     ("\n \n", "{path}: the file is empty"),
     ("# name: x\n", "{path}: the file is empty, it needs a header and at least 8 rows of numbers"),
@@ -218,10 +217,15 @@ BAD_FILES = [
         lines(header=HEADER.replace("ground_acceleration", "drift_1")),
         "{path}, line 1: column ground_acceleration is missing (displacement for a cyclic test), add it",
     ),
-    (lines(header=HEADER.replace("time [s]", "drift_1 [m]")), "{path}, line 1: column time is missing, add it"),
+    (
+        lines(header=HEADER.replace("time [s]", "drift_1 [m]")),
+        "{path}, line 1: column time is missing, add it or state the time_step",
+    ),
     (
         lines(header=HEADER.replace("acceleration_1", "velocity_1")),
-        "{path}, line 1, column velocity_1: the name is not known, use time, ground_acceleration, " + CHANNELS,
+        "{path}, line 1, column velocity_1: the name is not known, use time, ground_acceleration, "
+        + CHANNELS
+        + ", or say by a column map which columns to read",
     ),
     (
         lines(header=HEADER.replace(" [m/s^2],a", ",a")),
@@ -243,8 +247,18 @@ BAD_FILES = [
         "{path}, line 1, column ground_acceleration: the column appears twice, keep one",
     ),
     (
-        lines(header=HEADER.replace(",", ";"), rows=[row.replace(",", ";") for row in ROWS]),
-        "{path}, line 1, column 1: 'time [s];ground_acceleration [m/s^2];acc' is not a column name, " + COLUMN_NAME,
+        lines(header=HEADER.replace("acceleration_1", "acceleration_1 [g]")),
+        (
+            "{path}, line 1, column 3: 'acceleration_1 [g] [m/s^2]' is not a column name, write a name and its unit, "
+            "such as acceleration_1 [m/s^2], and put # before lines above the header"
+        ),
+    ),
+    (
+        lines(header="0.1,0.2,0.3"),
+        (
+            "{path}, line 1: there are numbers where the header should be, write one such as time [s], or give a "
+            "column map with column 1, column 2 and so on"
+        ),
     ),
     (
         lines(header="time [s],ground_acceleration [g],displacement [m]"),
@@ -303,8 +317,8 @@ def test_missing_file_folder_and_suffix(tmp_path: Path) -> None:
     (tmp_path / "folder.csv").mkdir()
     with pytest.raises(UserError, match=r"folder.csv: the file cannot be read"):
         read_record(tmp_path / "folder.csv")
-    with pytest.raises(UserError, match=r"run.txt: the suffix '.txt' is not known, use .csv, .nc or .AT2$"):
-        read_record(tmp_path / "run.txt")
+    with pytest.raises(UserError, match=r"run.xls: the suffix '.xls' is not known, use .csv, .tsv, .txt"):
+        read_record(tmp_path / "run.xls")
 
 
 def test_writing_where_it_cannot(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.records import Record, read_record, write_record
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -45,3 +46,27 @@ def test_units_of_the_friction_damper() -> None:
     # PROVENANCE.md: a sine of 1.5 in amplitude.
     record = specimen("friction_damper_sine_0p5hz.csv")
     assert np.max(np.abs(record.excitation)) == pytest.approx(1.5 * 0.0254, rel=0.02)
+
+
+SHAKE_TABLE = (
+    "table_acceleration = ground_acceleration, floor_1 = displacement_1 minus base_displacement, "
+    "floor_2 = displacement_2 minus base_displacement, floor_3 = displacement_3 minus base_displacement"
+)
+
+
+@pytest.mark.parametrize("name", ["fbgm152s1", "fbgm152s3", "fpgm111s1", "fpgm111s2"])
+def test_the_shake_table_frame_by_a_column_map(name: str) -> None:
+    """Its displacements are absolute, in inches, beside that of the base."""
+    path = DATA / "shake_table_frame" / f"{name}.csv"
+    if not path.exists():
+        pytest.skip(f"measured file {path} is not here")
+    record = read_record(path, SHAKE_TABLE)
+    table = np.loadtxt(path, delimiter=",", skiprows=3)
+    assert record.time_step == 1 / 64
+    np.testing.assert_allclose(record.excitation, 9.80665 * table[:, 0], rtol=1e-12)
+    for i in (1, 2, 3):
+        np.testing.assert_allclose(
+            record.channels[f"displacement_{i}"], 0.0254 * (table[:, 1 + i] - table[:, 1]), rtol=1e-9, atol=1e-12
+        )
+    with pytest.raises(UserError, match="column table_acceleration: the name is not known"):
+        read_record(path)

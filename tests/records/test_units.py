@@ -43,6 +43,10 @@ POUND_FORCE = 0.45359237 * 9.80665
         ("force", "kip", 1e3 * POUND_FORCE),
         ("force_1", "lbf", POUND_FORCE),
         ("force_1", "kg m/s^2", 1.0),
+        ("acceleration_1", "0.25 g", 0.25 * 9.80665),
+        ("acceleration_1", "-1 g", -9.80665),
+        ("acceleration_1", "2.4e-6 m/s2", 2.4e-6),
+        ("drift_1", "5mm", 5e-3),
     ],
 )
 def test_factor_to_si(column: str, unit: str, factor: float) -> None:
@@ -59,7 +63,22 @@ def test_wrong_dimension(column: str, unit: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "unit", ["", "g0", "furlongish", "2 m", "m;", "m^(9**9**9)", "m^999999999", "__import__('os')", "m" * 60]
+    "unit",
+    [
+        "",
+        "g0",
+        "furlongish",
+        "2 2 m",
+        "0 m",
+        "1e999 m",
+        "9" * 60 + " m",
+        "2",
+        "m;",
+        "m^(9**9**9)",
+        "m^999999999",
+        "__import__('os')",
+        "m" * 60,
+    ],
 )
 def test_text_that_is_no_unit(unit: str) -> None:
     start = time.perf_counter()

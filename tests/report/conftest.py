@@ -175,7 +175,9 @@ def build_result(
     predictive = response_values["acceleration"] + noise_sd[:, None] * rng.standard_normal((n_draws, *signal.shape))
     channels = [f"acceleration_{i}" for i in range(1, n_storeys + 1)]
     response = response_dataset(response_values, time, ("draw",))
-    storeys = xr.Dataset({s: (("draw", "storey"), v) for s, v in by_storey.items()})
+    # What a law holds at a fixed value has its column too.
+    in_law = by_storey | {"A": np.ones((n_draws, n_storeys))}
+    storeys = xr.Dataset({s: (("draw", "storey"), v) for s, v in in_law.items()})
     constant = xr.Dataset({"ground_acceleration": ("time", ground)}, coords={"time": time})
     if forces:
         sums = -np.cumsum((masses[:, None] * measured)[::-1], axis=0)[::-1]

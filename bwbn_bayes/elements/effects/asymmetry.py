@@ -69,7 +69,6 @@ class Asymmetry(Effect):
     source: ClassVar[str] = "Wang and Wen 2000; Song and Der Kiureghian 2006"
     residual: ClassVar[str] = "even harmonics, a drift that stays"
     confusable: ClassVar[str] = "sensor_bias in force and drift records, a one-sided gap_impact"
-    one_law: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.term not in _SYMBOLS:

@@ -74,7 +74,6 @@ class CoulombFriction(Effect):
     source: ClassVar[str] = f"{_MOSTAGHEL}; {_DAHL}"
     residual: ClassVar[str] = "a square wave in phase with the drift rate, sticking"
     confusable: ClassVar[str] = "a stiff Bouc-Wen spring with alpha near 0, quadratic_damping at one amplitude"
-    one_law: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.smoothing not in _SYMBOLS:
@@ -163,15 +162,6 @@ class CoulombFriction(Effect):
             force: (0.03 * scales.force, 0.15 * scales.force),
             width: tuple(share * self._largest(scales) for share in (0.015, 0.08)),
         }
-
-    @override
-    def doubt(self, values: Mapping[str, float], scales: Scales) -> str:
-        _, width = _SYMBOLS[self.smoothing]
-        share = values[width] / self._largest(scales)
-        largest = "drift" if self._sticks else "drift rate"
-        return (
-            f"it turns over {100 * share:.0f} % of the largest {largest}: not dry friction" if share > _WIDEST else ""
-        )
 
     @override
     def fill(self, slots: Slots) -> Slots:

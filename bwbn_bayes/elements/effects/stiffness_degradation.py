@@ -56,7 +56,6 @@ class StiffnessDegradation(Effect):
     source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}"
     residual: ClassVar[str] = "the period grows with the work done"
     confusable: ClassVar[str] = "slow damage, base flexibility"
-    one_law: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         _ = self._loss  # refuses what belongs to no form

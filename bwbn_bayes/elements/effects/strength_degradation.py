@@ -56,7 +56,6 @@ class StrengthDegradation(Effect):
     source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}"
     residual: ClassVar[str] = "peaks are clipped more as work is done"
     confusable: ClassVar[str] = "falling n or beta"
-    one_law: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         _ = self._loss  # refuses what belongs to no form

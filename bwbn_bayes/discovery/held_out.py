@@ -48,7 +48,10 @@ class HeldOut:
     @property
     def label(self) -> str:
         """What reports call it."""
-        return "held-out record" if self.after_s == 0.0 else f"held-out end, after {self.after_s:.3g} s"
+        if self.after_s == 0.0:
+            return "held-out record"
+        instant = f"{self.after_s:.3g} s" if self.record.has_time else moment_in_words(self.record, self.first)
+        return f"held-out end, after {instant}"
 
 
 def set_apart(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce
 from bwbn_bayes.discovery.probability import NAMED, Beliefs
@@ -80,7 +83,7 @@ def _effect(one: Added) -> str:
     sure = evidence_in_words(one.log_bayes_factor)
     text = (
         f"{words}{one.title}: {sure} evidence "
-        f"({one.log_bayes_factor:.0f} nats, probability {probability_in_words(one.probability)})"
+        f"({nats_in_words(one.log_bayes_factor)}, probability {probability_in_words(one.probability)})"
     )
     if one.alternatives:
         text += f"; the record cannot tell it from {' or '.join(one.alternatives)}"
@@ -102,13 +105,22 @@ def signature_in_words(seen: SignatureFacts) -> str:
 
 
 def _runner_up(believed: Beliefs) -> tuple[str, ...]:
-    """The best explanation with other effects or places, and how far it is behind."""
-    best = (believed.best.placed, believed.best.has_unnamed)
-    for one, log_joint in zip(believed.explanations, believed.log_joint.tolist(), strict=True):
-        if (one.placed, one.has_unnamed) != best:
-            margin = float(believed.log_joint[0]) - log_joint
-            return (f"The runner-up, {one.label}, is {margin:.{0 if margin >= 10.0 else 1}f} nats behind.",)
-    return ()
+    second = runner_up(believed.explanations, believed.log_joint.tolist())
+    return () if second is None else (f"The runner-up, {second[0].label}, is {nats_in_words(second[1])} behind.",)
+
+
+def runner_up(explanations: Sequence[Explanation], log_joint: Sequence[float]) -> tuple[Explanation, float] | None:
+    """The best explanation with other effects or places than the first has, and how far it is behind, in nat."""
+    first = explanations[0]
+    for one, value in zip(explanations, log_joint, strict=True):
+        if (one.placed, one.has_unnamed) != (first.placed, first.has_unnamed):
+            return one, log_joint[0] - value
+    return None
+
+
+def nats_in_words(nats: float) -> str:
+    """``812 nats``, ``3.4 nats``."""
+    return f"{nats:.{0 if abs(nats) >= 10.0 else 1}f} nats"
 
 
 def _gap(gap: Gap, *, changed: bool) -> tuple[str, ...]:

@@ -10,10 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Step
 from bwbn_bayes.discovery.where import Disagreement, storey_in_words
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.cycles import path_length
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.report.comparison import Part, parts_of
 from bwbn_bayes.report.content import DRIFT_RATIO, Marginal, Quantity, gather, shown
 from bwbn_bayes.results import Equation
 from bwbn_bayes.structures.equations import structure_equations
@@ -32,18 +35,26 @@ class GapBar:
     """Error of one data set: of the model as given, as improved (None where nothing was added), and of noise alone."""
 
     label: str
-    before: float
-    before_se: float
-    after: float | None
-    after_se: float
+    before: Prediction
+    after: Prediction | None
     floor: float
+
+    @property
+    def bars(self) -> tuple[tuple[str, Prediction], ...]:
+        """``as given`` and, where something was added, ``improved``."""
+        given = (("as given", self.before),)
+        return given if self.after is None else (*given, ("improved", self.after))
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeatMap:
-    """Residual to noise of something by place and time: ``values (n_places, n_windows)`` between ``edges`` [s]."""
+    """Residual to noise by place along the record: ``values (n_places, n_windows)`` between ``edges``.
+
+    The axis is time [s], or the path covered [m] where the record has no time.
+    """
 
     title: str
+    axis: str
     what: str
     places: tuple[str, ...]
     edges: Floats
@@ -85,6 +96,7 @@ class DiscoveryContent:
     """Everything the page of a discovery draws and prints."""
 
     discovery: Discovery
+    parts: tuple[Part, ...]
     gaps: tuple[GapBar, ...]
     by_time: tuple[HeatMap, ...]
     by_state: tuple[PlaneMap, ...]
@@ -127,9 +139,10 @@ def gather_discovery(discovery: Discovery) -> DiscoveryContent:
     stages += [("Improved model", discovery.after)] if discovery.added else []
     return DiscoveryContent(
         discovery=discovery,
+        parts=parts_of(discovery),
         gaps=_gaps(discovery),
-        by_time=tuple(_heat_map(discovery.model, title, seen) for title, seen in stages),
-        by_state=_planes(discovery.model, stages),
+        by_time=tuple(_heat_map(discovery, title, seen) for title, seen in stages),
+        by_state=_planes(discovery.model, stages) if discovery.record.has_time else (),
         loops=_loops(discovery),
         explanations=_explanations(discovery.steps[-1], discovery.added) if discovery.steps else (),
         n_weighed=len(discovery.steps[-1].explanations) if discovery.steps else 0,
@@ -148,28 +161,32 @@ def _gaps(discovery: Discovery) -> tuple[GapBar, ...]:
     return tuple(
         GapBar(
             label=label,
-            before=before.nrmse,
-            before_se=before.nrmse_se,
-            after=after.nrmse if changed else None,
-            after_se=after.nrmse_se,
+            before=before,
+            after=after if changed else None,
             floor=floor,
         )
         for label, before, after, floor in bars
     )
 
 
-def _heat_map(model: Structure, title: str, seen: Disagreement) -> HeatMap:
+def _heat_map(discovery: Discovery, title: str, seen: Disagreement) -> HeatMap:
     """Storey forces where they are measured, and the other channels."""
+    model, record = discovery.model, discovery.record
     rows = seen.rows(model)
     forces = f"storey forces ({_MASSES_TIMES})" if isinstance(model, ShearBuilding) else "measured force"
     kinds = {row.storey is not None: forces if row.storey is not None else "channels" for row in rows}
     return HeatMap(
         title=title,
+        axis="time [s]" if record.has_time else "path covered [m]",
         what=" and other ".join(kinds.values()),
         places=tuple(row.place if row.storey is not None else row.channel.replace("_", " ") for row in rows),
-        edges=seen.edges,
+        edges=seen.edges if record.has_time else _path_at(seen.edges, record),
         values=np.array([row.ratios for row in rows]),
     )
+
+
+def _path_at(instants: Floats, record: Record) -> Floats:
+    return np.asarray(np.interp(instants, record.times, path_length(record.excitation)))
 
 
 def _planes(model: Structure, stages: Sequence[tuple[str, Disagreement]]) -> tuple[PlaneMap, ...]:

@@ -12,7 +12,10 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import UnnamedForce
+from bwbn_bayes.records.cycles import cycle_numbers
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.report.canvas import (
     DASHES,
     IDENTIFIED,
@@ -23,6 +26,7 @@ from bwbn_bayes.report.canvas import (
     finished,
     legend,
 )
+from bwbn_bayes.report.comparison_figures import draw_comparison
 from bwbn_bayes.report.discovery_content import (
     DiscoveryContent,
     ExplanationBar,
@@ -41,8 +45,10 @@ NEVER = "#e9e7e2"
 RESIDUAL_MAP, ORDER_MAP = "YlOrBr", "viridis"
 _LEAST_TOP = 3.0
 """The darkest colour is at least this many times the noise, so that noise looks pale."""
-_LEAST_PROBABILITY = 1e-12
-"""Bars of probability end there."""
+_LEAST_PROBABILITY = 0.001
+"""Less probable explanations are told by how far they are behind."""
+_LINEAR_TO = 10.0
+"""Nats are drawn linearly up to this, logarithmically beyond."""
 
 
 def draw_discovery(content: DiscoveryContent) -> tuple[Drawing, ...]:
@@ -59,13 +65,14 @@ def draw_discovery(content: DiscoveryContent) -> tuple[Drawing, ...]:
     """
     with mpl.rc_context(STYLE):
         drawings = [
+            *draw_comparison(content.parts),
             _gap(content.gaps),
             _by_time(content.by_time),
             _by_state(content.by_state),
             _loops(content.loops),
             _explanations(content.explanations, content.n_weighed),
             draw_posterior(content.new_marginals),
-            _unnamed(content.discovery.unnamed),
+            _unnamed(content.discovery.unnamed, content.discovery.record),
         ]
     return tuple(drawing for drawing in drawings if drawing is not None)
 
@@ -73,18 +80,14 @@ def draw_discovery(content: DiscoveryContent) -> tuple[Drawing, ...]:
 def _gap(gaps: tuple[GapBar, ...]) -> Drawing:
     changed = any(gap.after is not None for gap in gaps)
     figure, axes = canvas(len(gaps), 0.55 + (1.15 if changed else 0.85) * len(gaps))
-    reach = 118.0 * max(max(gap.before + gap.before_se, gap.after or 0.0, gap.floor) for gap in gaps)
+    near = [seen.nrmse + seen.nrmse_se for gap in gaps for _, seen in gap.bars if not seen.runs_away_after]
+    reach = 118.0 * max(*near, *(gap.floor for gap in gaps))
     for axis, gap in zip(axes, gaps, strict=True):
-        bars = [("as given", gap.before, gap.before_se, GIVEN)]
-        bars += [] if gap.after is None else [("improved", gap.after, gap.after_se, IDENTIFIED)]
-        for row, (_, value, error, colour) in enumerate(bars):
-            axis.barh(row, 100.0 * value, height=0.62, color=colour)
-            axis.errorbar(100.0 * value, row, xerr=100.0 * error, color=INK, linewidth=0.9, capsize=2.5)
-            beyond = max(100.0 * (value + error), 100.0 * gap.floor)
-            axis.text(beyond + 0.015 * reach, row, f"{100.0 * value:.3g} %", va="center")
+        for row, ((_, seen), colour) in enumerate(zip(gap.bars, (GIVEN, IDENTIFIED), strict=False)):
+            _gap_bar(axis, row, seen, gap.floor, colour, reach)
         axis.axvline(100.0 * gap.floor, color=INK, linewidth=1.0, dashes=DASHES)
-        axis.set_yticks(range(len(bars)), [name for name, *_ in bars])
-        axis.set_ylim(len(bars) - 0.5, -0.5)
+        axis.set_yticks(range(len(gap.bars)), [name for name, _ in gap.bars])
+        axis.set_ylim(len(gap.bars) - 0.5, -0.5)
         axis.set_xlim(0.0, reach)
         axis.set_title(f"{gap.label.capitalize()}; noise alone (dashed) {100.0 * gap.floor:.3g} %")
         axis.grid(visible=False, axis="y")
@@ -100,9 +103,22 @@ def _gap(gaps: tuple[GapBar, ...]) -> Drawing:
     )
 
 
+def _gap_bar(axis: Axes, row: int, seen: Prediction, floor: float, colour: str, reach: float) -> None:
+    """A bar with its error; in words, and to the end, where the prediction runs away."""
+    if seen.runs_away_after:
+        axis.barh(row, reach, height=0.62, color=colour, hatch="//", edgecolor="white", linewidth=0.0)
+        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
+        axis.text(0.5 * reach, row, f"runs away after {seen.runs_away_after}", va="center", ha="center", bbox=box)
+        return
+    value, error = 100.0 * seen.nrmse, 100.0 * seen.nrmse_se
+    axis.barh(row, value, height=0.62, color=colour)
+    axis.errorbar(value, row, xerr=error, color=INK, linewidth=0.9, capsize=2.5)
+    axis.text(max(value + error, 100.0 * floor) + 0.015 * reach, row, f"{value:.3g} %", va="center")
+
+
 def _gap_in_words(gap: GapBar) -> str:
-    after = "" if gap.after is None else f", improved {100.0 * gap.after:.1f} %"
-    return f"{gap.label}: as given {100.0 * gap.before:.1f} %{after}, noise {100.0 * gap.floor:.1f} %"
+    told = ", ".join(f"{name} {seen.error_in_words}" for name, seen in gap.bars)
+    return f"{gap.label}: {told}, noise {100.0 * gap.floor:.1f} %"
 
 
 def _norm(values: Sequence[np.ndarray]) -> LogNorm:
@@ -133,14 +149,14 @@ def _by_time(maps: tuple[HeatMap, ...]) -> Drawing:
         axis.set_title(seen.title)
         axis.grid(visible=False)
         axis.tick_params(length=0, axis="y")
-    axes[-1].set_xlabel("time [s]")
+    axes[-1].set_xlabel(maps[0].axis)
     _colour_bar(figure, axes, norm, RESIDUAL_MAP, "residual / noise")
     return finished(
         figure,
         "where_time.png",
         f"Where they disagreed: residual of the {maps[0].what} over the noise level, by window; at 1 only noise is "
         "left.",
-        f"Heat map of residual over noise by place and time; largest {float(np.nanmax(maps[0].values)):.1f} times.",
+        f"Heat map of residual over noise by place and window; largest {float(np.nanmax(maps[0].values)):.1f} times.",
     )
 
 
@@ -212,50 +228,57 @@ def _loop(
 
 
 def _explanations(bars: tuple[ExplanationBar, ...], n_weighed: int) -> Drawing | None:
+    """How far each is behind the best, with what it consists of above its bar."""
     if not bars:
         return None
-    figure, (axis,) = canvas(1, 0.75 + 0.27 * len(bars))
-    for row, bar in enumerate(reversed(bars)):
-        colour = IDENTIFIED if bar.chosen else GIVEN
-        axis.barh(row, max(bar.probability, _LEAST_PROBABILITY), height=0.6, left=0.0, color=colour)
-    axis.set_yticks(range(len(bars)), [_short(bar.label) for bar in reversed(bars)])
-    axis.set_xscale("log")
-    axis.set_xlim(_LEAST_PROBABILITY, 1.0)
-    axis.set_xlabel("probability")
+    figure, (axis,) = canvas(1, 0.7 + 0.44 * len(bars))
+    behind = [-bar.log_odds for bar in bars]
+    axis.set_xscale("symlog", linthresh=_LINEAR_TO, linscale=1.0)
+    end = max(behind[-1], _LINEAR_TO)
+    for row, (bar, nats) in enumerate(zip(bars, behind, strict=True)):
+        axis.barh(row + 0.16, nats, height=0.3, color=IDENTIFIED if bar.chosen else GIVEN)
+        told = f"{bar.probability:.3f}" if bar.probability >= _LEAST_PROBABILITY else f"{nats:.0f} nats behind"
+        axis.annotate(told, (nats, row + 0.16), xytext=(3, 0), textcoords="offset points", va="center", fontsize=8.5)
+        weight = "bold" if bar.chosen else "normal"
+        axis.text(0.0, row - 0.08, bar.label, va="bottom", fontsize=8.5, fontweight=weight)
+    axis.set_ylim(len(bars) - 0.5, -0.6)
+    axis.set_yticks([])
+    axis.set_xlim(0.0, 4.0 * end)
+    ticks = [t for t in (0, 5, 10, 100, 1000, 10000, 100000) if t <= 1.2 * end]
+    axis.set_xticks(ticks, [f"{t}" for t in ticks])
+    axis.minorticks_off()
+    axis.set_xlabel("nats behind the best")
     axis.grid(visible=False, axis="y")
-    axis.tick_params(length=0, axis="y")
-    more = f"The best {len(bars)} of {n_weighed}." if n_weighed > len(bars) else "All that were weighed."
+    more = f"The best {len(bars)} of {n_weighed}" if n_weighed > len(bars) else "All that were weighed"
     return finished(
         figure,
         "explanations.png",
-        f"{more} Blue: with the effects of the improved model.",
-        f"Probability of each explanation; best {bars[0].label}, {bars[0].probability:.3f}.",
+        f"{more}, with the probability of each. Blue: with the effects of the improved model. Linear up to "
+        f"{_LINEAR_TO:.0f} nats, logarithmic beyond.",
+        "Explanations and their probabilities: " + "; ".join(f"{bar.label}, {bar.probability:.3f}" for bar in bars),
     )
 
 
-def _short(label: str) -> str:
-    return (
-        label.replace("_", " ")
-        .replace(", storey ", ", st. ")
-        .replace(", storeys ", ", st. ")
-        .replace(", floor ", ", fl. ")
-    )
-
-
-def _unnamed(found: UnnamedForce | None) -> Drawing | None:
+def _unnamed(found: UnnamedForce | None, record: Record) -> Drawing | None:
+    """Its force against the drift, coloured by time, or by the cycle of a specimen."""
     if found is None:
         return None
-    figure, (axis,) = canvas(1, 2.8)
+    figure, (axis,) = canvas(1, 2.9)
     length = display_scale("m", float(np.abs(found.drift).max()))
     strength = display_scale("N", float(np.abs(found.force).max()))
-    order = np.linspace(0.0, 1.0, len(found.drift))
-    axis.scatter(length.factor * found.drift, strength.factor * found.force, c=order, cmap=ORDER_MAP, s=3.0)
-    axis.set_xlabel(f"drift [{length.unit}]")
+    of_specimen = record.excitation_kind == "displacement"
+    order = cycle_numbers(record.excitation).astype(float) if of_specimen else record.times
+    norm = Normalize(vmin=float(order[0]), vmax=float(order[-1]))
+    drift, force = length.factor * found.drift, strength.factor * found.force
+    axis.plot(drift, force, color=NEVER, linewidth=0.6, zorder=1)
+    axis.scatter(drift, force, c=order, cmap=ORDER_MAP, norm=norm, s=3.0, linewidths=0.0, zorder=2)
+    axis.set_xlabel(f"{'displacement' if of_specimen else 'drift'} [{length.unit}]")
     axis.set_ylabel(f"force [{strength.unit}]")
-    _colour_bar(figure, [axis], Normalize(vmin=0.0, vmax=1.0), ORDER_MAP, "share of the record")
+    _colour_bar(figure, [axis], norm, ORDER_MAP, "cycle" if of_specimen else "time [s]")
     return finished(
         figure,
         "unnamed_force.png",
-        "The force of no known law against the drift, coloured in the order of the record.",
-        f"Force of no known law at {found.place} against drift.",
+        "The force of no known law against the drift. One line would be a spring, a loop friction; a drift of colours "
+        "is a change with the damage.",
+        f"Force of no known law at {found.place} against drift; its share {100.0 * found.share:.0f} %.",
     )

@@ -6,12 +6,15 @@ from pathlib import Path
 
 from bwbn_bayes.discovery.outcome import Discovery
 from bwbn_bayes.discovery.probability import NAMED
+from bwbn_bayes.discovery.sentences import probability_in_words
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.report import discovery_tables as tables
 from bwbn_bayes.report.canvas import Drawing
+from bwbn_bayes.report.comparison_figures import COMPARISON
 from bwbn_bayes.report.discovery_content import DiscoveryContent, gather_discovery
 from bwbn_bayes.report.discovery_figures import draw_discovery
 from bwbn_bayes.report.html import ReportFiles, data_address, mathml_of, template, write_page, write_report
-from bwbn_bayes.report.numbers import NOTHING
+from bwbn_bayes.report.numbers import NOTHING, percent
 from bwbn_bayes.report.tables import quantity_table
 from bwbn_bayes.results import Equation
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -43,26 +46,34 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
     """The page as text: HTML with inline style and figures; texts are escaped, equations are MathML."""
     discovery = content.discovery
     held_out = discovery.held_out
+    by_storey = ", by storey or floor" if isinstance(discovery.model, ShearBuilding) else ""
     return template("discovery.html.j2").render(
         model=discovery.name,
         record=discovery.record.name,
-        run=f"{_counted(discovery)}, {discovery.record.duration:.3g} s; "
+        run=f"{_counted(discovery)}, {_extent(discovery.record)}; "
         + (f"{held_out.label}: {held_out.record.name}" if held_out is not None else "no held-out record"),
-        sentences=discovery.sentences,
+        first=discovery.sentences[0],
+        sentences=discovery.sentences[1:],
         key_figures=tables.discovery_key_figures(discovery),
         figures={drawing.name: drawing for drawing in drawings},
+        comparison=[drawing.name for drawing in drawings if drawing.name.startswith(COMPARISON)],
         data_address=data_address,
         spots=tables.spot_sentences(discovery),
         effects=tables.effects_table(content.added),
+        names=tables.names_table(discovery),
+        signatures=tables.signatures_table(content.added),
         notes=tables.effect_notes(content.added),
         parameters=tables.new_parameters_table(content),
         old_equations=_written(content.old_equations),
         new_equations=_written(content.new_equations),
         drift_ratios=quantity_table(content.drift_ratios, "storey"),
         unnamed=discovery.unnamed,
+        unnamed_share=percent(discovery.unnamed.share) if discovery.unnamed is not None else "",
+        unnamed_sure=probability_in_words(discovery.unnamed.probability) if discovery.unnamed is not None else "",
         steps=discovery.steps,
-        limits=tables.limits_table(content.limits, discovery.model.n_storeys),
+        limits=tables.limits_table(content.limits, discovery.model),
         named=f"{NAMED:g}",
+        limits_label=f"Detection limits{by_storey}",
         never=f"A dash ({NOTHING}) stands",
         assumptions=discovery.result.facts.assumptions,
         provenance=tables.discovery_provenance(discovery),
@@ -72,6 +83,11 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
 
 def _written(equations: tuple[Equation, ...]) -> list[tuple[str, str]]:
     return [(equation.caption, mathml_of(equation)) for equation in equations]
+
+
+def _extent(record: Record) -> str:
+    """How long the record is: in seconds, or in points where it has no time."""
+    return f"{record.duration:.3g} s" if record.has_time else f"{record.n_times} points without time"
 
 
 def _counted(discovery: Discovery) -> str:

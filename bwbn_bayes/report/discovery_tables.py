@@ -3,43 +3,70 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from markupsafe import Markup
 
 from bwbn_bayes.discovery.candidates import place_in_words
-from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery
-from bwbn_bayes.discovery.sentences import evidence_in_words
+from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, SignatureFacts
+from bwbn_bayes.discovery.sentences import evidence_in_words, nats_in_words, probability_in_words, runner_up
+from bwbn_bayes.discovery.where import SPECIMEN
+from bwbn_bayes.elements.catalogue import title_of
 from bwbn_bayes.report.discovery_content import DiscoveryContent
-from bwbn_bayes.report.numbers import NOTHING, duration, html_symbol, html_unit, percent, significant, with_uncertainty
+from bwbn_bayes.report.numbers import (
+    NOTHING,
+    display_scale,
+    duration,
+    html_symbol,
+    html_unit,
+    percent,
+    significant,
+    with_uncertainty,
+)
 from bwbn_bayes.report.tables import KeyFigure, Table, parameter_row
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
 
 MAX_SPOTS = 6
+MAX_NAMES = 8
+LEAST_SHOWN = 0.001
+"""Less probable effects are left out."""
 
 
 def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
-    """The handful of numbers under the verdict."""
-    gap, apart = discovery.gap, discovery.held_out
-    figures = []
-    for added in discovery.added[:2]:
-        factor = added.log_bayes_factor
-        value, _ = with_uncertainty((factor, 0.0), max(added.log_bayes_factor_se, 0.04 * abs(factor)))
-        figures.append(KeyFigure(value=f"{value} nat", label=f"log Bayes factor of {added.hypothesis.name}"))
-    arrow = "\N{RIGHTWARDS ARROW}"
-    fitted = _share(gap.before.nrmse)
-    fitted += f" {arrow} {_share(gap.after.nrmse)}" if discovery.added else ""
-    figures.append(KeyFigure(value=fitted, label=f"error of fit; noise alone {_share(gap.noise_floor)}"))
-    if apart and gap.held_out:
-        predicted = _share(gap.held_out.before.nrmse)
-        predicted += f" {arrow} {_share(gap.held_out.after.nrmse)}" if discovery.added else ""
-        figures.append(
-            KeyFigure(
-                value=predicted, label=f"error on the {apart.label}; noise alone {_share(gap.held_out.noise_floor)}"
-            )
+    """The handful of numbers under the verdict: how sure, against what, and how far the errors shrank."""
+    figures = [
+        KeyFigure(
+            value=probability_in_words(one.name_probability),
+            label=f"{one.title}: {evidence_in_words(one.log_bayes_factor)} evidence, "
+            f"{nats_in_words(one.log_bayes_factor)}",
         )
-    if discovery.verdict != "no_missing_effect":
-        left = "of the disagreement left unexplained"
-        figures.append(KeyFigure(value=percent(discovery.unexplained_share), label=left))
+        for one in discovery.added[:2]
+    ]
+    if not discovery.added:
+        sure = probability_in_words(discovery.verdict_probabilities[discovery.verdict])
+        figures.append(KeyFigure(value=sure, label=f"probability of {discovery.verdict.replace('_', ' ')}"))
+    last = discovery.steps[-1] if discovery.steps else None
+    second = runner_up(last.explanations, last.log_joint) if last is not None and last.explanations else None
+    if second is not None:
+        figures.append(KeyFigure(value=nats_in_words(second[1]), label=f"to the runner-up, {second[0].label}"))
+    changed, apart, gap = bool(discovery.added), discovery.held_out, discovery.gap
+    figures.append(_error_figure("fitted record", gap, changed=changed))
+    if apart is not None and gap.held_out is not None:
+        figures.append(_error_figure(apart.label, gap.held_out, changed=changed))
+    if discovery.unnamed is not None:
+        share = percent(discovery.unnamed.share)
+        figures.append(KeyFigure(value=share, label="of the force follows no known law"))
     return tuple(figures)
+
+
+def _error_figure(what: str, gap: Gap, *, changed: bool) -> KeyFigure:
+    """Error as given and improved; where a prediction runs away, that instead of its number."""
+    stages = [("as given", gap.before), *([("improved", gap.after)] if changed else [])]
+    values = ["runs away" if seen.runs_away_after else _share(seen.nrmse) for _, seen in stages]
+    lost = [f"; {word}, away after {seen.runs_away_after}" for word, seen in stages if seen.runs_away_after]
+    label = f"error on the {what}; noise alone {_share(gap.noise_floor)}{''.join(lost)}"
+    return KeyFigure(value=" \N{RIGHTWARDS ARROW} ".join(values), label=label)
 
 
 def spot_sentences(discovery: Discovery) -> tuple[str, ...]:
@@ -54,7 +81,7 @@ def _share(value: float) -> str:
 
 
 def effects_table(added: tuple[Added, ...]) -> Table:
-    """Each added effect: how sure, at this place, and what it cannot be told from."""
+    """Each effect of the improved model: how sure, at this place, and what it cannot be told from."""
     return Table(
         columns=("effect", "evidence", "probability", "at this place", "log Bayes factor [nat]", "cannot be told from"),
         rows=tuple(_effect_row(one) for one in added),
@@ -65,21 +92,60 @@ def _effect_row(added: Added) -> tuple[str | Markup, ...]:
     factor, se = added.log_bayes_factor, added.log_bayes_factor_se
     value, error = with_uncertainty((factor, se), se)
     return (
-        added.title,
+        _capital(added.title),
         evidence_in_words(factor),
-        significant(added.name_probability, 3),
-        significant(added.place_probability, 3),
+        probability_in_words(added.name_probability),
+        probability_in_words(added.place_probability),
         f"{value} ± {error}",
         ", ".join(added.alternatives) or "nothing else",
     )
 
 
+def names_table(discovery: Discovery) -> Table:
+    """Probability that each effect is part of the model, whatever else is."""
+    likely = [(name, p) for name, p in discovery.probabilities.items() if p >= LEAST_SHOWN][:MAX_NAMES]
+    rows = tuple((_capital(title_of(name)), probability_in_words(p)) for name, p in likely)
+    return Table(columns=("effect", "probability that it is part of the model"), rows=rows)
+
+
+def signatures_table(added: tuple[Added, ...]) -> Table:
+    """What each effect does to the loop: measured, identified, and without the effect."""
+    columns = (
+        "effect",
+        "measure",
+        "measured",
+        "identified",
+        "90 % interval",
+        "without the effect",
+        "deserves its name",
+    )
+    return Table(columns=columns, rows=tuple(_signature_row(one, one.signature) for one in added if one.signature))
+
+
+def _signature_row(added: Added, seen: SignatureFacts) -> tuple[str | Markup, ...]:
+    measure = Markup("{} [{}]").format(seen.measure, html_unit(seen.unit)) if seen.unit else seen.measure
+    return (
+        _capital(added.title),
+        measure,
+        NOTHING if seen.measured is None else significant(seen.measured, 2),
+        significant(seen.mean, 2),
+        f"{significant(seen.low, 2)} to {significant(seen.high, 2)}",
+        significant(seen.without, 2),
+        probability_in_words(seen.deserved),
+    )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
 def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:
-    """What each added effect is, and which experiment would tell it from its equivalents, in sentences."""
+    """What each added effect is, from which size it is called so, and what would tell it from its equivalents."""
     notes: list[str] = []
     for one in added:
-        hypothesis = one.hypothesis
-        notes.append(f"{hypothesis.label}: {hypothesis.effect.summary} ({hypothesis.effect.source}).")
+        effect = one.hypothesis.effect
+        named_from = f" Named from: {effect.signature.reason}." if effect.signature.reason else ""
+        notes.append(f"{_capital(one.title)}: {effect.summary} ({effect.source}).{named_from}")
         notes += one.separation
     return tuple(notes)
 
@@ -93,7 +159,7 @@ def new_parameters_table(content: DiscoveryContent) -> Table:
     return Table(columns=("parameter", "mean", "sd", "90 % interval", "unit", "prior"), rows=tuple(rows))
 
 
-def limits_table(limits: tuple[DetectionLimit, ...], n_storeys: int) -> Table:
+def limits_table(limits: tuple[DetectionLimit, ...], model: Structure) -> Table:
     """Smallest detectable size by effect and place; of an effect's forms the one that is easiest to see."""
     cells: dict[tuple[str, str, str], dict[int, DetectionLimit]] = {}
     for limit in limits:
@@ -102,23 +168,28 @@ def limits_table(limits: tuple[DetectionLimit, ...], n_storeys: int) -> Table:
         row = cells.setdefault(key, {})
         if place not in row or limit.smallest < row[place].smallest:
             row[place] = limit
-    places = [0, *range(1, n_storeys + 1)]
+    of_specimen = not isinstance(model, ShearBuilding)
+    places = [0, *range(1, model.n_storeys + 1)]
     used = [place for place in places if any(place in row for row in cells.values())]
-    rows = tuple(
-        (
-            Markup("{} <span class='prior'>{}</span>").format(name, html_symbol(symbol)),
-            html_unit(unit) if unit else "",
-            significant(max(limit.expected for limit in row.values()), 2),
-            *(_size(row[place].smallest) if place in row else "" for place in used),
-        )
-        for (name, symbol, unit), row in cells.items()
-    )
-    headings = [str(place) if place else place_in_words("structure", ()) for place in used]
+    rows = tuple(_limit_row(*key, [row.get(place) for place in used]) for key, row in cells.items())
+    headings = [SPECIMEN if of_specimen else str(place or place_in_words("structure", ())) for place in used]
     return Table(columns=("effect", "unit", "expected size", *headings), rows=rows)
 
 
+def _limit_row(name: str, symbol: str, unit: str, limits: Sequence[DetectionLimit | None]) -> tuple[str | Markup, ...]:
+    expected = max(limit.expected for limit in limits if limit is not None)
+    scale = display_scale(unit, expected)
+    return (
+        Markup("{} <span class='prior'>{}</span>").format(_capital(title_of(name)), html_symbol(symbol)),
+        html_unit(scale.unit) if unit else "",
+        significant(scale.factor * expected, 2),
+        *("" if limit is None else _size(scale.factor * limit.smallest) for limit in limits),
+    )
+
+
 def _size(smallest: float) -> str:
-    return significant(smallest, 2) if math.isfinite(smallest) else NOTHING
+    """Two digits, no more."""
+    return significant(float(f"{smallest:.1e}"), 2) if math.isfinite(smallest) else NOTHING
 
 
 def discovery_provenance(discovery: Discovery) -> Table:

@@ -18,7 +18,10 @@ _GREEK = {
 }  # fmt: skip
 _MULTIPLES = {
     "m": ((0.05, "mm", 1e3), (math.inf, "m", 1.0)),
-    "N": ((1e4, "N", 1.0), (1e7, "kN", 1e-3), (math.inf, "MN", 1e-6)),
+    **{
+        f"N{rest}": ((1e4, f"N{rest}", 1.0), (1e7, f"kN{rest}", 1e-3), (math.inf, f"MN{rest}", 1e-6))
+        for rest in ("", "/m", " s/m", "/m^3")
+    },
     "J": ((1e4, "J", 1.0), (1e7, "kJ", 1e-3), (math.inf, "MJ", 1e-6)),
 }
 
@@ -36,7 +39,7 @@ def display_scale(unit: str, magnitude: float) -> Scale:
     Parameters
     ----------
     unit : str
-        SI unit; ``m``, ``N`` and ``J`` have multiples, others stay.
+        SI unit; ``m``, ``N``, ``N/m``, ``N s/m``, ``N/m^3`` and ``J`` have multiples, others stay.
     magnitude : float
         Largest absolute value to be shown, in that unit.
     """

@@ -10,6 +10,7 @@ from markupsafe import Markup
 from bwbn_bayes.report.content import Content, Quantity, place_in_words
 from bwbn_bayes.report.numbers import (
     NOTHING,
+    Scale,
     display_scale,
     duration,
     html_symbol,
@@ -80,15 +81,17 @@ def method_in_words(method: str) -> str:
 def parameter_row(parameter: ParameterFacts) -> ParameterRow:
     """Texts of one parameter: sd with two digits, everything else to the same place."""
     low, high = parameter.hdi90
+    unit, factor = _multiple(parameter)
+    values = (parameter.mean, parameter.sd, low, high, _or_nan(parameter.true))
     mean, sd, low_text, high_text, true = with_uncertainty(
-        (parameter.mean, parameter.sd, low, high, _or_nan(parameter.true)), parameter.sd
+        tuple(factor * value for value in values), factor * parameter.sd
     )
     z_score = parameter.z_score
     return ParameterRow(
         name=parameter.name,
         symbol=html_symbol(parameter.name),
-        unit=html_unit(parameter.unit),
-        prior=parameter.prior,
+        unit=html_unit(unit),
+        prior=parameter.prior if unit == parameter.unit else f"{parameter.prior} {parameter.unit}",
         mean=mean,
         sd=sd,
         interval=_interval(low_text, high_text),
@@ -96,6 +99,13 @@ def parameter_row(parameter: ParameterFacts) -> ParameterRow:
         z_score=NOTHING if z_score is None else _signed(z_score),
         flag=parameter.flag,
     )
+
+
+def _multiple(parameter: ParameterFacts) -> Scale:
+    """The multiple in which a force, stiffness or damping is told; lengths stay in metres."""
+    if not parameter.unit.startswith("N"):
+        return Scale(parameter.unit, 1.0)
+    return display_scale(parameter.unit, abs(parameter.mean))
 
 
 def key_figures(facts: Facts) -> tuple[KeyFigure, ...]:

@@ -253,6 +253,8 @@ def test_what_comes_after_changes_nothing_but_the_held_out_figures() -> None:
     ]
     figures = [one["gap"].pop("held_out") for one in facts]
     for one in facts:
+        del one["best_model"]["held_out"]
+        one["sentences"] = [sentence for sentence in one["sentences"] if "held-out" not in sentence]
         one["elapsed_s"] = [step.pop("elapsed_s") for step in one["steps"]] and None
     assert facts[0] == facts[1]
     assert figures[0]["after_s"] == figures[1]["after_s"] == pytest.approx(6.8)

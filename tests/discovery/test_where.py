@@ -180,3 +180,28 @@ def test_a_specimen_is_told_by_its_own_force() -> None:
     found = disagreement(Posterior(model=specimen, record=record, engine=ENGINE, noise=default_noise(record)), POINT)
     assert {spot.channel for spot in found.spots} == {"force"}
     assert found.spots[0].sentence.startswith("the specimen, 4 to 6 s")
+
+
+def test_a_record_without_time_is_told_by_its_cycles() -> None:
+    """Points without time were said to disagree from 100 to 150 s, at high drift rate: of a second each, made up."""
+    specimen = Specimen(storey=BoucWen(k=Uniform(20, 100), c=0.0, alpha=0.1, beta=8.0, gamma=2.0, n=1.3))
+    pushed = Record(
+        name="cyclic",
+        time_step=1.0,
+        excitation=0.3 * np.sin(2.0 * np.pi * np.arange(480) / 48.0),
+        excitation_kind="displacement",
+        has_time=False,
+    )
+    point = specimen.space.to_unit(np.array([[60.0]]))[0]
+    force = ENGINE.simulate(specimen, np.array([[60.0]]), pushed, ("force",)).values[0, 0]
+    level = 0.01 * np.max(np.abs(force))
+    wrong = np.zeros(480)
+    wrong[240:320] = 10.0 * level  # cycles begin at 0 and at the troughs 36, 84, ..., 228 (the sixth), 276, 324
+    noise = level * np.random.default_rng(3).standard_normal(480)
+    record = pushed.with_channels({"force": force + noise + wrong})
+    found = disagreement(Posterior(model=specimen, record=record, engine=ENGINE, noise=default_noise(record)), point)
+    (spot,) = found.spots
+    assert spot.cycles == (6, 7)
+    assert spot.sentence.startswith("the specimen, cycles 6 to 7")
+    assert " s," not in spot.sentence and "rate" not in spot.sentence
+    assert "at high drift rate" not in found.by_condition

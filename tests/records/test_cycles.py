@@ -10,6 +10,7 @@ import pytest
 
 from bwbn_bayes import UserError
 from bwbn_bayes.records import HalfCycle, half_cycles, read_record, repeats
+from bwbn_bayes.records.cycles import cycle_numbers, path_length
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 
@@ -127,3 +128,19 @@ def test_the_curee_protocol_of_the_connection():
     cycles = half_cycles(displacement("clt_connection_spc1.csv"))[:10:2]
     np.testing.assert_allclose([1e3 * one.amplitude for one in cycles], [3.26, 2.44, 2.44, 2.44, 2.44], atol=0.01)
     assert repeats(cycles) == (0, 0, 1, 2, 3)
+
+
+def test_cycles_are_counted_by_two_half_cycles_from_one():
+    history = through(1.0, -1.0, 2.0, -2.0, 0.0)
+    numbers = cycle_numbers(history)
+    assert numbers.dtype.kind == "i"
+    # Half cycles end at samples 40, 80, 120, 160, 200; the turn itself begins the next one.
+    expected = np.repeat([1, 2, 3], [80, 80, 41])
+    np.testing.assert_array_equal(numbers, expected)
+    assert cycle_numbers(np.zeros(5)).tolist() == [1] * 5
+
+
+def test_the_path_is_the_sum_of_all_ways():
+    path = path_length(through(1.0, -2.0, 3.0))
+    assert path[[0, 40, 80, 120]] == pytest.approx([0.0, 1.0, 4.0, 9.0])
+    assert len(path) == 121

@@ -1,0 +1,168 @@
+"""Measured, as given and improved, beside each other, on what was fitted and on what was held out.
+
+A part is any choice of samples of a record, so that an end, repeat cycles or another record are drawn alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bwbn_bayes.discovery.held_out import Prediction
+from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.cycles import cycle_numbers
+from bwbn_bayes.records.record import Record
+
+Indices = NDArray[np.intp]
+
+MAX_CYCLES = 6
+"""Loops drawn of each part."""
+LEAST_AMPLITUDE = 0.15
+"""Of the largest displacement: smaller cycles are specks in the scale of the largest, and are left out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Some samples of a record, with what the model as given and as improved (None where it is the same) predict there.
+
+    Attributes
+    ----------
+    name : str
+        For files: ``fitted`` or ``held_out``.
+    label : str
+    record : Record
+    counted : (n_counted,) array of int
+        Indices of the samples, in order.
+    channels : tuple of str
+    measured, given : (n_channels, n_counted) array
+        [unit of the channel]
+    improved : (n_channels, n_counted) array or None
+    """
+
+    name: str
+    label: str
+    record: Record
+    counted: Indices
+    channels: tuple[str, ...]
+    measured: Floats
+    given: Floats
+    improved: Floats | None
+
+    @property
+    def models(self) -> tuple[tuple[str, Floats], ...]:
+        """``as given`` and, where something was added, ``improved``."""
+        given = (("as given", self.given),)
+        return given if self.improved is None else (*given, ("improved", self.improved))
+
+    @property
+    def time(self) -> Floats:
+        """``(n_counted,)`` [s]."""
+        return self.record.times[self.counted]
+
+    def worst_first(self) -> list[int]:
+        """Rows of the channels, the largest relative error of the model as given first."""
+        signal = np.sqrt(np.mean(np.square(self.measured), axis=1))
+        error = np.median(np.abs(self.given - self.measured), axis=1) / np.maximum(signal, 1e-300)
+        return [int(i) for i in np.argsort(-error, kind="stable")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CycleLoop:
+    """One cycle of a specimen: displacement [m] and forces [N], ``(n_samples,)`` each; in which part it lies."""
+
+    number: int
+    part: Part
+    displacement: Floats
+    measured: Floats
+    models: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CycleErrors:
+    """Error of each model by cycle of a part, over the rms of the whole record's force.
+
+    ``numbers (n_cycles,)``, and for each model in turn ``errors (n_cycles,)``.
+    """
+
+    part: Part
+    numbers: NDArray[np.int64]
+    errors: tuple[Floats, ...]
+
+
+def parts_of(discovery: Discovery) -> tuple[Part, ...]:
+    """The fitted record and, where there is one, what was held out."""
+    gap, apart, changed = discovery.gap, discovery.held_out, bool(discovery.added)
+    record = discovery.record
+    every = np.arange(record.n_times)
+    parts = [_part("fitted", "fitted record", record, every, (gap.before, gap.after if changed else None))]
+    if apart is not None and gap.held_out is not None:
+        counted = np.arange(apart.first, apart.record.n_times)
+        both = gap.held_out.before, gap.held_out.after if changed else None
+        parts.append(_part("held_out", apart.label, apart.record, counted, both))
+    return tuple(parts)
+
+
+def _part(
+    name: str, label: str, record: Record, counted: Indices, predictions: tuple[Prediction, Prediction | None]
+) -> Part:
+    given, improved = predictions
+    return Part(
+        name=name,
+        label=label,
+        record=record,
+        counted=counted,
+        channels=given.channels,
+        measured=np.array([record.channels[channel] for channel in given.channels])[:, counted],
+        given=given.values,
+        improved=None if improved is None else improved.values,
+    )
+
+
+def loops_by_cycle(parts: Sequence[Part]) -> tuple[CycleLoop, ...]:
+    """Evenly chosen cycles of each part of a specimen, with those that reach far enough to be seen."""
+    found = []
+    for part in parts:
+        displacement = part.record.excitation
+        numbers = cycle_numbers(displacement)[part.counted]
+        moved = displacement[part.counted]
+        least = LEAST_AMPLITUDE * float(np.max(np.abs(displacement)))
+        large = [c for c in np.unique(numbers).tolist() if np.max(np.abs(moved[numbers == c])) >= least]
+        for number in _evenly(large, MAX_CYCLES):
+            own = numbers == number
+            found.append(
+                CycleLoop(
+                    number=number,
+                    part=part,
+                    displacement=moved[own],
+                    measured=part.measured[0, own],
+                    models=tuple(values[0, own] for _, values in part.models),
+                )
+            )
+    return tuple(found)
+
+
+def errors_by_cycle(parts: Sequence[Part]) -> tuple[CycleErrors, ...]:
+    """Of every cycle of a specimen's parts; over one and the same force, so that small cycles count little."""
+    found = []
+    for part in parts:
+        numbers = cycle_numbers(part.record.excitation)[part.counted]
+        cycles = np.unique(numbers)
+        signal = float(np.sqrt(np.mean(np.square(part.record.channels[part.channels[0]]))))
+        errors = []
+        for _, values in part.models:
+            with np.errstate(over="ignore", invalid="ignore"):
+                square = np.square(values[0] - part.measured[0])
+                errors.append(np.array([np.sqrt(np.mean(square[numbers == c])) for c in cycles]) / signal)
+        found.append(CycleErrors(part=part, numbers=cycles, errors=tuple(errors)))
+    return tuple(found)
+
+
+def _evenly(numbers: Sequence[int], most: int) -> list[int]:
+    """At most so many of them, evenly chosen, both ends among them."""
+    if len(numbers) <= most:
+        return list(numbers)
+    return [numbers[i] for i in np.unique(np.linspace(0, len(numbers) - 1, most).round().astype(int)).tolist()]

@@ -6,9 +6,9 @@ quarter beside what the noise takes, for a record a quarter as informative. One 
 (``storey_parameter``: the plain model's best fit, by the simulator, stays 0.7 nats behind the truth where 40 count as
 visible); the next draw of that effect stands in for it.
 
-Asked of every case, by the fields of ``discovery.json`` alone: the effect named first, with a probability of 0.9, is the
-hidden one at its place, or the hidden one is of the class that the record is said not to tell from it; and no effect is
-named that is not there.
+Asked of every case, by the fields of ``discovery.json`` alone: the effect named first, with a probability of 0.9, is
+the hidden one at its place, or the hidden one is of the class that the record is said not to tell from it; and no
+effect is named that is not there.
 """
 
 from dataclasses import replace

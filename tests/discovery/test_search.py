@@ -101,21 +101,18 @@ def test_the_budget_bounds_rounds_and_effects(monkeypatch: pytest.MonkeyPatch) -
 def test_what_is_built_upon_is_looked_around_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """A better optimum beside those of the race replaces the explanation before anything is added to it."""
     better: Any = (SimpleNamespace(log_likelihood=60.0),)
+    monkeypatch.setattr(searching, "settled", lambda *_: better)
     monkeypatch.setattr(searching, "laplace", lambda _, modes: SimpleNamespace(log_evidence=modes[0].log_likelihood))
-    seen: list[float] = []
-
-    def looked_around(script: Script) -> None:
-        searched(script, monkeypatch, most_rounds=1)
-        pool = Pool(run=run_of())
-        pool.add([explanation(script), explanation(script, ALPHABET[0])])
-        pool.expanded.add(frozenset())
-        monkeypatch.setattr(searching, "settled", lambda *_: better)
-        parent = searching._next(pool, pool.run)
-        assert parent is not None
-        seen.extend([parent.modes[0].log_likelihood, pool.ranked()[0].evidence.log_evidence])
-
-    looked_around({"": 0.0, "a": 50.0})
-    assert seen == [60.0, 60.0]
+    script = {"": 0.0, "a": 50.0}
+    pool = Pool(run=run_of())
+    pool.run.considered_first = ALPHABET
+    pool.add([explanation(script), explanation(script, ALPHABET[0])])
+    pool.expanded.add(frozenset())
+    parent = searching._next(pool, pool.run)
+    assert parent is not None
+    assert parent.modes is better
+    assert pool.ranked()[0] is parent
+    assert parent.evidence.log_evidence == 60.0
 
 
 def test_what_cannot_be_solved_is_told_once() -> None:

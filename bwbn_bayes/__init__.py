@@ -1,56 +1,60 @@
-"""bwbn_bayes: Bayesian identification of degrading, pinching Bouc-Wen-Baber-Noori structures from measured records."""
+"""bwbn_bayes: Bayesian identification of degrading, pinching Bouc-Wen-Baber-Noori structures from measured records.
+
+A public name is imported on first use: SymPy, numba, SciPy and Matplotlib take seconds to load.
+"""
 
 from typing import TYPE_CHECKING
 
-from bwbn_bayes.baselines.genetic import GeneticSettings
-from bwbn_bayes.baselines.methods import identify
-from bwbn_bayes.discovery.outcome import Discovery
-from bwbn_bayes.discovery.run import DiscoverySettings
-from bwbn_bayes.discovery.workflow import discover
-from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.catalogue import register
-from bwbn_bayes.elements.effects import (
-    Appendage,
-    Asymmetry,
-    Backlash,
-    BaseFlexibility,
-    CoulombFriction,
-    CubicStiffness,
-    FolientePinching,
-    GapImpact,
-    InputScale,
-    MassDamping,
-    MassError,
-    MaxwellBranch,
-    QuadraticDamping,
-    SensorBias,
-    SensorGain,
-    SensorLag,
-    SlipLock,
-    StiffnessDegradation,
-    StoreyParameter,
-    StrengthDegradation,
-    SuddenDamage,
-)
-from bwbn_bayes.engines.simulation import simulate
-from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, SampledNoise
-from bwbn_bayes.inference.settings import Settings
-from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, PerStorey, Uniform
-from bwbn_bayes.records.dataframe import as_dataframe, record_from_dataframe
-from bwbn_bayes.records.excitation import el_centro, filtered_noise, sine
-from bwbn_bayes.records.netcdf import as_dataset, record_from_dataset
-from bwbn_bayes.records.noise import add_noise
-from bwbn_bayes.records.readers import read_record, write_record
-from bwbn_bayes.records.record import Record
-from bwbn_bayes.report import write_discovery, write_report
-from bwbn_bayes.results import Result
-from bwbn_bayes.structures.shear_building import ShearBuilding
-from bwbn_bayes.structures.specimen import Specimen
-from bwbn_bayes.structures.starting_model import starting_model
+from bwbn_bayes.lazily import importer
 
 if TYPE_CHECKING:
-    from bwbn_bayes.inference.pymc.model import to_pymc
+    from bwbn_bayes.baselines.genetic import GeneticSettings
+    from bwbn_bayes.baselines.methods import identify
+    from bwbn_bayes.discovery.outcome import Discovery
+    from bwbn_bayes.discovery.run import DiscoverySettings
+    from bwbn_bayes.discovery.workflow import discover
+    from bwbn_bayes.elements.bouc_wen import BoucWen
+    from bwbn_bayes.elements.catalogue import register
+    from bwbn_bayes.elements.effects import (
+        Appendage,
+        Asymmetry,
+        Backlash,
+        BaseFlexibility,
+        CoulombFriction,
+        CubicStiffness,
+        FolientePinching,
+        GapImpact,
+        InputScale,
+        MassDamping,
+        MassError,
+        MaxwellBranch,
+        QuadraticDamping,
+        SensorBias,
+        SensorGain,
+        SensorLag,
+        SlipLock,
+        StiffnessDegradation,
+        StoreyParameter,
+        StrengthDegradation,
+        SuddenDamage,
+    )
+    from bwbn_bayes.engines.simulation import simulate
+    from bwbn_bayes.errors import UserError
+    from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, SampledNoise
+    from bwbn_bayes.inference.pymc.model import to_pymc as to_pymc
+    from bwbn_bayes.inference.settings import Settings
+    from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, PerStorey, Uniform
+    from bwbn_bayes.records.dataframe import as_dataframe, record_from_dataframe
+    from bwbn_bayes.records.excitation import el_centro, filtered_noise, sine
+    from bwbn_bayes.records.netcdf import as_dataset, record_from_dataset
+    from bwbn_bayes.records.noise import add_noise
+    from bwbn_bayes.records.readers import read_record, write_record
+    from bwbn_bayes.records.record import Record
+    from bwbn_bayes.report import write_discovery, write_report
+    from bwbn_bayes.results import Result
+    from bwbn_bayes.structures.shear_building import ShearBuilding
+    from bwbn_bayes.structures.specimen import Specimen
+    from bwbn_bayes.structures.starting_model import starting_model
 
 __all__ = [
     "Appendage",
@@ -106,17 +110,70 @@ __all__ = [
     "simulate",
     "sine",
     "starting_model",
-    "to_pymc",
     "write_discovery",
     "write_record",
     "write_report",
 ]
 
+_on_first_use = importer(
+    {
+        "bwbn_bayes.baselines.genetic": ("GeneticSettings",),
+        "bwbn_bayes.baselines.methods": ("identify",),
+        "bwbn_bayes.discovery.outcome": ("Discovery",),
+        "bwbn_bayes.discovery.run": ("DiscoverySettings",),
+        "bwbn_bayes.discovery.workflow": ("discover",),
+        "bwbn_bayes.elements.bouc_wen": ("BoucWen",),
+        "bwbn_bayes.elements.catalogue": ("register",),
+        "bwbn_bayes.elements.effects": (
+            "Appendage",
+            "Asymmetry",
+            "Backlash",
+            "BaseFlexibility",
+            "CoulombFriction",
+            "CubicStiffness",
+            "FolientePinching",
+            "GapImpact",
+            "InputScale",
+            "MassDamping",
+            "MassError",
+            "MaxwellBranch",
+            "QuadraticDamping",
+            "SensorBias",
+            "SensorGain",
+            "SensorLag",
+            "SlipLock",
+            "StiffnessDegradation",
+            "StoreyParameter",
+            "StrengthDegradation",
+            "SuddenDamage",
+        ),
+        "bwbn_bayes.engines.simulation": ("simulate",),
+        "bwbn_bayes.errors": ("UserError",),
+        "bwbn_bayes.inference.likelihood": ("IntegratedNoise", "KnownNoise", "SampledNoise"),
+        "bwbn_bayes.inference.settings": ("Settings",),
+        "bwbn_bayes.parameters": ("HalfNormal", "LogNormal", "Normal", "PerStorey", "Uniform"),
+        "bwbn_bayes.records.dataframe": ("as_dataframe", "record_from_dataframe"),
+        "bwbn_bayes.records.netcdf": ("as_dataset", "record_from_dataset"),
+        "bwbn_bayes.records.excitation": ("el_centro", "filtered_noise", "sine"),
+        "bwbn_bayes.records.noise": ("add_noise",),
+        "bwbn_bayes.records.readers": ("read_record", "write_record"),
+        "bwbn_bayes.records.record": ("Record",),
+        "bwbn_bayes.report": ("write_discovery", "write_report"),
+        "bwbn_bayes.results": ("Result",),
+        "bwbn_bayes.structures.shear_building": ("ShearBuilding",),
+        "bwbn_bayes.structures.specimen": ("Specimen",),
+        "bwbn_bayes.structures.starting_model": ("starting_model",),
+    }
+)
+
 
 def __getattr__(name: str) -> object:
-    """``to_pymc`` on first use: PyMC takes seconds to load, which a run without it need not pay."""
+    """A public name from its home; ``to_pymc``, which needs an extra, is none that ``import *`` asks for."""
     if name == "to_pymc":
+        from bwbn_bayes.errors import require_installed
+
+        require_installed("pymc", "to_pymc")
         from bwbn_bayes.inference.pymc.model import to_pymc
 
         return to_pymc
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return _on_first_use(name)

@@ -1,8 +1,9 @@
 """The one exception that means "the user can mend this"."""
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib.util import find_spec
 from zipfile import BadZipFile
 
 UNREADABLE_ARRAYS = (
@@ -10,6 +11,14 @@ UNREADABLE_ARRAYS = (
     *(BadZipFile, EOFError, MemoryError, NotImplementedError, RuntimeError, zlib.error),
 )
 """What reading JSON and an archive of arrays may raise where they are not what was written, or no such thing at all."""
+
+EXTRAS: Mapping[str, tuple[str, ...]] = {
+    "pymc": ("pymc", "pytensor"),
+    "nuts": ("pymc", "pytensor", "nutpie"),
+    "ga": ("pymoo",),
+    "cvodes": ("sundials4py",),
+}
+"""Libraries of the optional parts of an installation, by the name of the extra that brings them."""
 
 
 class UserError(ValueError):
@@ -35,3 +44,26 @@ def writing(what: str, advice: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise UserError(f"{what} cannot be written ({error.strerror or error}): {advice}") from error
+
+
+def require_installed(extra: str, what: str) -> None:
+    """Refuse what needs a library that is not installed; nothing is imported.
+
+    Parameters
+    ----------
+    extra : str
+        One of :data:`EXTRAS`.
+    what : str
+        What needs it, the beginning of the sentence.
+
+    Raises
+    ------
+    UserError
+        Naming the library and the extra.
+    """
+    missing = [library for library in EXTRAS[extra] if find_spec(library) is None]
+    if missing:
+        raise UserError(
+            f"{what} needs {missing[0]}, which is not installed: add the extra {extra}, as in "
+            f"pip install 'bwbn-bayes[{extra}]' or, in a clone, uv sync --extra {extra}"
+        )

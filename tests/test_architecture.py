@@ -12,7 +12,7 @@ PACKAGE = Path(__file__).parents[1] / "bwbn_bayes"
 
 ORDER = (
     "cli", "__init__", "export", "report", "reproduction", "discovery", "baselines", "inference", "engines",
-    "structures", "elements", "results", "records", "parameters", "errors",
+    "structures", "elements", "results", "records", "parameters", "errors", "lazily",
 )  # fmt: skip
 """From the top of the house to the bottom: a module may import its own room and those below."""
 

@@ -24,6 +24,7 @@ COMPILING = """
 import threading, time
 from bwbn_bayes import discovery
 from bwbn_bayes.engines import precompile
+from bwbn_bayes.engines.children import RUNNING
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -31,15 +32,15 @@ from bwbn_bayes.structures.shear_building import ShearBuilding
 def compile_and_wait(*_, **__):
     building = ShearBuilding(masses=[1.0], storey=BoucWen(k=10.0, beta=1.0, gamma=1.0))
     precompile.precompile({building.with_effect(SlipLock(delta_s=0.02, sigma=0.05)).law: True}, driven=False)
-    print(precompile._RUNNING[0].pid, flush=True)
+    print(RUNNING[0].pid, flush=True)
     while True:
         try:
             time.sleep(60.0)
         except KeyboardInterrupt:
             pass
 
-import bwbn_bayes.cli.commands as commands
-commands.discover_missing = compile_and_wait
+import bwbn_bayes.discovery.workflow as workflow
+workflow.discover = compile_and_wait
 """
 
 

@@ -45,7 +45,7 @@ class Outcome:
         Every effect named, with its place.
     right_name, right_place, within_class : bool
         Of the first hidden effect: the first name given is right; it is at the right place as well; the right name
-        is the first one given or among those it is said to be equivalent to.
+        is the first one listed, named or not, or among those it is said to be equivalent to.
     all_named : bool
         Every hidden effect is among the effects named; of a cyclic test, every one that shows.
     extra : tuple of str
@@ -61,7 +61,7 @@ class Outcome:
     verdict_probabilities : mapping of str to float
         As stated.
     class_size : int
-        Names in the first effect's equivalence class; 0 where nothing is named.
+        Names in the equivalence class of the first effect listed; 0 where none is.
     held_out_before, held_out_after, noise_floor : float or None
         Error on the held-out record and that of a perfect model.
     z : mapping of str to float
@@ -128,13 +128,15 @@ def case_outcome(truth: Json, discovery: Json) -> Outcome:
     Outcome
     """
     hidden: Sequence[Json] = truth["effects"]
-    effects = [e for e in discovery.get("effects", []) if e.get("probability", 1.0) >= SURE]
+    listed: Sequence[Json] = discovery.get("effects", [])
+    effects = [e for e in listed if e.get("probability", 1.0) >= SURE]
     probabilities = stated(discovery)
     names = {} if probabilities is None else probabilities.names
     verdict = str(discovery.get("verdict", FAILED))
     first = effects[0] if effects else None
     right_name = bool(first and any(_is_right(first, h) for h in hidden))
-    in_class = bool(first and any(_in_class(first, h) for h in hidden))
+    leading = listed[0] if listed else None  # of a class that shares a probability none is named
+    in_class = bool(leading and any(_in_class(leading, h) for h in hidden))
     held_out: Json = discovery.get("gap", {}).get("held_out") or {}
     floor = truth.get("held_out_floor", discovery.get("gap", {}).get("noise_floor"))
     return Outcome(
@@ -152,11 +154,11 @@ def case_outcome(truth: Json, discovery: Json) -> Outcome:
         within_class=in_class,
         all_named=all(any(_is_right(e, h) for e in effects) for h in _showing(truth)),
         extra=tuple(_label(e["name"], e["storeys"]) for e in effects if not any(_is_right(e, h) for h in hidden)),
-        wrong_with_confidence=first is not None and not in_class,
+        wrong_with_confidence=first is not None and not any(_in_class(first, h) for h in hidden),
         sure_and_wrong=tuple(name for name, p in names.items() if p > SURE and not _is_hidden(name, hidden)),
         claims=None if probabilities is None else _claims(names, hidden),
         verdict_probabilities={} if probabilities is None else probabilities.verdicts,
-        class_size=_class_size(first),
+        class_size=_class_size(leading),
         held_out_before=held_out.get("before"),
         held_out_after=held_out.get("after"),
         noise_floor=floor,

@@ -14,18 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pymoo.core.mating import Mating
-from pymoo.core.population import Population
-from pymoo.core.problem import Problem
-from pymoo.operators.crossover.sbx import SBX
-from pymoo.operators.mutation.pm import PM
-from pymoo.operators.selection.tournament import TournamentSelection
 
 from bwbn_bayes.engines.base import Engine
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, require_installed
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -165,9 +160,14 @@ def search(
     Returns
     -------
     GeneticFit
+
+    Raises
+    ------
+    UserError
+        If pymoo is not installed.
     """
     settings = settings or GeneticSettings()
-    mating, cube = _mating(settings), Problem(n_var=model.space.n_dim, n_obj=1, xl=0.0, xu=1.0)
+    mate = _mating(settings, model.space.n_dim)
     points = model.space.sample_unit(rng, settings.population)
     scores = np.full(len(points), np.inf)
     history: list[Generation] = []
@@ -175,9 +175,7 @@ def search(
     for number in range(settings.generations + 1):
         n_kept = settings.elite if number > 0 else 0
         if number > 0:
-            parents, n_children = Population.new(X=points), settings.population - settings.elite
-            children = np.asarray(mating.do(cube, parents, n_children, random_state=rng).get("X"), dtype=np.float64)
-            points = np.concatenate([points[:n_kept], children])
+            points = np.concatenate([points[:n_kept], mate(points, settings.population - settings.elite, rng)])
         due = min(number * len(settings.windows) // settings.generations, len(settings.windows) - 1)
         if due != window:  # another part of the record: the elite is judged anew
             window, n_kept = due, 0
@@ -208,14 +206,38 @@ def _generation(number: int, points: Floats, scores: Floats, n_solves: int) -> G
     )
 
 
-def _mating(settings: GeneticSettings) -> Mating:
-    return Mating(
+class _Mate(Protocol):
+    """Children ``(n_children, n_dim)`` of a population ``(n, n_dim)`` sorted by objective."""
+
+    def __call__(self, points: Floats, n_children: int, rng: np.random.Generator) -> Floats:
+        """Select, cross and mutate."""
+        ...
+
+
+def _mating(settings: GeneticSettings, n_dim: int) -> _Mate:
+    require_installed("ga", "method ga")
+    # Imported here: an extra of its own.
+    from pymoo.core.mating import Mating
+    from pymoo.core.population import Population
+    from pymoo.core.problem import Problem
+    from pymoo.operators.crossover.sbx import SBX
+    from pymoo.operators.mutation.pm import PM
+    from pymoo.operators.selection.tournament import TournamentSelection
+
+    cube = Problem(n_var=n_dim, n_obj=1, xl=0.0, xu=1.0)
+    mating = Mating(
         TournamentSelection(func_comp=_better),
         SBX(prob=settings.crossover, eta=settings.crossover_index),
         PM(eta=settings.mutation_index),
     )
 
+    def mate(points: Floats, n_children: int, rng: np.random.Generator) -> Floats:
+        children = mating.do(cube, Population.new(X=points), n_children, random_state=rng)
+        return np.asarray(children.get("X"), dtype=np.float64)
 
-def _better(_sorted_population: Population, pairs: NDArray[np.int64], **_rest: object) -> NDArray[np.int64]:
+    return mate
+
+
+def _better(_sorted_population: object, pairs: NDArray[np.int64], **_rest: object) -> NDArray[np.int64]:
     """Winners of tournaments ``(n_pairs, 2)`` in a population sorted by objective: the lower index."""
     return np.asarray(np.min(pairs, axis=1, keepdims=True))

@@ -1,7 +1,8 @@
 """The commands: options, one library call, an exit code.
 
 Results go to stdout, everything else to stderr. Exit codes: 0; 2 for a mistake of the user's, told in one sentence;
-130 for Ctrl-C; 1 for a mistake of ours, with a traceback.
+130 for Ctrl-C; 1 for a mistake of ours, with a traceback. What takes seconds to load is imported by the command that
+needs it: help and refusals should not wait for it.
 """
 
 from __future__ import annotations
@@ -11,35 +12,28 @@ from collections.abc import Sequence
 from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
 from rich.text import Text
 
-from bwbn_bayes.baselines.methods import identify as identify_model
 from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
-from bwbn_bayes.cli.files import replacing, writable, write_discovery_files, write_result, write_starting_model
 from bwbn_bayes.cli.interruption import EXIT_CODE, interruptible, stopped_with
-from bwbn_bayes.discovery.run import DiscoverySettings
-from bwbn_bayes.discovery.workflow import discover as discover_missing
-from bwbn_bayes.elements.catalogue import catalogue
-from bwbn_bayes.engines.available import engine as engine_by_name
-from bwbn_bayes.engines.available import engines as available_engines
-from bwbn_bayes.engines.simulation import simulate as simulate_record
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.history import Listener
 from bwbn_bayes.inference.settings import MOST_PARTICLES, Method, Settings
-from bwbn_bayes.inference.tmcmc.checkpoint import has_stages
-from bwbn_bayes.records.readers import RECORD_SUFFIXES, read_record, write_record
-from bwbn_bayes.records.record import Record, one_line
-from bwbn_bayes.report.discovery_text import discovery_in_words
-from bwbn_bayes.reproduction.cases import DamageOrder, Options
+from bwbn_bayes.reproduction.options import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
-from bwbn_bayes.reproduction.workflow import reproduce as reproduce_tables
-from bwbn_bayes.structures.model_file import ModelFile, load_model_file
-from bwbn_bayes.structures.structure import Structure
+
+if TYPE_CHECKING:
+    from bwbn_bayes.inference.history import Listener
+    from bwbn_bayes.records.record import Record
+    from bwbn_bayes.structures.model_file import ModelFile
+    from bwbn_bayes.structures.structure import Structure
+
+DISCOVERY_PARTICLES = "2000"
+"""What help says of the default in DiscoverySettings, which is loaded with all of discovery."""
 
 app = typer.Typer(
     help="Identify hysteretic structures from measured records, and say what the model is missing.",
@@ -106,6 +100,10 @@ def identify(
     ] = None,
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
+    from bwbn_bayes.baselines.methods import identify as identify_model
+    from bwbn_bayes.cli.files import writable, write_result
+    from bwbn_bayes.engines.available import engine as engine_by_name
+
     file = _loaded(model, columns, record)
     engine_by_name(engine)
     directory = writable(out or Path("reports") / f"{file.name}_{method}")
@@ -156,10 +154,22 @@ def discover(
     ] = None,
     seed: SeedOption = 1,
     particles: Annotated[
-        int, typer.Option("--particles", min=100, max=MOST_PARTICLES, help="Posterior draws of the final model.")
-    ] = DiscoverySettings.particles,
+        int | None,
+        typer.Option(
+            "--particles",
+            min=100,
+            max=MOST_PARTICLES,
+            help="Posterior draws of the final model.",
+            show_default=DISCOVERY_PARTICLES,
+        ),
+    ] = None,
 ) -> None:
     """Find the physical effect that MODEL lacks to explain a record, add it, and write a report."""
+    from bwbn_bayes.cli.files import writable, write_discovery_files
+    from bwbn_bayes.discovery.run import DiscoverySettings
+    from bwbn_bayes.discovery.workflow import discover as discover_missing
+    from bwbn_bayes.report.discovery_text import discovery_in_words
+
     file = _loaded(model, columns, record, None if held_out == "end" else held_out)
     directory = writable(out or Path("reports") / f"{file.name}_discovery")
     notes = Console(stderr=True)
@@ -169,7 +179,7 @@ def discover(
             file.model,
             _record(file, record, seed, lambda text, _: tell(text)),
             held_out=apart,
-            settings=DiscoverySettings(seed=seed, particles=particles),
+            settings=DiscoverySettings(seed=seed, particles=particles or DiscoverySettings.particles),
             name=file.name,
             assumptions=file.assumptions,
             listener=tell,
@@ -186,16 +196,36 @@ def discover(
 
 @app.command(name="model")
 def starting_model(
-    record: Annotated[Path, typer.Argument(help="Measured record: CSV, netCDF, MATLAB ...", show_default=False)],
+    record: Annotated[
+        Path | None, typer.Argument(help="Measured record: CSV, netCDF, MATLAB ...", show_default=False)
+    ] = None,
     columns: ColumnsOption = None,
+    example: Annotated[
+        str | None, typer.Option("--example", metavar="NAME", help="Copy a model file that comes with the package.")
+    ] = None,
+    listed: Annotated[bool, typer.Option("--examples", help="List those.")] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", help="File to write, a new one; RECORD's name with .py, here, by default.")
+        Path | None, typer.Option("--out", help="File to write, a new one; RECORD's name or NAME.py, here, by default.")
     ] = None,
 ) -> None:
-    """Write a commented model file to start from, its priors of the sizes that RECORD shows."""
-    path = out or Path(f"{record.stem}.py")
-    for sentence in write_starting_model(record, path, columns):
-        Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
+    """Write a commented model file to start from, its priors of the sizes that RECORD shows; or copy an example."""
+    from bwbn_bayes.cli.files import write_example, write_starting_model
+    from bwbn_bayes.structures.examples import examples
+
+    if (record is not None) + (example is not None) + listed != 1:
+        raise UserError("give either a RECORD, --example NAME or --examples")
+    if listed:
+        table = plain_table("example", "what it is")
+        for name, what in examples().items():
+            table.add_row(name, Text(what))
+        results_console().print(table)
+        return
+    path = out or Path(f"{example or (record.stem if record else '')}.py")
+    if example is not None:
+        write_example(example, path)
+    if record is not None:
+        for sentence in write_starting_model(record, path, columns):
+            Console(stderr=True).print(sentence, markup=False, highlight=False, soft_wrap=True)
     print(path)
 
 
@@ -212,6 +242,11 @@ def simulate(
     engine: EngineOption = "reference",
 ) -> None:
     """Write the record that MODEL gives at its `truth` under its `excitation`, as OUT/MODEL.csv."""
+    from bwbn_bayes.cli.files import replacing, writable
+    from bwbn_bayes.engines.available import engine as engine_by_name
+    from bwbn_bayes.engines.simulation import simulate as simulate_record
+    from bwbn_bayes.records.readers import read_record, write_record
+
     file = _loaded(model, columns, record)
     excitation = read_record(record, file.columns) if record is not None else file.excitation
     if excitation is None:
@@ -259,6 +294,9 @@ def reproduce(
     ] = Options.error_floor,
 ) -> None:
     """Run the tables of PAPER again, printed figures beside ours; finished cases are kept."""
+    from bwbn_bayes.cli.files import writable
+    from bwbn_bayes.reproduction.workflow import reproduce as reproduce_tables
+
     options = Options(
         damage_order=damage_order,
         sine_amplitude=sine_amplitude,
@@ -290,6 +328,8 @@ def reproduce(
 @app.command()
 def effects(name: Annotated[str | None, typer.Argument(help="One effect; all of them by default.")] = None) -> None:
     """List the catalogue of physical effects with their equations."""
+    from bwbn_bayes.elements.catalogue import catalogue
+
     known = {facts.name: facts for facts in catalogue()}
     if name is not None and name not in known:
         raise UserError(f"effect {name!r} is not in the catalogue: choose one of {', '.join(known)}")
@@ -307,6 +347,8 @@ def effects(name: Annotated[str | None, typer.Argument(help="One effect; all of 
 @app.command()
 def engines() -> None:
     """List the engines and whether each can be used here."""
+    from bwbn_bayes.engines.available import engines as available_engines
+
     table = plain_table("engine", "available", "what it is, or why not")
     for facts in available_engines():
         table.add_row(facts.name, "yes" if facts.available else "no", Text(facts.reason))
@@ -337,6 +379,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _goes_on(directory: Path, checkpoint: Path | None = None) -> str:
     """What remains of a run that is stopped."""
+    from bwbn_bayes.inference.tmcmc.checkpoint import has_stages
+
     if checkpoint is None:
         return f"stopped: nothing was written to {directory}"
     if has_stages(checkpoint):
@@ -345,6 +389,8 @@ def _goes_on(directory: Path, checkpoint: Path | None = None) -> str:
 
 
 def _refuse(sentence: str) -> None:
+    from bwbn_bayes.records.record import one_line
+
     message = Text.assemble(("error: ", "bold red"), one_line(sentence))
     Console(stderr=True).print(message, soft_wrap=True)
     sys.exit(2)
@@ -356,12 +402,18 @@ def _warn(model: Structure, notes: Console) -> None:
 
 
 def _loaded(model: Path, columns: str | None, *records: Path | str | None) -> ModelFile:
+    from bwbn_bayes.records.readers import RECORD_SUFFIXES
+    from bwbn_bayes.structures.model_file import load_model_file
+
     if columns is not None and model.suffix.lower() not in RECORD_SUFFIXES and not any(records):
         raise UserError("--columns says what the columns of a record are, and no record is given: add --record FILE")
     return load_model_file(model, columns)
 
 
 def _record(file: ModelFile, path: Path | None, seed: int, listener: Listener) -> Record:
+    from bwbn_bayes.engines.simulation import simulate as simulate_record
+    from bwbn_bayes.records.readers import read_record
+
     if path is not None:
         return read_record(path, file.columns)
     if file.record is not None:
@@ -373,6 +425,8 @@ def _record(file: ModelFile, path: Path | None, seed: int, listener: Listener) -
 
 
 def _held_out(file: ModelFile, asked: str | None, record: Path | None) -> Record | Literal["end"] | None:
+    from bwbn_bayes.records.readers import read_record
+
     if asked is None:
         # A record named on the command line is another test: the file's held-out one may not belong to it.
         return file.held_out if record is None else None

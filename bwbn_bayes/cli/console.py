@@ -9,16 +9,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
-from bwbn_bayes.inference.history import Listener
-from bwbn_bayes.records.record import one_line
-from bwbn_bayes.report.numbers import decimal_place
-from bwbn_bayes.results import ParameterFacts, Result, StageFacts
+if TYPE_CHECKING:
+    from bwbn_bayes.inference.history import Listener
+    from bwbn_bayes.results import ParameterFacts, Result, StageFacts
 
 
 def results_console() -> Console:
@@ -107,6 +107,8 @@ def line_of(text: str, facts: StageFacts | None) -> str:
 
 def summarise(result: Result, directory: Path) -> None:
     """Print parameters, verdict, evidences and where the report lies."""
+    from bwbn_bayes.records.record import one_line
+
     facts = result.facts
     console = results_console()
     console.print(Text(one_line(f"{facts.model}, {facts.record}") + "\n", "bold"))
@@ -136,6 +138,8 @@ def parameter_table(parameters: Sequence[ParameterFacts]) -> Table:
 
 def _numbers(facts: ParameterFacts) -> tuple[str, ...]:
     """Mean, sd and the interval's ends to the second digit of the sd."""
+    from bwbn_bayes.report.numbers import decimal_place
+
     values = (facts.mean, facts.sd, *facts.hdi90)
     if math.isnan(facts.sd):  # a point estimate
         return f"{facts.mean:.5g}", "", "", ""

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
 
-from bwbn_bayes.cli.files import write_new
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.export import Exportable, Point, of_model, of_result, script_of
-from bwbn_bayes.records.readers import read_record
-from bwbn_bayes.results import Result
-from bwbn_bayes.structures.model_file import load_model_file
+
+if TYPE_CHECKING:
+    from bwbn_bayes.export import Exportable
+
+Point = Literal["mean", "map"]
 
 app = typer.Typer(help="Write a model or a result for another program.")
 
@@ -42,6 +42,9 @@ def opensees(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the fit to a law that OpenSees lacks.")] = 1,
 ) -> None:
     """Write SOURCE as a script for openseespy: a uniaxialMaterial for each link, masses, ground motion, analysis."""
+    from bwbn_bayes.cli.files import write_new
+    from bwbn_bayes.export import script_of
+
     structure = _of_result(source, record, at) if _is_result(source) else _of_model(source, record)
     script = script_of(structure, seed=seed)
     path = out or Path(f"{Path(structure.name).name}_opensees.py")
@@ -58,6 +61,9 @@ def _is_result(source: Path) -> bool:
 def _of_result(source: Path, record: Path | None, at: Point) -> Exportable:
     if record is not None:
         raise UserError("--record belongs to a model: a result goes through the excitation that it was identified from")
+    from bwbn_bayes.export import of_result
+    from bwbn_bayes.results import Result
+
     return of_result(Result.load(_result_file(source)), at)
 
 
@@ -70,6 +76,10 @@ def _result_file(source: Path) -> Path:
 
 
 def _of_model(source: Path, record: Path | None) -> Exportable:
+    from bwbn_bayes.export import of_model
+    from bwbn_bayes.records.readers import read_record
+    from bwbn_bayes.structures.model_file import load_model_file
+
     file = load_model_file(source)
     excitation = read_record(record) if record is not None else file.excitation or file.record
     if excitation is None:

@@ -20,6 +20,7 @@ from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.report.canvas import is_ours
 from bwbn_bayes.results import Result
+from bwbn_bayes.structures.examples import example_files
 from bwbn_bayes.structures.starting_source import starting_source
 
 _PREFIX = ".partial-"
@@ -153,3 +154,21 @@ def write_new(text: str, path: Path) -> None:
         raise UserError(f"--out {path} exists already: give another name") from None
     except OSError as error:
         raise UserError(f"--out {path} cannot be written ({error.strerror}): choose another place") from error
+
+
+def write_example(name: str, path: Path) -> None:
+    """A copy of a model file that comes with the package, with the records that it reads beside it.
+
+    Raises
+    ------
+    UserError
+        If there is no such example, or one of its files exists already: it may have been edited.
+    """
+    source, *records = example_files(name)
+    places = {source: path} | {record: path.parent / record.name for record in records}
+    taken = next((place for place in places.values() if place.exists()), None)
+    if taken is not None:
+        raise UserError(f"{taken} exists already: give another place with --out")
+    with writing(f"--out {path}", "choose another place"):
+        for original, place in places.items():
+            place.write_bytes(original.read_bytes())

@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn
 
-from bwbn_bayes.engines.precompile import stop_compiling
+from bwbn_bayes.engines.children import stop_compiling
 
 EXIT_CODE = 130
 """What a shell expects of a process that SIGINT ended."""

@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from bwbn_bayes.discovery.where import SPECIMEN
-from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.catalogue import registered, title_of
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.engines.base import masses
@@ -66,10 +66,16 @@ class Hypothesis:
 
     @property
     def label(self) -> str:
-        """Name, form and place, e.g. ``gap_impact (one-sided), storey 2``."""
+        """What engineers call it, its form and its place, e.g. ``gap impact (one-sided) in storey 2``."""
         form = f" ({self.effect.form})" if self.effect.form else ""
-        has_places = isinstance(self.base, ShearBuilding) and self.storeys
-        return f"{self.name}{form}, {self.where}" if has_places else f"{self.name}{form}"
+        return f"{title_of(self.name)}{form}{self.at_place}"
+
+    @property
+    def at_place(self) -> str:
+        """`` in storey 2``, `` at floor 1``; nothing where there is one place only."""
+        if not (isinstance(self.base, ShearBuilding) and self.storeys):
+            return ""
+        return f" {'at' if self.effect.level in ('node', 'observation') else 'in'} {self.where}"
 
     @property
     def where(self) -> str:

@@ -94,7 +94,7 @@ class Explanation:
         parts = [hypothesis.label for hypothesis in self.added]
         if self.has_unnamed:
             parts.append("a force of no known law")
-        return " + ".join(parts) or "nothing"
+        return " + ".join(parts) or "the model as given"
 
     @property
     def model(self) -> Structure:

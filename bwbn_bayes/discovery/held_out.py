@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from bwbn_bayes.discovery.runaway import RUNAWAY, moment_in_words, runaway_sample
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import noise_floors
@@ -151,6 +152,8 @@ class Prediction:
         Standard error by a block bootstrap over stretches of a thirtieth of the record.
     log_density : float
         Log density per sample, the noise level of each channel as in the training record's fit. [nat]
+    runs_away_after : str
+        The cycle or the time after which it has nothing to do with the record, in words; empty where it stays near.
     """
 
     channels: tuple[str, ...]
@@ -158,6 +161,14 @@ class Prediction:
     nrmse: float
     nrmse_se: float
     log_density: float
+    runs_away_after: str = ""
+
+    @property
+    def error_in_words(self) -> str:
+        """``12.3 %``, or ``the prediction runs away after cycle 9``."""
+        if self.runs_away_after:
+            return f"the prediction runs away after {self.runs_away_after}"
+        return f"{100.0 * self.nrmse:.1f} %"
 
 
 def predict(
@@ -187,10 +198,13 @@ def predict(
     n_blocks = min(max(2, round(N_BLOCKS * n_counted / record.n_times)), n_counted)
     blocks = np.array([np.mean(part, axis=1) for part in np.array_split(error, n_blocks, axis=1)]) / mean_square
     resampled = blocks[rng.integers(0, len(blocks), (N_BOOTSTRAP, len(blocks)))]
+    nrmse = float(np.sqrt(np.mean(np.mean(error, axis=1) / mean_square)))
+    lost = runaway_sample(measured, predicted) if not nrmse < RUNAWAY else None
     return Prediction(
         channels=channels,
         values=predicted,
-        nrmse=float(np.sqrt(np.mean(np.mean(error, axis=1) / mean_square))),
+        nrmse=nrmse,
+        runs_away_after="" if lost is None else moment_in_words(record, first + lost),
         nrmse_se=float(np.std(np.sqrt(np.mean(resampled, axis=(1, 2))))),
         log_density=float(np.mean(-0.5 * error / sd[:, None] ** 2 - np.log(sd)[:, None] - 0.5 * np.log(2.0 * np.pi))),
     )

@@ -11,6 +11,7 @@ from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, Prediction
 from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Verdict
 from bwbn_bayes.discovery.where import Disagreement
+from bwbn_bayes.elements.catalogue import title_of
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Result, finite
@@ -116,14 +117,14 @@ class Added:
         hypothesis = self.hypothesis
         if self.grade != "shape":
             return hypothesis.label
-        return f"{hypothesis.effect.signature.plain_name}, {hypothesis.where}"
+        return f"{hypothesis.effect.signature.plain_name}{hypothesis.at_place}"
 
     @property
     def alternatives(self) -> tuple[str, ...]:
         """What the record cannot tell it from, in words: other effects, and the same one at other places."""
         level = self.hypothesis.effect.level
         places = (f"the same at {place_in_words(level, place)}" for place in self.equivalent_places)
-        return (*self.equivalent, *places)
+        return (*(title_of(name) for name in self.equivalent), *places)
 
     def as_json(self) -> dict[str, Any]:
         """One entry of ``effects``."""
@@ -310,8 +311,9 @@ class Discovery:
             "where": [
                 {
                     "channel": spot.channel,
-                    "start_s": spot.start_s,
-                    "end_s": spot.end_s,
+                    "start_s": spot.start_s if spot.cycles is None else None,
+                    "end_s": spot.end_s if spot.cycles is None else None,
+                    "cycles": None if spot.cycles is None else list(spot.cycles),
                     "residual_to_noise": spot.residual_to_noise,
                     "sentence": spot.sentence,
                 }

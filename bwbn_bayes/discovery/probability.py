@@ -33,6 +33,9 @@ NAMED = 0.9
 POSSIBLE = 0.5
 """Probability from which an effect is said to be possible: it is more likely there than not."""
 
+_NEGLIGIBLE = 1e-3
+"""Probability of an explanation below which it moves no verdict."""
+
 Verdict = Literal["effects_found", "partly_explained", "no_missing_effect", "unexplained"]
 _CLASSES: Mapping[tuple[bool, bool], Verdict] = {
     (False, False): "no_missing_effect",
@@ -40,7 +43,7 @@ _CLASSES: Mapping[tuple[bool, bool], Verdict] = {
     (True, True): "partly_explained",
     (False, True): "unexplained",
 }
-"""By whether an effect was added, and a force of no known law."""
+"""By whether an effect was added, and something without a name is part of it or left by it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,11 +80,25 @@ class Beliefs:
 
     @cached_property
     def verdicts(self) -> dict[Verdict, float]:
-        """Probability of each of the four classes."""
+        """Probability of each of the four classes.
+
+        The classes presume that one of them is right, which is checked: what an explanation leaves must be noise, by
+        the tests of :mod:`~bwbn_bayes.inference.residuals`. Else something without a name is left, a force or not, and
+        it counts among those that have it.
+        """
+        kinds = [(bool(one.added), self._has_nameless(one, p)) for one, p in self._pairs]
         return {
-            verdict: self._sum(lambda one, kind=kind: (bool(one.added), one.has_unnamed) == kind)  # type: ignore[misc]
+            verdict: float(min(sum(p for (_, p), own in zip(self._pairs, kinds, strict=True) if own == kind), 1.0))
             for kind, verdict in _CLASSES.items()
         }
+
+    def _has_nameless(self, one: Explanation, probability: float) -> bool:
+        """Whether something without a name is part of an explanation, or left by it; the improbable are not asked."""
+        return one.has_unnamed or (probability > _NEGLIGIBLE and not one.is_noise)
+
+    @property
+    def _pairs(self) -> list[tuple[Explanation, float]]:
+        return list(zip(self.explanations, self.probabilities.tolist(), strict=True))
 
     @property
     def verdict(self) -> Verdict:
@@ -121,7 +138,7 @@ class Beliefs:
         return min(close, key=lambda one: (one.n_parameters, one.n_placed, -summed[one.effects_key]))
 
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
-        own = [p for one, p in zip(self.explanations, self.probabilities, strict=True) if wanted(one)]
+        own = [p for one, p in self._pairs if wanted(one)]
         return float(min(sum(own), 1.0))
 
 

@@ -73,12 +73,13 @@ def search(given: Explanation, run: Run) -> Pool:
         pool.weigh()
         pool.add(_left_out(pool, run))
         pool.weigh()
-        _tell(number, parent, pool, run)
+        _tell(f"Built upon {parent.label}", parent.label, pool, run)
     if not given.is_specimen:
         if pool.ranked()[0].is_noise:
             _unnamed_to_first_order(pool)
         else:
             _unnamed_at_storeys(pool, run)
+        _tell("With a force of no known law at each storey", pool.ranked()[0].label, pool, run)
     return pool
 
 
@@ -229,16 +230,15 @@ def _fitted(
         )
 
 
-def _tell(number: int, parent: Explanation, pool: Pool, run: Run) -> None:
+def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:
+    """Keep what a round has done, and what is believed after it."""
     believed = pool.beliefs
     best = believed.best
-    sentence = (
-        f"Built upon {parent.label}: the best so far is {best.label}, with probability {believed.probabilities[0]:.2f}."
-    )
+    sentence = f"{what}: the best so far is {best.label}, with probability {believed.probabilities[0]:.2f}."
     run.steps.append(
         Step(
-            number=number,
-            parent=parent.label,
+            number=len(run.steps) + 1,
+            parent=parent,
             sentence=sentence,
             explanations=believed.explanations,
             probabilities=tuple(believed.probabilities.tolist()),

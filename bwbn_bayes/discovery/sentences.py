@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from bwbn_bayes.discovery.outcome import Added, Gap, UnnamedForce
-from bwbn_bayes.discovery.probability import Beliefs
+from bwbn_bayes.discovery.held_out import Prediction
+from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce
+from bwbn_bayes.discovery.probability import NAMED, Beliefs
 from bwbn_bayes.discovery.where import Disagreement
+from bwbn_bayes.elements.catalogue import title_of
 
 _STRENGTHS = ((10.0, "overwhelming"), (5.0, "strong"), (2.3, "weak"), (-np.inf, "hardly any"))
 """Words for a log Bayes factor, from so many nats on (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572)."""
-RUNAWAY = 3.0
-"""Error over the signal from which a prediction is said to run away instead of being numbered."""
 
 
 def evidence_in_words(log_bayes_factor: float) -> str:
@@ -39,75 +39,102 @@ def sentences(
     """
     first = [_first(believed, added)]
     if not added and unnamed is None:
-        return tuple(first)
+        return (*first, *_runner_up(believed), *_gap(gap, changed=False))
     own = [_effect(one) for one in added]
     if unnamed is not None:
         own.append(
             f"A force of no known law at {unnamed.place} takes up what the model does not: "
-            f"{100.0 * unnamed.share:.0f} % of the force (probability {_probability(unnamed.probability)})."
+            f"{100.0 * unnamed.share:.0f} % of the force (probability {probability_in_words(unnamed.probability)})."
         )
     places = {f"acceleration_{storey}" for one in added for storey in one.hypothesis.storeys}
     spots = [spot for spot in before.spots if spot.channel in places]
     where = [f"Where it showed: {spot.sentence}." for spot in (*spots, *before.spots)[:1]]
-    return (*first, *own, *_gap(gap, changed=bool(added)), *where)
+    return (*first, *own, *_runner_up(believed), *_gap(gap, changed=bool(added)), *where)
 
 
 def _first(believed: Beliefs, added: tuple[Added, ...]) -> str:
-    sure = f"probability {_probability(believed.verdicts[believed.verdict])}"
-    named = [one for one in added if one.grade == "named"]
-    titles = " and ".join(one.title for one in named)
+    sure = f"probability {probability_in_words(believed.verdicts[believed.verdict])}"
+    certain = [one for one in added if one.grade == "named" or (one.grade == "shape" and one.probability >= NAMED)]
+    titles = " and ".join(one.title for one in certain)
     if believed.verdict == "no_missing_effect":
         return f"The model as given explains the record: nothing is missing ({sure})."
     if believed.verdict == "effects_found":
         if not titles:
             return f"Something is missing that the catalogue can hold, but no single effect is certain ({sure})."
-        meaning = f": {named[0].hypothesis.effect.summary}" if len(named) == 1 else ""
+        meaning = f": {certain[0].hypothesis.effect.summary}" if [one.grade for one in certain] == ["named"] else ""
         return f"The model lacks {titles}{meaning} ({sure})."
     if believed.verdict == "partly_explained":
         what = f"The model lacks {titles}, and more" if titles else "What the model lacks is only partly known"
-        return f"{what}: beside it stays a force of no known law ({sure})."
-    return (
-        f"Model and record disagree, and no catalogued effect explains it better than a force of no known law ({sure})."
-    )
+        left = "stays a force of no known law" if believed.best.has_unnamed else "stays what no smooth force explains"
+        return f"{what}: beside it {left} ({sure})."
+    if believed.best.has_unnamed:
+        rest = "no catalogued effect explains it better than a force of no known law"
+    else:
+        rest = "neither a catalogued effect nor a smooth force of the storeys explains it"
+    return f"Model and record disagree, and {rest} ({sure})."
 
 
 def _effect(one: Added) -> str:
     """One effect: how sure it is, what else it could be, what it does to the loop."""
-    words = {"named": "", "possible": "possibly, ", "weak": "perhaps, ", "shape": ""}[one.grade]
+    words = {"named": "", "possible": "possibly ", "weak": "perhaps ", "shape": ""}[one.grade]
+    sure = evidence_in_words(one.log_bayes_factor)
     text = (
-        f"{words}{one.title}: {evidence_in_words(one.log_bayes_factor)} evidence "
-        f"(probability {_probability(one.probability)}, {one.log_bayes_factor:.0f} nats)"
+        f"{words}{one.title}: {sure} evidence "
+        f"({one.log_bayes_factor:.0f} nats, probability {probability_in_words(one.probability)})"
     )
     if one.alternatives:
         text += f"; the record cannot tell it from {' or '.join(one.alternatives)}"
-    if one.signature is not None:
-        seen = one.signature
-        measured = "" if seen.measured is None else f"measured {seen.measured:.2g}, "
-        text += f"; {seen.measure}: {measured}identified {seen.mean:.2g}, without it {seen.without:.2g}"
     if one.grade == "shape":
-        text += "; the law helps, but not by what its usual name says"
+        text += f"; the law helps, but not by what its name, {title_of(one.hypothesis.name)}, says"
+    if one.signature is not None:
+        text += f"; {signature_in_words(one.signature)}"
     return f"{text[:1].upper()}{text[1:]}."
+
+
+def signature_in_words(seen: SignatureFacts) -> str:
+    """``pinching index 0.09 measured, 0.07 identified (0.05 to 0.09), 0.5 without it``."""
+    unit = f" {seen.unit}" if seen.unit else ""
+    measured = "" if seen.measured is None else f"{seen.measured:.2g}{unit} measured, "
+    return (
+        f"{seen.measure} {measured}{seen.mean:.2g}{unit} identified ({seen.low:.2g} to {seen.high:.2g}), "
+        f"{seen.without:.2g}{unit} without it"
+    )
+
+
+def _runner_up(believed: Beliefs) -> tuple[str, ...]:
+    """The best explanation with other effects or places, and how far it is behind."""
+    best = (believed.best.placed, believed.best.has_unnamed)
+    for one, log_joint in zip(believed.explanations, believed.log_joint.tolist(), strict=True):
+        if (one.placed, one.has_unnamed) != best:
+            margin = float(believed.log_joint[0]) - log_joint
+            return (f"The runner-up, {one.label}, is {margin:.{0 if margin >= 10.0 else 1}f} nats behind.",)
+    return ()
 
 
 def _gap(gap: Gap, *, changed: bool) -> tuple[str, ...]:
     told = []
-    for what, one in (("the fitted record", gap), ("the held-out data", gap.held_out)):
+    for what, one in (("fitted record", gap), ("held-out data", gap.held_out)):
         if one is None:
             continue
-        before, after = (error_in_words(p.nrmse) for p in (one.before, one.after))
-        falls = f"goes from {before} to {after}" if changed else f"is {before}"
-        told.append(f"The error on {what} {falls}; noise alone is {100.0 * one.noise_floor:.1f} %.")
+        noise = f"noise alone leaves {100.0 * one.noise_floor:.1f} %"
+        before, after = _error(one.before), _error(one.after)
+        if not changed:
+            told.append(f"On the {what} {before}; {noise}.")
+        elif one.before.runs_away_after or one.after.runs_away_after:
+            told.append(f"On the {what}, as given, {before}; improved, {after}; {noise}.")
+        else:
+            goes = "falls" if one.after.nrmse < one.before.nrmse else "grows"
+            ends = f"from {one.before.error_in_words} to {one.after.error_in_words}"
+            told.append(f"On the {what} the error {goes} {ends}; {noise}.")
     return tuple(told)
 
 
-def error_in_words(nrmse: float) -> str:
-    """A percentage of the signal; in words where the prediction runs away."""
-    if not nrmse < RUNAWAY:
-        return "a prediction that runs away"
-    return f"{100.0 * nrmse:.1f} %"
+def _error(prediction: Prediction) -> str:
+    words = prediction.error_in_words
+    return words if prediction.runs_away_after else f"the error is {words}"
 
 
-def _probability(value: float) -> str:
+def probability_in_words(value: float) -> str:
     """Two digits, and no certainty."""
     if value > 0.99:
         return f"{min(value, 0.9999):.4g}" if value < 0.9995 else "above 0.999"

@@ -17,6 +17,8 @@ from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import counted, noise_floors, residual_of
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.records.cycles import cycle_numbers, half_cycles
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
@@ -28,6 +30,8 @@ N_PLANE = 12
 """Bins of drift and of drift rate."""
 NOTEWORTHY = 1.3
 """Residual to noise from which a window is worth a sentence, if noise alone seldom reaches it anywhere."""
+_AFTER_A_TURN = 0.1
+"""Share of a half cycle's way that is just after its turn, where there is no time to tell it by."""
 _CHANCE = 0.01
 _LEAST_CONCENTRATION = 1.3
 
@@ -46,6 +50,8 @@ class Spot:
     channel : str
     start_s, end_s : float
         [s]
+    cycles : (int, int) or None
+        The cycles in which it begins and ends, from 1, of a record that has no time: its seconds mean nothing.
     residual_to_noise : float
         Root mean square of the residual over the noise level.
     sentence : str
@@ -56,6 +62,7 @@ class Spot:
     end_s: float
     residual_to_noise: float
     sentence: str
+    cycles: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +144,7 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
     for storey, missing, sd in missing_forces(posterior, residual, noise):
         force[storey - 1] = missing / sd
     by_storey = _windowed(force)
-    conditions = _conditions(rows, record.time_step)
+    conditions = _conditions(rows, record)
     by_condition = {name: _concentration(force, mask) for name, mask in conditions.items()}
     seen = Disagreement(
         channels=channels,
@@ -149,7 +156,7 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
         by_condition=by_condition,
         spots=(),
     )
-    return replace(seen, spots=_spots(seen, posterior.model, counted(record, residual).shape[1] // N_WINDOWS))
+    return replace(seen, spots=_spots(seen, posterior, counted(record, residual).shape[1] // N_WINDOWS))
 
 
 def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> list[tuple[int, Floats, float]]:
@@ -178,16 +185,18 @@ def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> lis
     return found
 
 
-def _conditions(rows: Mapping[str, Floats], time_step: float) -> dict[str, Booleans]:
-    """States in which missing effects show, ``(n_storeys, n_times)`` each."""
+def _conditions(rows: Mapping[str, Floats], record: Record) -> dict[str, Booleans]:
+    """States in which missing effects show, ``(n_storeys, n_times)`` each; no rates where there is no time."""
     z, v, u = (np.abs(rows[kind]) for kind in ("hysteretic_displacement", "drift_rate", "drift"))
     energy = rows["hysteretic_energy"]
     last = np.maximum(energy[:, -1:], 1e-300)
     return {
         "at small hysteretic displacement": z < 0.25 * np.max(z, axis=1, keepdims=True),
         "at large drift": u > 0.6 * np.max(u, axis=1, keepdims=True),
-        "at high drift rate": v > 0.6 * np.max(v, axis=1, keepdims=True),
-        "just after reversals": _after_reversals(rows["drift_rate"], time_step),
+        **({"at high drift rate": v > 0.6 * np.max(v, axis=1, keepdims=True)} if record.has_time else {}),
+        "just after reversals": (
+            _after_reversals(rows["drift_rate"], record.time_step) if record.has_time else _after_turns(rows["drift"])
+        ),
         "once much work is done": energy > 0.6 * last,
         "in one direction, positive drift": rows["drift"] > 0.15 * np.max(u, axis=1, keepdims=True),
         "in one direction, negative drift": rows["drift"] < -0.15 * np.max(u, axis=1, keepdims=True),
@@ -205,6 +214,15 @@ def _after_reversals(drift_rate: Floats, time_step: float) -> Booleans:
     window = min(max(1, round(0.5 / time_step)), turned.shape[1])
     envelope = np.array([np.convolve(row, np.ones(window) / window, mode="same") for row in np.abs(drift_rate)])
     return np.asarray(result & (envelope > moving))
+
+
+def _after_turns(drift: Floats) -> Booleans:
+    """Within a tenth of the way of each half cycle."""
+    result = np.zeros(drift.shape, dtype=np.bool_)
+    for row, after in zip(drift, result, strict=True):
+        for half in half_cycles(row):
+            after[half.samples] |= np.abs(row[half.samples] - half.start) < _AFTER_A_TURN * half.travel
+    return result
 
 
 def _concentration(force: Floats, mask: Booleans) -> Floats:
@@ -230,9 +248,9 @@ def _bins(history: Floats) -> NDArray[np.int64]:
     return np.clip(((history / peak + 1.0) * 0.5 * N_PLANE).astype(np.int64), 0, N_PLANE - 1)
 
 
-def _spots(seen: Disagreement, model: Structure, n_samples: int) -> tuple[Spot, ...]:
+def _spots(seen: Disagreement, posterior: Posterior, n_samples: int) -> tuple[Spot, ...]:
     """Runs of windows, of so many independent samples each, that stand above the noise."""
-    rows = seen.rows(model)
+    rows, record = seen.rows(posterior.model), posterior.record
     largest = max(float(np.max(row.ratios)) for row in rows)
     chance = float(np.sqrt(chi2.isf(_CHANCE / (len(rows) * N_WINDOWS), n_samples) / n_samples))
     spots = []
@@ -241,11 +259,30 @@ def _spots(seen: Disagreement, model: Structure, n_samples: int) -> tuple[Spot, 
             ratio = float(np.sqrt(np.mean(np.square(row.ratios[first:last]))))
             start, end = float(seen.edges[first]), float(seen.edges[last])
             words = _words(seen.by_condition, row.storey) if row.storey is not None else ""
-            sentence = f"{row.place}, {start:.0f} to {end:.0f} s{words}: residual {ratio:.1f} times the noise"
+            cycles = None if record.has_time else _cycles(record, start, end)
+            stretch = f"{start:.0f} to {end:.0f} s" if cycles is None else cycles_in_words(*cycles)
             spots.append(
-                Spot(channel=row.channel, start_s=start, end_s=end, residual_to_noise=ratio, sentence=sentence)
+                Spot(
+                    channel=row.channel,
+                    start_s=start,
+                    end_s=end,
+                    residual_to_noise=ratio,
+                    sentence=f"{row.place}, {stretch}{words}: residual {ratio:.1f} times the noise",
+                    cycles=cycles,
+                )
             )
     return tuple(sorted(spots, key=lambda spot: -spot.residual_to_noise))
+
+
+def _cycles(record: Record, start: float, end: float) -> tuple[int, int]:
+    """First and last cycle of a stretch of the record between two instants of its made-up time."""
+    numbers = cycle_numbers(record.excitation)[(record.times >= start) & (record.times <= end)]
+    return int(numbers[0]), int(numbers[-1])
+
+
+def cycles_in_words(first: int, last: int) -> str:
+    """``cycle 7``, or ``cycles 7 to 9``."""
+    return f"cycle {first}" if first == last else f"cycles {first} to {last}"
 
 
 def _windowed(scaled: Floats) -> Floats:

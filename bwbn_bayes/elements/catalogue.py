@@ -86,6 +86,12 @@ def registered() -> tuple[type[Effect], ...]:
     return tuple(_REGISTRY.values())
 
 
+def title_of(name: str) -> str:
+    """What engineers call an effect: ``slip-lock pinching``; of an effect that is not registered, its name in words."""
+    effect_class = _REGISTRY.get(name)
+    return (effect_class.title if effect_class is not None else "") or name.replace("_", " ")
+
+
 def catalogue() -> tuple[EffectFacts, ...]:
     """Facts about every registered effect, in the order of registration."""
     return tuple(_facts(effect_class) for effect_class in registered())

@@ -181,6 +181,8 @@ class Effect(Protocol):
 
     name: ClassVar[str]
     """Canonical name, as in the catalogue."""
+    title: ClassVar[str] = ""
+    """What engineers call it; its name with spaces where left out."""
     summary: ClassVar[str]
     """One line for people."""
     source: ClassVar[str]

@@ -26,7 +26,7 @@ from bwbn_bayes.engines.scalar import (
     scalar_problem,
     solve_each,
 )
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, require_installed
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -145,10 +145,8 @@ def load_library() -> None:
     UserError
         If ``sundials4py`` is not installed or its library does not export CVODES.
     """
-    try:
-        library = import_module("sundials4py").__file__ or ""
-    except ImportError as error:
-        raise UserError(f"the engine cvodes needs the package sundials4py ({error}): install it") from error
+    require_installed("cvodes", "engine cvodes")
+    library = import_module("sundials4py").__file__ or ""
     try:
         llvmlite.binding.load_library_permanently(library)
     except RuntimeError as error:

@@ -10,6 +10,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from bwbn_bayes.engines.kernel_cache import njit
+from bwbn_bayes.engines.kernel_parts import part
 
 LANES = {lanes}
 BLOCK = {block} * LANES
@@ -44,7 +45,7 @@ def _wide(typing_context):
     return types.void(), generate
 
 
-@njit({flags})
+@part({flags})
 def _exp2(x):
     """Two to the power x, to 2e-14 relative; the power's whole part is assembled from bits, so that loops vectorise."""
     x = -1021.0 if x < -1021.0 else x
@@ -64,7 +65,7 @@ def _exp2(x):
     return p * _from_bits(_bits(k + 4503599627371519.0) << 52)
 
 
-@njit({flags})
+@part({flags})
 def _log2(x):
     """Logarithm to base two of a positive number, to 3e-14; exponent and mantissa in [0.7, 1.4] are split by bits."""
     b = _bits(x)
@@ -84,7 +85,7 @@ def _log2(x):
 
 PREPARE = """
 
-@njit({flags})
+@part({flags})
 def prepare(n_storeys, w):
     # What the law needs that changes at events alone.
     for i in range(n_storeys):
@@ -95,7 +96,7 @@ def prepare(n_storeys, w):
 
 STAGE = """
 
-@njit({flags})
+@part({flags})
 def gather(first, seed, w):
     # The partial derivatives by what each lane's direction moves, as a column of the table.
     for r in range({n_rows}):
@@ -104,7 +105,7 @@ def gather(first, seed, w):
             w[row + {own} * LANES + l] = w[row + seed[l] * LANES + l]
 
 
-@njit({flags})
+@part({flags})
 def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, column, active, w, t):
     _wide()
     for i in range(n_storeys):
@@ -114,7 +115,7 @@ def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, co
 {base}
 
 
-@njit({flags})
+@part({flags})
 def stage_with_tangents(n_storeys, n_directions, weight, share, inside, step, ground, seed, column, active, w, t):
     _wide()
     for i in range(n_storeys):
@@ -168,7 +169,7 @@ ON_BASE_TANGENT = (
 
 COMMON = """
 
-@njit({flags})
+@part({flags})
 def plan(n_storeys, dt, substeps, resolution, length, w):
     # Length of each lane's steps in the next interval.
     for l in range(LANES):
@@ -180,7 +181,7 @@ def plan(n_storeys, dt, substeps, resolution, length, w):
         length[l] = dt / length[l]
 
 
-@njit({flags})
+@part({flags})
 def next_step(n_storeys, dt, cut, start, event, position, length, step, w):
     # The next step of each lane, zero where it has arrived; returns whether every lane then is at the interval's end.
     for l in range(LANES):
@@ -203,7 +204,7 @@ def next_step(n_storeys, dt, cut, start, event, position, length, step, w):
     return left == 0.0
 
 
-@njit({flags})
+@part({flags})
 def next_event(n_storeys, w):
     found = np.inf
     for i in range(n_storeys):
@@ -213,7 +214,7 @@ def next_event(n_storeys, w):
     return found
 
 
-@njit({flags})
+@part({flags})
 def observe(n_storeys, n_directions, starts, block, row, coefficient, ground_part, ground_now, w, t, value):
     _wide()
     n_channels = ground_part.shape[0]
@@ -233,7 +234,7 @@ def observe(n_storeys, n_directions, starts, block, row, coefficient, ground_par
                     value[m + l] += factor * observed[l]
 
 
-@njit({flags})
+@part({flags})
 def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
     _wide()
     for c in range(n_channels):
@@ -264,7 +265,7 @@ def summarise(n_channels, n_directions, measured, stored, width, source, misfit,
 
 MARCH = """
 
-@njit({flags})
+@part({flags})
 def advance{tangents}(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, column,
                       active, w, t):
     _wide()
@@ -279,13 +280,13 @@ def advance{tangents}(n_storeys, n_directions, shares, weights, ground_0, slope,
     close{tangents}(n_storeys, n_directions, weights[shares.shape[0]], step, ground, seed, column, active, w, t)
 
 
-@njit({flags})
+@part({flags})
 def close{tangents}(n_storeys, n_directions, weight, step, ground, seed, column, active, w, t):
     _wide()
     stage{tangents}(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, column, active, w, t)
 
 
-@njit({flags})
+@part({flags})
 def strike{tangents}(n_storeys, n_directions, until, position, step, flipped, ground, seed, column, active, w, t):
     # Events that are due happen one by one; each adds (rate before - rate after) d time / d parameter to the tangents.
     for i in range(n_storeys):
@@ -293,7 +294,7 @@ def strike{tangents}(n_storeys, n_directions, until, position, step, flipped, gr
 {strike}
 
 
-@njit({flags})
+@part({flags})
 def flip{tangents}(n_storeys, n_directions, storey, event, time, step, flipped, ground, seed, column, active, w, t):
     for l in range(LANES):
         step[l] = 0.0

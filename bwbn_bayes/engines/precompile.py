@@ -16,6 +16,7 @@ from pathlib import Path
 
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.cache_files import cache_directory
+from bwbn_bayes.engines.children import RUNNING
 from bwbn_bayes.engines.lanes import compile_law, is_compiled
 
 _CHILD = """
@@ -48,19 +49,10 @@ def precompile(laws: Mapping[StoreyLaw, bool], *, driven: bool) -> threading.Thr
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    _RUNNING.append(process)
+    RUNNING.append(process)
     waiting = threading.Thread(target=_attend, args=(process, pickle.dumps((missing, driven))), daemon=True)
     waiting.start()
     return waiting
-
-
-def stop_compiling() -> None:
-    """End every child at once."""
-    for process in _RUNNING:
-        process.kill()
-
-
-_RUNNING: list[subprocess.Popen[bytes]] = []
 
 
 def _attend(process: subprocess.Popen[bytes], laws: bytes) -> None:

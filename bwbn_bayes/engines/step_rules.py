@@ -25,7 +25,7 @@ MARGIN = 0.02
 MOST_STEPS = 64.0
 """Most steps that a sharp feature asks for between two samples."""
 
-RANGE_STEPS = 200
+RANGE_STEPS = 100
 """Steps in which an imposed displacement passes from its least to its largest, per substep, however few samples it has
 there: a digitised loop has some ten samples a half cycle, and a step longer than the yield displacement diverges."""
 

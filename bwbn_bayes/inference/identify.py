@@ -17,6 +17,7 @@ import numpy as np
 from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.base import require_parameters, require_usable
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.errors import require_installed
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
 from bwbn_bayes.inference.bridge import bridge
 from bwbn_bayes.inference.history import History, Listener
@@ -85,7 +86,8 @@ def identify(
     Raises
     ------
     UserError
-        If nothing is to be identified, the record measures nothing, or record and model do not belong together.
+        If nothing is to be identified, the record measures nothing, record and model do not belong together, or the
+        method's library is not installed.
     """
     settings = settings or Settings()
     if settings.method not in METHODS:
@@ -94,10 +96,7 @@ def identify(
     require_usable(model, record)
     if noise is not None:
         require_noise(noise, record)
-    if settings.method == "tmcmc":
-        require_particles(settings.particles, model.space.n_dim)
-    if settings.checkpoint is not None:
-        require_place(settings.checkpoint)
+    _require_road(settings, model.space.n_dim)
     began = time.perf_counter()
     history = History(listener, began, [])
     posterior = Posterior(
@@ -141,6 +140,17 @@ def identify_from(
     history = History(listener, time.perf_counter(), [])
     fitted = _Fitted(*_finish(posterior, points))
     return _sampled(fitted, settings, np.random.default_rng(_streams(settings.seed)[-1]), history, name, assumptions)
+
+
+def _require_road(settings: Settings, n_dim: int) -> None:
+    """Refuse before the search what the road asked for could not do after it."""
+    if settings.method == "tmcmc":
+        require_particles(settings.particles, n_dim)
+    if settings.method in ("smc", "nuts"):
+        nutpie = settings.method == "nuts" and settings.sampler == "nutpie"
+        require_installed("nuts" if nutpie else "pymc", "sampler nutpie" if nutpie else f"method {settings.method}")
+    if settings.checkpoint is not None:
+        require_place(settings.checkpoint)
 
 
 def _streams(seed: int) -> list[np.random.SeedSequence]:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
@@ -100,6 +101,23 @@ def half_cycles(displacement: Floats, threshold: float | None = None) -> tuple[H
         )
         for i in range(len(turns) - 1)
     )
+
+
+def cycle_numbers(displacement: Floats) -> NDArray[np.int64]:
+    """Number of the cycle, from 1, to which each sample ``(n_times,)`` of a history [m] belongs.
+
+    A cycle is two half cycles. What comes before the first belongs to it, what comes after the last to the last.
+    """
+    numbers = np.ones(len(displacement), dtype=np.int64)
+    for i, half in enumerate(half_cycles(displacement)):
+        numbers[half.first :] = i // 2 + 1
+    return numbers
+
+
+def path_length(displacement: Floats) -> Floats:
+    """Way covered up to each sample, in m, of a displacement history ``(n_times,)``."""
+    steps = np.abs(np.diff(displacement, prepend=displacement[0]))
+    return np.asarray(np.cumsum(steps))
 
 
 def turning_points(displacement: Floats, threshold: float) -> list[int]:

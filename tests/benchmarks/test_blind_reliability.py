@@ -70,6 +70,11 @@ def test_an_effect_counts_as_named_from_nine_tenths() -> None:
     )
     assert (found.named, found.right_place, found.extra) == (("slip_lock[2]",), True, ())
     assert found.sure_and_wrong == ()
+    shared = answer({"gap_impact": 0.5, "slip_lock": 0.5}, ("gap_impact", 2, 0.5))
+    shared["effects"][0]["equivalent"] = ["slip_lock"]
+    undecided = case_outcome(truth(SLIP), shared)
+    assert (undecided.named, undecided.within_class, undecided.class_size) == ((), True, 2)
+    assert not undecided.wrong_with_confidence
     wrong = case_outcome(truth(SLIP), answer({"asymmetry": 0.91}, ("asymmetry", 1, 0.91)))
     assert (wrong.sure_and_wrong, wrong.right_name) == (("asymmetry",), False)
 

@@ -65,7 +65,7 @@ def test_in_every_storey_alike_sizes_are_those_of_the_mean_storey() -> None:
     larger = replace(SCALES, energy=24.0, stiffness=75.0)
     every = hypotheses(BASE, [SCALES, larger], measured=CHANNELS)
     one = next(h for h in every if h.name == "strength_degradation" and h.storeys == (1, 2))
-    assert one.label == "strength_degradation (linear), storeys 1, 2"
+    assert one.label == "strength degradation (linear) in storeys 1, 2"
     assert one.brought == ("delta_nu",)
     assert (one.scales.energy, one.scales.stiffness, one.scales.drift) == (16.0, 50.0, 0.2)
     assert one.effect.values["delta_nu"] == HalfNormal(1.0 / 16.0)
@@ -77,7 +77,7 @@ def test_a_specimen_has_storey_effects_only() -> None:
     assert {h.effect.level for h in every} == {"link"}
     assert {h.storeys for h in every} == {(1,)}
     damping = next(h for h in every if h.name == "quadratic_damping")
-    assert (damping.label, damping.where) == ("quadratic_damping", "the specimen")
+    assert (damping.label, damping.where) == ("quadratic damping", "the specimen")
 
 
 def test_without_time_nothing_that_depends_on_rate_takes_part() -> None:
@@ -195,7 +195,11 @@ def test_what_a_law_carries_brings_no_coordinate() -> None:
 
 def test_labels_say_effect_form_and_place() -> None:
     labels = {h.label for h in EVERY}
-    assert {"cubic_stiffness, storey 2", "storey_parameter (alpha), storey 1", "sensor_gain, floor 2"} <= labels
+    assert {
+        "cubic stiffness in storey 2",
+        "deviating parameter (alpha) in storey 1",
+        "wrong sensor gain at floor 2",
+    } <= labels
     assert "input_scale" in labels
 
 
@@ -250,7 +254,7 @@ def test_a_linear_storey_has_hypotheses_too() -> None:
     scales = [replace(SCALES, beta=0.0, gamma=0.0)] * 2
     every = hypotheses(replace(BASE, storey=linear), scales, measured=CHANNELS)
     assert "asymmetry" not in {h.name for h in every}
-    offset = next(h for h in every if h.label == "storey_parameter (beta), storey 1")
+    offset = next(h for h in every if h.label == "deviating parameter (beta) in storey 1")
     assert offset.effect.values["beta_offset"].sd == pytest.approx(  # type: ignore[union-attr]
         0.5 * SCALES.hysteretic_displacement**-SCALES.n
     )

@@ -126,7 +126,7 @@ def test_the_comment_says_what_and_how_much() -> None:
     hypothesis = next(h for h in ONE_PLACE if h.name == "slip_lock")
     source = improved_model_source(hypothesis.model, [found(hypothesis)], name="my_frame")
     text = " ".join(line.lstrip("# ") for line in source.splitlines())
-    assert source.startswith('"""my_frame with what discovery found missing: slip_lock, storey 2.')
+    assert source.startswith('"""my_frame with what discovery found missing: slip-lock pinching in storey 2.')
     assert "Probability 0.998, log Bayes factor 321.2 +- 0.2." in text
     assert "delta_s[2] = 0.1235 +- 0.01 m/J" in text
     assert "storeys=[2]" in source

@@ -193,13 +193,13 @@ def test_the_places_of_the_disagreement_are_those_found(run):
 @pytest.mark.parametrize(
     ("probability", "deserved", "grade", "title"),
     [
-        (0.999, 1.0, "named", "slip_lock, storey 2"),
-        (0.95, 0.95, "named", "slip_lock, storey 2"),
-        (0.8, 1.0, "possible", "slip_lock, storey 2"),
-        (0.999, 0.7, "possible", "slip_lock, storey 2"),
-        (0.999, 0.1, "shape", "the shape of the reloading branch, storey 2"),
-        (0.3, 1.0, "weak", "slip_lock, storey 2"),
-        (0.3, 0.0, "weak", "slip_lock, storey 2"),
+        (0.999, 1.0, "named", "slip-lock pinching in storey 2"),
+        (0.95, 0.95, "named", "slip-lock pinching in storey 2"),
+        (0.8, 1.0, "possible", "slip-lock pinching in storey 2"),
+        (0.999, 0.7, "possible", "slip-lock pinching in storey 2"),
+        (0.999, 0.1, "shape", "the shape of the reloading branch in storey 2"),
+        (0.3, 1.0, "weak", "slip-lock pinching in storey 2"),
+        (0.3, 0.0, "weak", "slip-lock pinching in storey 2"),
     ],
 )
 def test_a_name_takes_a_probable_law_and_its_signature(probability, deserved, grade, title):
@@ -208,7 +208,7 @@ def test_a_name_takes_a_probable_law_and_its_signature(probability, deserved, gr
         measure="pinching index", unit="", measured=0.3, mean=0.3, low=0.2, high=0.4, without=0.5, deserved=deserved
     )
     effect = SimpleNamespace(signature=SimpleNamespace(plain_name="the shape of the reloading branch"))
-    hypothesis = SimpleNamespace(label="slip_lock, storey 2", where="storey 2", effect=effect)
+    hypothesis = SimpleNamespace(label="slip-lock pinching in storey 2", at_place=" in storey 2", effect=effect)
     added = Added(
         hypothesis=cast(Any, hypothesis), probability=probability, place_probability=probability,
         log_bayes_factor=9.0, log_bayes_factor_se=0.1, equivalent=(), equivalent_places=(), signature=signature,

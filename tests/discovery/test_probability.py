@@ -17,8 +17,10 @@ def hypothesis(name: str, *storeys: int, n_brought: int = 1) -> Any:
     return SimpleNamespace(name=name, symbols=(name,), storeys=storeys, n_brought=n_brought)
 
 
-def explanation(log_evidence: float, *added: Any, unnamed: tuple[int, ...] | None = None) -> Explanation:
-    return Explanation(
+def explanation(
+    log_evidence: float, *added: Any, unnamed: tuple[int, ...] | None = None, is_noise: bool = True
+) -> Explanation:
+    result = Explanation(
         added=added,
         posterior=cast(Any, None),
         modes=(),
@@ -26,6 +28,8 @@ def explanation(log_evidence: float, *added: Any, unnamed: tuple[int, ...] | Non
         unnamed=unnamed,
         n_places=3,
     )
+    result.__dict__["is_noise"] = is_noise  # else found from the record
+    return result
 
 
 SLIP, SLIP_3, CUBIC = hypothesis("slip_lock", 2), hypothesis("slip_lock", 3), hypothesis("cubic_stiffness", 2)
@@ -112,3 +116,11 @@ def test_of_explanations_that_cannot_be_told_apart_the_simpler_one_is_delivered(
     assert found.best is other
     assert found.predictive is one
     assert beliefs((one, explanation(13.0, sloppy)), N_EFFECTS, variants).predictive.names == {"foliente_pinching"}
+
+
+def test_what_is_left_must_be_noise() -> None:
+    """A sensor that drifts is no force of the states: nothing beats the model as given, which yet does not explain."""
+    found = beliefs((explanation(20.0, is_noise=False), explanation(0.0, SLIP)), N_EFFECTS, VARIANTS)
+    assert found.verdict == "unexplained"
+    found = beliefs((explanation(0.0), explanation(40.0, SLIP, is_noise=False)), N_EFFECTS, VARIANTS)
+    assert found.verdict == "partly_explained"

@@ -140,7 +140,7 @@ def test_later_rounds_keep_the_planted_effect(
     assert [numbers.count(n) for n in (2, 4, 25)] == [11, 9, 3]
     assert all(any(is_planted(h) for n, h in entered if n == wanted) for wanted in (2, 4, 25))
     assert is_planted(fits[0].hypothesis)
-    assert told[-1] == "best so far: cubic_stiffness, storey 2"
+    assert told[-1] == "best so far: cubic stiffness in storey 2"
     assert len(told) == 3
 
 

@@ -44,7 +44,9 @@ def explanation(script: Script, *added: Any) -> Explanation:
     modes: Any = (SimpleNamespace(log_likelihood=log_evidence),)
     evidence: Any = SimpleNamespace(log_evidence=log_evidence)
     posterior: Any = SimpleNamespace(record=TEST)
-    return Explanation(added=added, posterior=posterior, modes=modes, evidence=evidence)
+    result = Explanation(added=added, posterior=posterior, modes=modes, evidence=evidence)
+    result.__dict__["is_noise"] = True  # else found from the record
+    return result
 
 
 def searched(script: Script, monkeypatch: pytest.MonkeyPatch, **settings: Any) -> tuple[list[str], Pool]:
@@ -72,29 +74,29 @@ def test_a_step_that_gains_nothing_ends_nothing(monkeypatch: pytest.MonkeyPatch)
     """The best first effect leads nowhere; the second best is half of the answer. A greedy search ended at `a`."""
     script = {"a": 50.0, "b": 48.0, "c": 20.0, "ab": 40.0, "bd": 90.0, "abd": 80.0}
     parents, pool = searched(script, monkeypatch)
-    assert parents == ["nothing", "a", "b", "b + d"]
+    assert parents == ["the model as given", "a", "b", "b + d"]
     assert pool.ranked()[0].label == "b + d"
 
 
 def test_no_more_than_a_beam_of_one_number_of_effects_is_built_upon(monkeypatch: pytest.MonkeyPatch) -> None:
     script = {"a": 50.0, "b": 49.5, "c": 49.0, "d": 48.5}
     parents, _ = searched(script, monkeypatch)
-    assert parents == ["nothing", "a", "b"]
+    assert parents == ["the model as given", "a", "b"]
     assert searching.BEAM == 2
 
 
 def test_nothing_far_below_the_best_is_built_upon(monkeypatch: pytest.MonkeyPatch) -> None:
     near, far = 50.0 - searching.REACH + 0.1, 50.0 - searching.REACH - 0.1
-    assert searched({"a": 50.0, "b": near}, monkeypatch)[0] == ["nothing", "a", "b"]
-    assert searched({"a": 50.0, "b": far}, monkeypatch)[0] == ["nothing", "a"]
+    assert searched({"a": 50.0, "b": near}, monkeypatch)[0] == ["the model as given", "a", "b"]
+    assert searched({"a": 50.0, "b": far}, monkeypatch)[0] == ["the model as given", "a"]
 
 
 def test_the_budget_bounds_rounds_and_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     script = {"a": 50.0, "ab": 100.0, "abc": 150.0, "abcd": 200.0}
-    assert searched(script, monkeypatch)[0] == ["nothing", "a", "a + b", "a + b + c"]
-    assert searched(script, monkeypatch, most_rounds=2)[0] == ["nothing", "a"]
+    assert searched(script, monkeypatch)[0] == ["the model as given", "a", "a + b", "a + b + c"]
+    assert searched(script, monkeypatch, most_rounds=2)[0] == ["the model as given", "a"]
     parents, pool = searched(script, monkeypatch, most_effects=2)
-    assert parents == ["nothing", "a"]
+    assert parents == ["the model as given", "a"]
     assert pool.ranked()[0].label == "a + b"
 
 

@@ -212,8 +212,8 @@ def test_discovery_sees_beta_and_gamma():
     assert first.beta / (first.beta + first.gamma) == pytest.approx(0.9)
     assert (first.beta + first.gamma) == pytest.approx(0.1**-1.6) == pytest.approx(second.beta + second.gamma)
     labels = {h.label for h in hypotheses(model, [first, second], measured=tuple(record.channels))}
-    assert {"storey_parameter (beta), storey 1", "storey_parameter (n), storey 2"} <= labels
-    assert "storey_parameter (beta), storey 2" not in labels
+    assert {"deviating parameter (beta) in storey 1", "deviating parameter (n) in storey 2"} <= labels
+    assert "deviating parameter (beta) in storey 2" not in labels
 
 
 def test_both_free_at_the_specimen_leave_its_shape_no_other_value():

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from bwbn_bayes import UserError
-from bwbn_bayes.reproduction.cases import EXCITATIONS, Case, Options, building, cases_of, truth_of
+from bwbn_bayes.reproduction.cases import EXCITATIONS, Case, building, cases_of, truth_of
+from bwbn_bayes.reproduction.options import Options
 from bwbn_bayes.reproduction.printed import TABLES, one_row, printed
 
 PAPER = Path(__file__).parents[3] / "shared" / "paper"

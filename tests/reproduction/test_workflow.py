@@ -15,9 +15,10 @@ import pytest
 from bwbn_bayes import BoucWen, ShearBuilding, Uniform, UserError, el_centro, simulate
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.reproduction import workflow
-from bwbn_bayes.reproduction.cases import Case, MethodName, Options, building, truth_of
+from bwbn_bayes.reproduction.cases import Case, MethodName, building, truth_of
 from bwbn_bayes.reproduction.comparison import comparison
 from bwbn_bayes.reproduction.measure import Histories, Outcome, clean_record, cramer_rao_sd
+from bwbn_bayes.reproduction.options import Options
 from bwbn_bayes.reproduction.page import costs, errors, findings
 from bwbn_bayes.reproduction.printed import printed
 from bwbn_bayes.reproduction.workflow import Files, _jobs, fingerprint, reproduce

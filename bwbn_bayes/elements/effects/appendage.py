@@ -44,6 +44,7 @@ class Appendage(Effect):
     zeta_t: Value
 
     name: ClassVar[str] = "appendage"
+    title: ClassVar[str] = "tuned mass"
     level: ClassVar[str] = "node"
     summary: ClassVar[str] = "a light tuned mass on a floor"
     source: ClassVar[str] = "Den Hartog 1956, section 3.2"

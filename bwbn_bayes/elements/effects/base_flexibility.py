@@ -59,6 +59,7 @@ class BaseFlexibility(Effect):
     c_b: Value
 
     name: ClassVar[str] = "base_flexibility"
+    title: ClassVar[str] = "base flexibility"
     level: ClassVar[str] = "structure"
     summary: ClassVar[str] = "the building stands on a base that sways"
     source: ClassVar[str] = "Veletsos and Meek 1974"

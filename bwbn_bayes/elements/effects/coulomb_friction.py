@@ -69,6 +69,7 @@ class CoulombFriction(Effect):
     x0: Value | None = None
 
     name: ClassVar[str] = "coulomb_friction"
+    title: ClassVar[str] = "dry friction"
     summary: ClassVar[str] = "dry friction between the floors"
     source: ClassVar[str] = f"{_MOSTAGHEL}; {_DAHL}"
     residual: ClassVar[str] = "a square wave in phase with the drift rate, sticking"

@@ -70,6 +70,7 @@ class FolientePinching(Effect):
     lambda_: Value
 
     name: ClassVar[str] = "foliente_pinching"
+    title: ClassVar[str] = "pinching after Foliente"
     summary: ClassVar[str] = "loops pinch off centre, depending on direction, and the pinch saturates"
     source: ClassVar[str] = _SOURCE
     residual: ClassVar[str] = "a pinch off centre that depends on the direction and saturates"

@@ -25,6 +25,7 @@ class InputScale(Effect):
     s_g: Value
 
     name: ClassVar[str] = "input_scale"
+    title: ClassVar[str] = "wrong scale of the excitation"
     level: ClassVar[str] = "excitation"
     summary: ClassVar[str] = "the recorded excitation has a wrong scale"
     source: ClassVar[str] = "a gain error of the ground's sensor"

@@ -33,6 +33,7 @@ class MassDamping(Effect):
     c_m: Value
 
     name: ClassVar[str] = "mass_damping"
+    title: ClassVar[str] = "mass-proportional damping"
     level: ClassVar[str] = "structure"
     summary: ClassVar[str] = "damping in proportion to the masses: low frequencies decay faster"
     source: ClassVar[str] = "Chopra 2012, section 11.4"

@@ -27,6 +27,7 @@ class MassError(Effect):
     e_m: Value
 
     name: ClassVar[str] = "mass_error"
+    title: ClassVar[str] = "wrong mass"
     level: ClassVar[str] = "node"
     summary: ClassVar[str] = "a floor is heavier or lighter than stated"
     source: ClassVar[str] = "Newton's second law"

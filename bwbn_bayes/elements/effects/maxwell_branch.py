@@ -35,6 +35,7 @@ class MaxwellBranch(Effect):
     tau: Value
 
     name: ClassVar[str] = "maxwell_branch"
+    title: ClassVar[str] = "rate-dependent stiffness (Maxwell branch)"
     summary: ClassVar[str] = "a spring and a damper in series beside the storey: stiffness depends on the rate"
     source: ClassVar[str] = "Maxwell 1867"
     residual: ClassVar[str] = "stiffness and damping that depend on the rate"

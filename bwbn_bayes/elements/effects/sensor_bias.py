@@ -25,6 +25,7 @@ class SensorBias(Effect):
     bias: Value
 
     name: ClassVar[str] = "sensor_bias"
+    title: ClassVar[str] = "sensor offset"
     level: ClassVar[str] = "observation"
     summary: ClassVar[str] = "an accelerometer with an offset"
     source: ClassVar[str] = "zero error of a sensor"

@@ -25,6 +25,7 @@ class SensorGain(Effect):
     gain: Value
 
     name: ClassVar[str] = "sensor_gain"
+    title: ClassVar[str] = "wrong sensor gain"
     level: ClassVar[str] = "observation"
     summary: ClassVar[str] = "an accelerometer with a wrong gain"
     source: ClassVar[str] = "calibration error of a sensor"

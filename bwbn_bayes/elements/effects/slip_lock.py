@@ -46,6 +46,7 @@ class SlipLock(Effect):
     sigma: Value
 
     name: ClassVar[str] = "slip_lock"
+    title: ClassVar[str] = "slip-lock pinching"
     summary: ClassVar[str] = "the joint slips near zero hysteretic displacement: pinched loops"
     source: ClassVar[str] = "Baber and Noori 1985"
     residual: ClassVar[str] = "bursts near z = 0 after each reversal"

@@ -45,6 +45,7 @@ class StoreyParameter(Effect):
     offset: Value
 
     name: ClassVar[str] = "storey_parameter"
+    title: ClassVar[str] = "deviating parameter"
     summary: ClassVar[str] = "a parameter that storeys share differs at one of them"
     source: ClassVar[str] = "Wen 1976"
     residual: ClassVar[str] = "a misfit of that storey's loops only, throughout"

@@ -57,6 +57,7 @@ class SuddenDamage(Effect):
     duration: Value | None = None
 
     name: ClassVar[str] = "sudden_damage"
+    title: ClassVar[str] = "sudden change"
     summary: ClassVar[str] = "a parameter changes at a time: a brace breaks, degradation sets in"
     source: ClassVar[str] = "Zhao et al. 2019, doi:10.3389/fbuil.2018.00080"
     residual: ClassVar[str] = "an onset at one time"

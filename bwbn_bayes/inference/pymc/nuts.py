@@ -17,7 +17,6 @@ from typing import Literal
 
 import arviz_stats
 import numpy as np
-import nutpie
 import pymc as pm
 import pytensor
 import pytensor.tensor as pt
@@ -198,6 +197,9 @@ def _pymc(
 
 
 def _nutpie(twin: pm.Model, start: LaplaceStart, draws: int, tune: int, chains: int, seed: int) -> xr.DataTree:
+    # Imported here: it is an extra of its own, with 170 MB of pyarrow.
+    import nutpie
+
     compiled = nutpie.compile_pymc_model(twin, initial_points=dict(start.points[0]), jitter_rvs=set())
     tree: xr.DataTree = nutpie.sample(
         compiled,

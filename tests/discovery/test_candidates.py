@@ -80,6 +80,22 @@ def test_a_specimen_has_storey_effects_only() -> None:
     assert (damping.label, damping.where) == ("quadratic damping", "the specimen")
 
 
+def test_without_time_nothing_that_depends_on_rate_takes_part() -> None:
+    """A digitised loop has no clock: a damper, a relaxation or a moment in time means nothing there."""
+    specimen = Specimen(storey=BoucWen(k=Uniform(5, 60), beta=2.0, gamma=1.0))
+    timed, timeless = (
+        {(h.name, h.effect.form) for h in hypotheses(specimen, [SCALES], measured=("force",), has_time=has_time)}
+        for has_time in (True, False)
+    )
+    assert timeless < timed
+    names = {name for name, _ in timeless}
+    assert {"slip_lock", "foliente_pinching", "strength_degradation", "cubic_stiffness", "gap_impact"} <= names
+    assert not {"quadratic_damping", "maxwell_branch", "sudden_damage"} & names
+    # Of the frictions the one that turns over a drift stays, those over a drift rate go.
+    assert len([form for name, form in timed if name == "coulomb_friction"]) == 4
+    assert len([form for name, form in timeless if name == "coulomb_friction"]) == 1
+
+
 def test_nothing_that_is_there_already() -> None:
     """Slip at storey 2 leaves storey 1; a damper everywhere leaves nothing."""
     base = BASE.with_effect(SlipLock(delta_s=HalfNormal(0.01), sigma=0.01), storeys=[2])

@@ -14,7 +14,7 @@ def test_the_hidden_effect_is_named_at_its_place(run):
     assert run.code == 0
     assert run.discovery.verdict == "effects_found"
     (added,) = run.discovery.added
-    assert (added.candidate.hypothesis.name, added.candidate.hypothesis.storeys) == ("cubic_stiffness", (1,))
+    assert (added.hypothesis.name, added.hypothesis.storeys, added.grade) == ("cubic_stiffness", (1,), "named")
     mean, sd = added.moments["k3"]
     assert abs(mean - run.k3) < 4.0 * sd
     assert sd < 0.2 * run.k3
@@ -42,34 +42,41 @@ def test_every_file_is_written_and_nothing_is_left_over(run):
     assert not any(".partial" in name for name in names)
 
 
-def test_discovery_json_is_schema_1_and_strict(run):
+def test_discovery_json_is_schema_2_and_strict(run):
     def refuse(constant):
         raise AssertionError(f"{constant} is not JSON")
 
     text = (run.directory / "discovery.json").read_text(encoding="utf-8")
     facts = json.loads(text, parse_constant=refuse)
-    assert (facts["schema"], facts["verdict"], facts["seed"]) == (1, "effects_found", 1)
+    assert (facts["schema"], facts["verdict"], facts["seed"]) == (2, "effects_found", 1)
+    assert facts["verdict_probabilities"]["effects_found"] > 0.9
+    assert facts["probabilities"]["cubic_stiffness"] > 0.99
     (effect,) = facts["effects"]
     assert (effect["name"], effect["storeys"], effect["equivalent"]) == ("cubic_stiffness", [1], [])
+    assert (effect["grade"], effect["probability"] > 0.9, effect["place_probability"] > 0.9) == ("named", True, True)
     assert effect["log_bayes_factor"] > 40.0
     assert effect["log_bayes_factor_se"] > 0.0
     assert effect["parameters"].keys() == {"k3"}
+    identified = effect["signature"]["identified"]
+    assert identified["low"] <= identified["mean"] <= identified["high"]
     assert {"channel", "start_s", "end_s", "residual_to_noise", "sentence"} <= facts["where"][0].keys()
     assert facts["gap"]["metric"] == "nrmse"
     assert facts["gap"]["fit"].keys() == {"before", "after"}
     assert facts["gap"]["held_out"]["after"] < facts["gap"]["held_out"]["before"]
-    assert facts["unexplained"] is None
+    assert facts["best_model"]["effects"] == ["cubic_stiffness[1]"]
+    assert facts["best_model"]["held_out"] == facts["gap"]["held_out"]["after"]
+    assert facts["unnamed_force"] is None
     assert facts["unexplained_share"] < 0.1
-    assert {c["name"] for c in facts["candidates"]} == {"cubic_stiffness", "sensor_gain"}
+    assert {h["name"] for c in facts["candidates"] for h in c["effects"]} == {"cubic_stiffness", "sensor_gain"}
     assert facts["elapsed_s"] > 0.0
 
 
 def test_results_go_to_stdout_and_progress_to_stderr(run):
-    for text in ("verdict: effects_found", "cubic_stiffness, storey 1, log Bayes factor", "k3 = ", "noise alone"):
+    for text in ("verdict: effects_found", "effect: cubic stiffness in storey 1, probability", "k3 = ", "noise alone"):
         assert text in run.out
     assert f"report: {run.directory / 'report.html'}" in run.out.splitlines()
     assert "fitting the model as given" in run.err
-    assert "cubic_stiffness, storey 1 is named" in run.err
+    assert "the best so far is cubic stiffness in storey 1" in run.err
     assert "\x1b" not in run.out + run.err
 
 

@@ -6,11 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bwbn_bayes.discovery.name import Candidate, Decision
 
 import bwbn_bayes
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses
-from bwbn_bayes.discovery.evidence import Evidence
 from bwbn_bayes.discovery.improved_model import improved_model_source
 from bwbn_bayes.discovery.outcome import Added
 from bwbn_bayes.elements.bouc_wen import BoucWen
@@ -46,24 +44,18 @@ EVERY = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS)
 ONE_PLACE = [h for h in EVERY if h.storeys in ((), (2,))]
 
 
-def evidence(hypothesis: Hypothesis) -> Evidence:
-    names = hypothesis.model.space.names
-    return Evidence(
-        log_likelihood=0.0, log_evidence=0.0, log_evidence_se=0.2, pareto_k=0.1, coloured_gain=0.0,
-        means=dict.fromkeys(names, 0.0), sds=dict.fromkeys(names, 1.0), prior_shifts={},
-    )  # fmt: skip
-
-
 def found(hypothesis: Hypothesis) -> Added:
-    candidate = Candidate(
+    return Added(
         hypothesis=hypothesis,
-        evidence=evidence(hypothesis),
-        log_prior_odds=-4.0,
+        probability=0.998,
+        place_probability=0.99,
         log_bayes_factor=321.25,
         log_bayes_factor_se=0.2,
+        equivalent=(),
+        equivalent_places=(),
+        signature=None,
+        moments=dict.fromkeys(hypothesis.brought, (0.12345678, 0.01)),
     )
-    decision = Decision(candidates=(candidate,), present=evidence(hypothesis))
-    return Added(candidate=candidate, decision=decision, moments=dict.fromkeys(hypothesis.brought, (0.12345678, 0.01)))
 
 
 def read_back(source: str, directory: Path) -> Structure:
@@ -135,7 +127,7 @@ def test_the_comment_says_what_and_how_much() -> None:
     source = improved_model_source(hypothesis.model, [found(hypothesis)], name="my_frame")
     text = " ".join(line.lstrip("# ") for line in source.splitlines())
     assert source.startswith('"""my_frame with what discovery found missing: slip-lock pinching in storey 2.')
-    assert "log Bayes factor 321.2 +- 0.2." in text
+    assert "Probability 0.998, log Bayes factor 321.2 +- 0.2." in text
     assert "delta_s[2] = 0.1235 +- 0.01 m/J" in text
     assert "storeys=[2]" in source
     assert max(map(len, source.splitlines())) <= 120

@@ -1,4 +1,4 @@
-"""``discovery.json`` against the contract of schema 1, for every way in which a discovery may end."""
+"""``discovery.json`` against the contract of schema 2, for every way in which a discovery may end."""
 
 import json
 from dataclasses import replace
@@ -7,30 +7,38 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from bwbn_bayes.discovery.unexplained import NearShape, Unexplained
 
-from bwbn_bayes.discovery.candidates import Hypothesis
-from bwbn_bayes.discovery.outcome import SCHEMA, Added, DetectionLimit, Discovery, Step
+from bwbn_bayes.discovery.outcome import SCHEMA, Added, DetectionLimit, Discovery, SignatureFacts, Step, UnnamedForce
 from bwbn_bayes.discovery.where import Spot
-from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.effects import CoulombFriction
-from bwbn_bayes.elements.scales import NOMINAL
-from bwbn_bayes.parameters import Uniform
-from bwbn_bayes.structures.shear_building import ShearBuilding
 
 NUMBER = (int, float)
+MOMENTS = {"mean": NUMBER, "sd": NUMBER}
 CONTRACT: dict[str, Any] = {
     "schema": int,
     "verdict": str,
+    "verdict_probabilities": {
+        "effects_found": NUMBER,
+        "partly_explained": NUMBER,
+        "unexplained": NUMBER,
+        "no_missing_effect": NUMBER,
+    },
     "unexplained_share": NUMBER,
     "effects": [
         {
             "name": str,
             "storeys": [int],
+            "probability": NUMBER,
+            "place_probability": NUMBER,
             "log_bayes_factor": NUMBER,
             "log_bayes_factor_se": NUMBER,
             "equivalent": [str],
             "parameters": {},
+            "signature": {
+                "measure": str,
+                "measured": (*NUMBER, type(None)),
+                "identified": {"mean": NUMBER, "low": NUMBER, "high": NUMBER},
+                "without": (*NUMBER, type(None)),
+            },
         }
     ],
     "where": [{"channel": str, "start_s": NUMBER, "end_s": NUMBER, "residual_to_noise": NUMBER, "sentence": str}],
@@ -40,6 +48,8 @@ CONTRACT: dict[str, Any] = {
         "fit": {"before": NUMBER, "after": NUMBER},
         "held_out": {"before": NUMBER, "after": NUMBER},
     },
+    "best_model": {"effects": [str], "fit": NUMBER, "held_out": NUMBER},
+    "probabilities": {},
     "steps": [{}],
     "candidates": [{}],
     "elapsed_s": NUMBER,
@@ -76,12 +86,13 @@ def written(discovery: Discovery) -> dict[str, Any]:
 def test_the_file_keeps_the_contract(run):
     facts = written(run.discovery)
     check(facts, CONTRACT)
-    assert facts["schema"] == SCHEMA == 1
+    assert facts["schema"] == SCHEMA == 2
     assert facts["gap"]["metric"] == "nrmse"
-    assert len(facts["effects"]) == len(facts["steps"]) - 1 == 1
+    assert len(facts["effects"]) == 1
+    assert facts["steps"]
     (effect,) = facts["effects"]
     for moments in effect["parameters"].values():
-        check(moments, {"mean": NUMBER, "sd": NUMBER})
+        check(moments, MOMENTS)
 
 
 def test_the_contract_can_be_broken(run):
@@ -97,22 +108,33 @@ def test_numbers_are_those_of_the_discovery(run):
     discovery, facts = run.discovery, written(run.discovery)
     (added,) = discovery.added
     (effect,) = facts["effects"]
-    assert effect["log_bayes_factor"] == added.candidate.log_bayes_factor
-    of_both = np.hypot(added.candidate.evidence.log_evidence_se, added.decision.present.log_evidence_se)
-    assert effect["log_bayes_factor_se"] == pytest.approx(of_both)
+    assert effect["log_bayes_factor"] == added.log_bayes_factor
+    assert effect["log_bayes_factor_se"] == added.log_bayes_factor_se
+    assert effect["probability"] == added.probability * added.signature.deserved
+    assert effect["law_probability"] == added.probability == discovery.probabilities["cubic_stiffness"]
     assert effect["parameters"]["k3"] == dict(zip(("mean", "sd"), added.moments["k3"], strict=True))
     assert facts["unexplained_share"] == discovery.unexplained_share
+    assert facts["verdict"] == max(facts["verdict_probabilities"], key=facts["verdict_probabilities"].__getitem__)
+    assert sum(facts["verdict_probabilities"].values()) == pytest.approx(1.0)
     assert facts["gap"]["fit"] == {"before": discovery.gap.before.nrmse, "after": discovery.gap.after.nrmse}
     assert facts["gap"]["noise_floor"] == discovery.gap.noise_floor
-    weighed = [c for step in discovery.steps if step.decision is not None for c in step.decision.candidates]
-    assert [c["log_odds"] for c in facts["candidates"]] == [c.log_odds for c in weighed]
-    assert [c["step"] for c in facts["candidates"]] == sorted(c["step"] for c in facts["candidates"])
+    assert facts["best_model"]["fit"] == discovery.gap.after.nrmse
+    assert facts["best_model"]["held_out"] == discovery.gap.held_out.after.nrmse
+
+
+def test_candidates_are_what_the_last_round_believed(run):
+    last, facts = run.discovery.steps[-1], written(run.discovery)
+    assert [step["step"] for step in facts["steps"]] == list(range(1, len(facts["steps"]) + 1))
+    assert [c["log_joint"] for c in facts["candidates"]] == sorted(last.log_joint, reverse=True)
+    assert sum(c["probability"] for c in facts["candidates"]) == pytest.approx(1.0)
+    given = [c for c in facts["candidates"] if not c["effects"]]
+    assert [c["unnamed_force"] for c in given] == [None]
+    assert all(c["evidence"] in ("Laplace", "importance") for c in facts["candidates"])
 
 
 def test_an_effect_of_the_whole_building_reports_no_storey(run):
     (added,) = run.discovery.added
-    hypothesis = replace(added.candidate.hypothesis, storeys=())
-    whole = replace(added, candidate=replace(added.candidate, hypothesis=hypothesis))
+    whole = replace(added, hypothesis=replace(added.hypothesis, storeys=()))
     (effect,) = written(replace(run.discovery, added=(whole,)))["effects"]
     assert effect["storeys"] == []
 
@@ -121,10 +143,11 @@ def test_without_held_out_data_the_gap_is_that_of_the_fit_alone(run):
     gap = replace(run.discovery.gap, held_out=None)
     facts = written(replace(run.discovery, gap=gap, held_out=None))
     assert facts["gap"].keys() == {"metric", "noise_floor", "fit"}
+    assert facts["best_model"]["held_out"] is None
 
 
 def test_what_is_not_finite_is_null(run):
-    """A limit that the record could not show, and a Laplace evidence without a tail."""
+    """A limit that the record could not show, and a signature that cannot be told without the effect."""
     limit = DetectionLimit(
         label="sensor_gain, floor 1", name="sensor_gain", storeys=(1,), parameter="gain", unit="", smallest=np.inf,
         expected=0.1,
@@ -133,29 +156,30 @@ def test_what_is_not_finite_is_null(run):
     assert facts["detection_limits"] == [
         {"effect": "sensor_gain", "storeys": [1], "parameter": "gain", "unit": "", "smallest": None}
     ]
+    (added,) = run.discovery.added
+    untold = replace(added, signature=replace(added.signature, without=np.nan))
+    facts = written(replace(run.discovery, added=(untold,)))
+    check(facts, CONTRACT)
+    assert facts["effects"][0]["signature"]["without"] is None
 
 
 def test_nothing_named_leaves_no_effect(run):
-    given = run.discovery.steps[0]
+    first = run.discovery.steps[0]
     step = Step(
-        number=1, model=given.model, disagreement=given.disagreement, decision=None, sentence="Nothing.", elapsed_s=1.0
-    )
+        number=1, parent="nothing", sentence="Nothing.", explanations=first.explanations[:0], probabilities=(),
+        log_joint=(), elapsed_s=1.0,
+    )  # fmt: skip
     facts = written(replace(run.discovery, verdict="no_missing_effect", added=(), steps=(step,)))
     check(facts, CONTRACT)
-    assert (facts["effects"], facts["candidates"]) == ([], [])
-    assert facts["steps"] == [{"step": 1, "sentence": "Nothing.", "withdrawn": False, "elapsed_s": 1.0}]
+    assert (facts["effects"], facts["candidates"], facts["best_model"]["effects"]) == ([], [], [])
+    assert facts["steps"] == [{"step": 1, "parent": "nothing", "sentence": "Nothing.", "elapsed_s": 1.0}]
 
 
-def test_what_stays_unexplained_is_told_with_the_nearest_shapes(run):
-    shape = NearShape(
-        label="cubic_stiffness, storey 1", share=0.4, correlation=0.7, log_odds=12.0, sentence="It leaves 60 %."
-    )
-    facts = written(
-        replace(run.discovery, verdict="unexplained", added=(), unexplained=Unexplained(forces=(), nearest=(shape,)))
-    )
+def test_a_force_of_no_known_law_is_written_with_its_share(run):
+    force = UnnamedForce(storey=1, place="storey 1", probability=0.98, share=0.12, drift=np.zeros(3), force=np.zeros(3))
+    facts = written(replace(run.discovery, verdict="unexplained", added=(), unnamed=force))
     check(facts, CONTRACT)
-    assert facts["verdict"] == "unexplained"
-    assert "cubic_stiffness, storey 1" in json.dumps(facts["unexplained"])
+    assert facts["unnamed_force"] == {"storey": 1, "place": "storey 1", "probability": 0.98, "share": 0.12}
 
 
 def test_the_places_of_the_disagreement_are_those_found(run):
@@ -166,15 +190,31 @@ def test_the_places_of_the_disagreement_are_those_found(run):
     ]
 
 
-@pytest.mark.parametrize(("width", "doubt"), [(0.05, ""), (0.06, "it turns over 15 % of the largest drift")])
-@pytest.mark.parametrize(("smoothing", "kind"), [(0, " rate"), (1, " rate"), (2, " rate"), (3, "")])
-def test_a_friction_that_turns_slowly_is_in_doubt(smoothing: int, kind: str, width: float, doubt: str) -> None:
-    scales = replace(NOMINAL, drift_rate=0.4, drift=0.4)
-    storey = BoucWen(k=Uniform(20, 100), c=0.3, alpha=0.1, beta=8.0, gamma=2.0, n=1.3)
-    base = ShearBuilding(masses=(2.0, 1.0), storey=storey)
-    effect = CoulombFriction.default_prior(scales)[smoothing]
-    hypothesis = Hypothesis(base=base, effect=effect, storeys=(2,), scales=scales)
-    means = dict(zip(hypothesis.model.space.names, [60.0, 0.3, width], strict=True))
-    weighed = cast(Any, SimpleNamespace(hypothesis=hypothesis, evidence=SimpleNamespace(means=means)))
-    added = Added(candidate=weighed, decision=cast(Any, None), moments={})
-    assert added.doubt == (f"{hypothesis.label}: {doubt}{kind}: not dry friction" if doubt else "")
+@pytest.mark.parametrize(
+    ("probability", "deserved", "grade", "title"),
+    [
+        (0.999, 1.0, "named", "slip-lock pinching in storey 2"),
+        (0.95, 0.95, "named", "slip-lock pinching in storey 2"),
+        (0.8, 1.0, "possible", "slip-lock pinching in storey 2"),
+        (0.999, 0.7, "possible", "slip-lock pinching in storey 2"),
+        (0.999, 0.1, "shape", "the shape of the reloading branch in storey 2"),
+        (0.3, 1.0, "weak", "slip-lock pinching in storey 2"),
+        (0.3, 0.0, "weak", "slip-lock pinching in storey 2"),
+    ],
+)
+def test_a_name_takes_a_probable_law_and_its_signature(probability, deserved, grade, title):
+    """Of a law that is there without the size that its name stands for, the shape is told instead."""
+    signature = SignatureFacts(
+        measure="pinching index", unit="", measured=0.3, mean=0.3, low=0.2, high=0.4, without=0.5, deserved=deserved
+    )
+    effect = SimpleNamespace(signature=SimpleNamespace(plain_name="the shape of the reloading branch"))
+    hypothesis = SimpleNamespace(label="slip-lock pinching in storey 2", at_place=" in storey 2", effect=effect)
+    added = Added(
+        hypothesis=cast(Any, hypothesis), probability=probability, place_probability=probability,
+        log_bayes_factor=9.0, log_bayes_factor_se=0.1, equivalent=(), equivalent_places=(), signature=signature,
+        moments={},
+    )  # fmt: skip
+    assert (added.grade, added.title) == (grade, title)
+    assert added.name_probability == pytest.approx(probability * deserved)
+    # What has no measure is always nameable.
+    assert replace(added, signature=None).name_probability == probability

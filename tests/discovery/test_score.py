@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
-from bwbn_bayes.discovery.score import Score, scores
+from bwbn_bayes.discovery.score import Score, Slopes, scores
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, GapImpact, QuadraticDamping, SensorGain
 from bwbn_bayes.engines.base import Response
@@ -235,3 +235,24 @@ def test_a_grid_point_that_cannot_be_solved_scores_nothing(clean: Posterior) -> 
     assert np.all(np.isfinite([score.smallest for score in found[1:]]))
     assert np.all(np.diff([score.nats for score in found]) >= 0.0)
     assert np.all(np.diff([score.smallest for score in found[1:]]) <= 0.0)
+
+
+def test_directions_together_are_those_of_the_normal_equations_without_the_base() -> None:
+    """Base parameters of prior precision 12 widen the noise to ``I + B B^T / 12``: its inverse weighs directions."""
+    rng = np.random.default_rng(8)
+    shape, n_base, n = (2, 30), 3, 4
+    noise, measured, values = np.array([[0.1], [0.4]]), rng.standard_normal(shape), rng.standard_normal(shape)
+    base, own = rng.standard_normal((60, n_base)), rng.standard_normal((n, *shape))
+    slopes = Slopes(noise=noise, base=base, measured=measured)
+    gradient, information = slopes.projected_together(values, own)
+    wide = np.linalg.inv(np.eye(60) + base @ base.T / 12.0)
+    columns = (own / noise).reshape(n, -1).T
+    residual = ((measured - values) / noise).ravel()
+    np.testing.assert_allclose(gradient, columns.T @ wide @ residual, rtol=1e-9)
+    np.testing.assert_allclose(information, columns.T @ wide @ columns, rtol=1e-9)
+    # One direction alone is the same.
+    one = slopes.projected(values, own[0])
+    assert one == pytest.approx((gradient[0], information[0, 0]))
+    for lost in (np.full(shape, np.nan), np.full(shape, np.inf)):
+        nothing = slopes.projected_together(lost, own)
+        assert not np.any(nothing[0]) and not np.any(nothing[1])

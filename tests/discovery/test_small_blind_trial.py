@@ -6,13 +6,16 @@ quarter beside what the noise takes, for a record a quarter as informative. One 
 (``storey_parameter``: the plain model's best fit, by the simulator, stays 0.7 nats behind the truth where 40 count as
 visible); the next draw of that effect stands in for it.
 
-Asked of every case: the effect named first is the hidden one at its place, or the hidden one is of the class that the
-record is said not to tell from it; and no effect is named that is not there.
+Asked of every case, by the fields of ``discovery.json`` alone: the effect named first, with a probability of 0.9, is
+the hidden one at its place, or the hidden one is of the class that the record is said not to tell from it; and no
+effect is named that is not there.
 """
 
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -57,16 +60,66 @@ def test_every_catalogued_effect_is_on_trial_once() -> None:
     assert len(set(INDEX.values())) == len(INDEX) == 21
 
 
-@pytest.mark.parametrize("name", EFFECTS)
-def test_the_hidden_effect_is_named_at_its_place(name: str) -> None:
+def discovered(name: str) -> dict[str, Any]:
+    """``discovery.json`` of the case that hides an effect."""
     case = case_of(name)
     assert not case.record.truth
-    found = discover(plain_model(), case.record, settings=DiscoverySettings(particles=100))
-    outcome = case_outcome({**case.truth.as_json(), "name": case.name}, found.as_json())
-    said = f"hidden {outcome.hidden}, said {outcome.verdict} {outcome.named}"
+    return discover(plain_model(), case.record, settings=DiscoverySettings(particles=100)).as_json()
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_the_hidden_effect_is_named_at_its_place(name: str) -> None:
+    case, found = case_of(name), discovered(name)
+    outcome = case_outcome({**case.truth.as_json(), "name": case.name}, found)
+    probabilities = {one["name"]: one["probability"] for one in found["effects"]}
+    said = f"hidden {outcome.hidden}, said {outcome.verdict} {outcome.named} {probabilities}"
     assert outcome.within_class, said
     assert outcome.right_place or not outcome.right_name, said
     assert not set(outcome.extra) - set(outcome.named[:1]), said
+    assert sum(found["verdict_probabilities"].values()) == pytest.approx(1.0)
+
+
+DOUBLED: dict[str, dict[str, Any]] = {
+    "search": {"MOST_LATER": 48, "REACH": 12.0, "BEAM": 4, "_N_KEPT": 80, "_N_UNNAMED": 4, "_N_TOGETHER": 1024},
+    "pool": {
+        "_MOST_COLOURED": 16, "_COLOURED_REACH": 800.0, "_MOST_SHARED": 12, "_MOST_SAMPLED": 12,
+        "_SAMPLED_REACH": 20.0, "_N_SAMPLED": 800,
+    },
+    "race": {"ROUNDS": ((4, 1.0), (8, 0.8), (50, 0.24)), "_LEAST": 16, "_LEADING_FORMS": 16, "_FEWEST": 10},
+    "second_look": {"_LEADING": 12, "_N_SCANNED": 64, "_N_POINTS": 16, "_N_STARTS": 2048, "_N_FIRST": 128},
+}  # fmt: skip
+"""Budgets of the search, by module, twice what they are: iterations, draws, shares, reaches and numbers kept."""
+
+
+def test_doubled_budgets_are_twice_those_in_force() -> None:
+    """So that a budget that is changed or renamed is doubled again."""
+    for module, budgets in DOUBLED.items():
+        own = import_module(f"bwbn_bayes.discovery.{module}")
+        for budget, doubled in budgets.items():
+            now = getattr(own, budget)
+            if budget == "ROUNDS":
+                assert doubled == tuple((2 * n, min(2.0 * share, 1.0)) for n, share in now)
+            else:
+                assert doubled == 2 * now, budget
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name", ["slip_lock", "coulomb_friction", "strength_degradation", "sensor_gain", "storey_parameter"]
+)
+def test_twice_the_budget_changes_no_verdict(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is found follows from evidence; how long was looked for it decides nothing."""
+    before = discovered(name)
+    for module, budgets in DOUBLED.items():
+        for budget, doubled in budgets.items():
+            monkeypatch.setattr(f"bwbn_bayes.discovery.{module}.{budget}", doubled)
+    after = discovered(name)
+    assert after["verdict"] == before["verdict"]
+    assert named(after) == named(before)
+
+
+def named(found: dict[str, Any]) -> list[tuple[str, list[int]]]:
+    return [(one["name"], one["storeys"]) for one in found["effects"] if one["grade"] == "named"]
 
 
 @pytest.mark.slow

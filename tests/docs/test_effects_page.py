@@ -22,6 +22,6 @@ def test_the_page_runs() -> None:
     assert isinstance(found, Discovery)
     assert found.verdict == "effects_found"
     (added,) = found.added
-    assert added.candidate.hypothesis.name == "cubic_damping"
+    assert added.hypothesis.name == "cubic_damping"
     mean, sd = added.moments["c3"]
     assert abs(mean - 4.0) < 4.0 * sd < 2.0

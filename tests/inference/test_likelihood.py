@@ -122,15 +122,37 @@ def test_known_and_sampled_noise_draw_what_they_hold() -> None:
     np.testing.assert_array_equal(SAMPLED.draw_sd(rng, MISFIT, N_TIMES, VALUES), VALUES)
 
 
-def test_default_noise_scale_is_three_percent_of_the_rms(record: Record) -> None:
-    noise = default_noise(record)
-    measured = record.channels["acceleration_1"]
+def smooth_with_noise(sd: float) -> Record:
+    """Two slow sines of an rms of about 3 m/s^2, and white noise."""
+    times = 0.01 * np.arange(4000)
+    clean = 4.0 * np.sin(2.0 * times) + np.cos(5.0 * times)
+    measured = clean + sd * np.random.default_rng(8).standard_normal(len(times))
+    return Record(name="slow", time_step=0.01, excitation=clean, channels={"acceleration_1": measured})
+
+
+@pytest.mark.parametrize("sd", [0.001, 0.1])
+def test_the_default_noise_prior_is_centred_on_the_noise_level_of_the_record(sd: float) -> None:
+    """It used to be 3 % of the rms, here 0.09: at 60 dB that doubled the intervals of every parameter."""
+    noise = default_noise(smooth_with_noise(sd))
     assert noise.shape == 1.0
-    assert noise.scale == pytest.approx((0.03**2 * np.mean(measured**2),))
+    assert np.sqrt(noise.scale) == pytest.approx([sd], rel=0.2)
     assert f"{noise.scale[0]:.3g}" in noise.describe()
     assert noise.correlation_samples == 1.0
     assert "filter" not in noise.describe()
     assert "2.5 samples count as one" in FILTERED.describe()
+
+
+def test_the_default_noise_prior_weighs_as_much_as_two_samples() -> None:
+    """The level after n residuals of a level of their own is the mean square of those and of two more as expected."""
+    noise, n, misfit = default_noise(smooth_with_noise(0.1)), 50, 50 * 0.3**2
+    level = 1.0 / noise.precision(np.array([[misfit]]), n, np.empty((1, 0)))
+    assert level == pytest.approx(np.array([[(misfit + 2.0 * noise.scale[0]) / (n + 2.0)]]))
+
+
+def test_a_record_without_noise_is_given_what_no_solver_is_beyond() -> None:
+    record = smooth_with_noise(0.0)
+    rms = np.sqrt(np.mean(np.square(record.channels["acceleration_1"])))
+    assert np.sqrt(default_noise(record).scale) == pytest.approx([1e-5 * rms])
 
 
 def test_a_dead_channel_is_refused(record: Record) -> None:

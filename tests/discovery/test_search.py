@@ -1,0 +1,245 @@
+"""The search on scripted evidences: what is built upon, in which order, how far; what is left out again."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from bwbn_bayes.discovery import search as searching
+from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.evidence import laplace
+from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.pool import Pool
+from bwbn_bayes.discovery.run import DiscoverySettings, Run
+from bwbn_bayes.discovery.search import rebuilt, search
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.effects import SensorBias, SensorGain
+from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.likelihood import KnownNoise, Linearisation, Posterior
+from bwbn_bayes.inference.modes import distinct, polish
+from bwbn_bayes.parameters import Floats, Normal, Uniform
+from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
+
+Script = Mapping[str, float]
+"""Log evidence by the effects' letters, in the order of the alphabet; what is not listed has -100 nats."""
+TEST: Any = SimpleNamespace(excitation_kind="displacement", has_time=True)
+"""Of a specimen: unnamed forces at storeys are not asked for."""
+
+
+def letter(name: str) -> Any:
+    return SimpleNamespace(name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1)
+
+
+ALPHABET = tuple(letter(name) for name in "abcd")
+
+
+def explanation(script: Script, *added: Any) -> Explanation:
+    log_evidence = script.get("".join(sorted(one.name for one in added)), -100.0)
+    modes: Any = (SimpleNamespace(log_likelihood=log_evidence),)
+    evidence: Any = SimpleNamespace(log_evidence=log_evidence)
+    posterior: Any = SimpleNamespace(record=TEST)
+    result = Explanation(added=added, posterior=posterior, modes=modes, evidence=evidence)
+    result.__dict__["is_noise"] = True  # else found from the record
+    return result
+
+
+def searched(script: Script, monkeypatch: pytest.MonkeyPatch, **settings: Any) -> tuple[list[str], Pool]:
+    """What was built upon, in order, and the pool."""
+
+    def built_upon(parent: Explanation, _: Run) -> list[Explanation]:
+        return [explanation(script, *parent.added, one) for one in ALPHABET if one.name not in parent.names]
+
+    monkeypatch.setattr(searching, "hypotheses_of", lambda *_: ALPHABET)
+    monkeypatch.setattr(searching, "_built_upon", built_upon)
+    monkeypatch.setattr(searching, "_together", lambda *_: ())
+    monkeypatch.setattr(searching, "_left_out", lambda *_: ())
+    monkeypatch.setattr(searching, "settled", lambda _, modes, __: modes)
+    monkeypatch.setattr(Pool, "weigh", lambda _: None)
+    run = run_of(**settings)
+    pool = search(explanation({"": 0.0}), run)
+    return [step.parent for step in run.steps], pool
+
+
+def run_of(**settings: Any) -> Run:
+    return Run(DiscoverySettings(**settings), np.random.default_rng(1), None)
+
+
+def test_a_step_that_gains_nothing_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The best first effect leads nowhere; the second best is half of the answer. A greedy search ended at `a`."""
+    script = {"a": 50.0, "b": 48.0, "c": 20.0, "ab": 40.0, "bd": 90.0, "abd": 80.0}
+    parents, pool = searched(script, monkeypatch)
+    assert parents == ["the model as given", "a", "b", "b + d"]
+    assert pool.ranked()[0].label == "b + d"
+
+
+def test_no_more_than_a_beam_of_one_number_of_effects_is_built_upon(monkeypatch: pytest.MonkeyPatch) -> None:
+    script = {"a": 50.0, "b": 49.5, "c": 49.0, "d": 48.5}
+    parents, _ = searched(script, monkeypatch)
+    assert parents == ["the model as given", "a", "b"]
+    assert searching.BEAM == 2
+
+
+def test_nothing_far_below_the_best_is_built_upon(monkeypatch: pytest.MonkeyPatch) -> None:
+    near, far = 50.0 - searching.REACH + 0.1, 50.0 - searching.REACH - 0.1
+    assert searched({"a": 50.0, "b": near}, monkeypatch)[0] == ["the model as given", "a", "b"]
+    assert searched({"a": 50.0, "b": far}, monkeypatch)[0] == ["the model as given", "a"]
+
+
+def test_the_budget_bounds_rounds_and_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    script = {"a": 50.0, "ab": 100.0, "abc": 150.0, "abcd": 200.0}
+    assert searched(script, monkeypatch)[0] == ["the model as given", "a", "a + b", "a + b + c"]
+    assert searched(script, monkeypatch, most_rounds=2)[0] == ["the model as given", "a"]
+    parents, pool = searched(script, monkeypatch, most_effects=2)
+    assert parents == ["the model as given", "a"]
+    assert pool.ranked()[0].label == "a + b"
+
+
+def test_what_is_built_upon_is_looked_around_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A better optimum beside those of the race replaces the explanation before anything is added to it."""
+    better: Any = (SimpleNamespace(log_likelihood=60.0),)
+    monkeypatch.setattr(searching, "settled", lambda *_: better)
+    monkeypatch.setattr(searching, "laplace", lambda _, modes: SimpleNamespace(log_evidence=modes[0].log_likelihood))
+    script = {"": 0.0, "a": 50.0}
+    pool = Pool(run=run_of())
+    pool.run.considered_first = ALPHABET
+    pool.add([explanation(script), explanation(script, ALPHABET[0])])
+    pool.expanded.add(frozenset())
+    parent = searching._next(pool, pool.run)
+    assert parent is not None
+    assert parent.modes is better
+    assert pool.ranked()[0] is parent
+    assert parent.evidence.log_evidence == 60.0
+
+
+def test_what_cannot_be_solved_is_told_once() -> None:
+    run = run_of()
+    fits: Any = tuple(
+        SimpleNamespace(hypothesis=one, log_likelihood=value)
+        for one, value in zip(ALPHABET, (3.0, -np.inf, 2.0, -np.inf), strict=True)
+    )
+    for _ in range(2):
+        assert [fit.hypothesis.name for fit in searching._solvable(fits, run)] == ["a", "c"]
+    assert run.notes == ["Could not be solved for this record and was left out: b, d."]
+
+
+SPECIMEN = Specimen(storey=BoucWen(k=Uniform(5, 60), beta=2.0, gamma=1.0))
+ON_SPECIMEN = hypotheses(SPECIMEN, [NOMINAL], measured=("force",))
+
+
+def tried_together(monkeypatch: pytest.MonkeyPatch, run: Run, *, is_specimen: bool = True) -> list[list[str]]:
+    """Names of the combinations that are fitted from all over their priors."""
+    tried: list[list[str]] = []
+
+    def fitted(_: Any, added: tuple[Hypothesis, ...], __: Run, *, whole: bool) -> Iterator[Explanation]:
+        assert whole
+        assert [placed.effect for placed in added[-1].model.effects] == [one.effect for one in added]
+        assert not added[-1].model.carried
+        tried.append([one.name for one in added])
+        return iter(())
+
+    monkeypatch.setattr(searching, "_fitted", fitted)
+    given: Any = SimpleNamespace(is_specimen=is_specimen, model=SPECIMEN)
+    assert list(searching._together(given, run)) == []
+    return tried
+
+
+def test_a_pinch_is_tried_with_a_loss_of_strength_and_stiffness(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What BWBN is; one by one none of them gains enough on a column that does all three."""
+    run = run_of()
+    run.considered_first = ON_SPECIMEN
+    losses = ["strength_degradation", "stiffness_degradation"]
+    assert tried_together(monkeypatch, run) == [[*losses, "slip_lock"], [*losses, "foliente_pinching"]]
+    assert tried_together(monkeypatch, run, is_specimen=False) == []
+    run.considered_first = tuple(h for h in ON_SPECIMEN if h.name != "slip_lock")
+    assert tried_together(monkeypatch, run) == [[*losses, "foliente_pinching"]]
+    run.considered_first = tuple(h for h in ON_SPECIMEN if h.name != "strength_degradation")
+    assert tried_together(monkeypatch, run) == []
+    few = run_of(most_effects=2)
+    few.considered_first = ON_SPECIMEN
+    assert tried_together(monkeypatch, few) == []
+
+
+GROUND = el_centro("chopra", duration=6.0)
+BUILDING = ShearBuilding(
+    masses=[2.0, 1.0],
+    storey=BoucWen(k=Normal(60.0, 3.0), c=0.4, alpha=0.15, beta=12.0, gamma=2.0, n=1.3),
+)
+ENGINE = Lanes(substeps=1, n_threads=1)
+CHANNELS = ("acceleration_1", "acceleration_2")
+SD = 0.1
+
+
+@pytest.fixture(scope="module")
+def with_two() -> Pool:
+    """A bias of the first sensor is hidden; a gain of the second was added beside it."""
+    clean: Floats = ENGINE.simulate(BUILDING, np.array([[60.0]]), GROUND, CHANNELS).values[0]
+    measured = clean + [[0.1], [0.0]] + SD * np.random.default_rng(1).standard_normal(clean.shape)
+    record = GROUND.with_channels(dict(zip(CHANNELS, measured, strict=True)))
+    present = Posterior(model=BUILDING, record=record, engine=ENGINE, noise=KnownNoise(sd=(SD, SD)))
+    centre = np.full((1, 1), 0.5)
+    run = run_of(effects=(SensorBias, SensorGain))
+    run.considered_first = hypotheses(
+        BUILDING, scales_of(present, centre[0]), measured=CHANNELS, effects=run.settings.effects
+    )
+    bias = next(h for h in run.considered_first if (h.name, h.storeys) == ("sensor_bias", (1,)))
+    gain = next(h for h in run.considered_first if (h.name, h.storeys) == ("sensor_gain", (2,)))
+    pool = Pool(run=run)
+    for added in ((), rebuilt(BUILDING, (bias, gain))):
+        posterior = present.with_model(added[-1].model if added else BUILDING)
+        modes = distinct(*polish(posterior, np.full((1, posterior.n_dim), 0.5), n_iterations=20))
+        pool.add([Explanation(added=added, posterior=posterior, modes=modes, evidence=laplace(posterior, modes))])
+    return pool
+
+
+def copied(pool: Pool) -> Pool:
+    again = Pool(run=pool.run)
+    again.add(pool.plain.values())
+    return again
+
+
+def test_a_superfluous_effect_is_seen_to_be_so(with_two: Pool) -> None:
+    """Each effect of the best is left out once: without the gain the fit is as good, and the prior does the rest."""
+    pool = copied(with_two)
+    assert pool.ranked()[0].names == {"sensor_bias", "sensor_gain"}
+    pool.add(searching._left_out(pool, pool.run))
+    assert pool.ranked()[0].names == {"sensor_bias"}
+    assert pool.beliefs.names["sensor_gain"] < 0.5 < 0.99 < pool.beliefs.names["sensor_bias"]
+    one_each = {one.names: one for one in pool.plain.values()}
+    alone = one_each[frozenset({"sensor_gain"})]
+    assert alone.evidence.log_evidence < pool.ranked()[0].evidence.log_evidence - 40.0
+    # What was left out once is not fitted again, and one effect alone is not left out.
+    assert list(searching._left_out(pool, pool.run)) == []
+
+
+def test_an_effect_without_which_nothing_can_be_solved_stays(with_two: Pool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As a damper that holds a storey which snaps through."""
+
+    def fail(view: Posterior, points: Floats, **_: object) -> tuple[Floats, Linearisation]:
+        local = view.linearise(points)
+        return points, replace(local, log_likelihood=np.full(len(points), -np.inf))
+
+    pool = copied(with_two)
+    monkeypatch.setattr(searching, "polish", fail)
+    assert list(searching._left_out(pool, pool.run)) == []
+    assert pool.ranked()[0].names == {"sensor_bias", "sensor_gain"}
+
+
+def test_of_two_fits_of_the_same_effects_the_better_stays() -> None:
+    pool = Pool(run=run_of())
+    worse, better = (explanation({"a": value}, ALPHABET[0]) for value in (10.0, 12.0))
+    pool.add([worse, better, worse])
+    (kept,) = pool.plain.values()
+    assert kept is better
+    # One fitted again stands without the unnamed force of the fit that it replaced.
+    key = better.effects_key
+    pool.unnamed[key, (1,)] = replace(better, unnamed=(1,))
+    best = explanation({"a": 13.0}, ALPHABET[0])
+    pool.add([cast(Explanation, best)])
+    assert pool.plain[key] is best
+    assert not pool.unnamed

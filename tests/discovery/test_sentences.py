@@ -1,0 +1,203 @@
+"""The verdict in words: strengths by Kass and Raftery's grades, no certainty, what runs away without a number."""
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from bwbn_bayes.discovery.held_out import Prediction
+from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce
+from bwbn_bayes.discovery.runaway import moment_in_words, runaway_sample
+from bwbn_bayes.discovery.sentences import evidence_in_words, probability_in_words, sentences
+from bwbn_bayes.records.record import Record
+
+NOWHERE: Any = SimpleNamespace(spots=())
+
+
+def believed(verdict: str, probability: float, *, has_unnamed: bool = False, runner_up: float | None = None) -> Any:
+    """With a runner-up so many nats behind the best, or alone."""
+    best = SimpleNamespace(placed=frozenset({("slip_lock", (2,))}), has_unnamed=has_unnamed, label="the best")
+    other = SimpleNamespace(placed=frozenset({("backlash", (2,))}), has_unnamed=False, label="backlash in storey 2")
+    explanations = (best,) if runner_up is None else (best, best, other)
+    return SimpleNamespace(
+        verdict=verdict,
+        verdicts={verdict: probability},
+        best=best,
+        explanations=explanations,
+        log_joint=np.array([40.0, 39.0, 40.0 - (runner_up or 0.0)])[: len(explanations)],
+    )
+
+
+def prediction(nrmse: float, runs_away_after: str = "") -> Prediction:
+    return Prediction(
+        channels=("force",), values=np.zeros((1, 1)), nrmse=nrmse, nrmse_se=0.0, log_density=0.0,
+        runs_away_after=runs_away_after,
+    )  # fmt: skip
+
+
+def gap(before: float, after: float, held_out: Gap | None = None) -> Gap:
+    return Gap(noise_floor=0.02, before=prediction(before), after=prediction(after), held_out=held_out)
+
+
+def added(probability: float = 0.998, deserved: float = 1.0, *, storeys: tuple[int, ...] = (2,), **other: Any) -> Added:
+    """A slip at a storey, without a hypothesis' model behind it."""
+    signature = SimpleNamespace(plain_name="the shape of the reloading branch")
+    effect = SimpleNamespace(summary="the joint slips", signature=signature, level="link")
+    where = f"storey {storeys[0]}"
+    hypothesis = SimpleNamespace(
+        name="slip_lock",
+        label=f"slip-lock pinching in {where}",
+        at_place=f" in {where}",
+        where=where,
+        storeys=storeys,
+        effect=effect,
+    )
+    facts = SignatureFacts(
+        measure="pinching index", unit="", measured=0.09, mean=0.07, low=0.05, high=0.1, without=0.5, deserved=deserved
+    )
+    return Added(
+        hypothesis=cast(Any, hypothesis),
+        probability=probability,
+        place_probability=probability,
+        log_bayes_factor=812.3,
+        log_bayes_factor_se=0.4,
+        equivalent=other.get("equivalent", ()),
+        equivalent_places=other.get("equivalent_places", ()),
+        signature=facts,
+        moments={},
+    )
+
+
+@pytest.mark.parametrize(
+    ("nats", "words"),
+    [
+        (812.0, "overwhelming"),
+        (10.0, "overwhelming"),
+        (9.9, "strong"),
+        (5.0, "strong"),
+        (2.3, "weak"),
+        (1.0, "hardly any"),
+        (-40.0, "hardly any"),
+    ],
+)
+def test_how_sure_in_words(nats: float, words: str) -> None:
+    assert evidence_in_words(nats) == words
+
+
+def test_a_prediction_that_runs_away_has_no_number() -> None:
+    """A held-out error once read 1.3e14 %."""
+    apart = Gap(noise_floor=0.02, before=prediction(0.3), after=prediction(1.3e12, "cycle 9"))
+    told = sentences(believed("effects_found", 0.99), (added(),), None, NOWHERE, gap(0.2, 0.03, apart))
+    assert (
+        "On the held-out data, as given, the error is 30.0 %; improved, the prediction runs away after cycle 9; "
+        "noise alone leaves 2.0 %."
+    ) in told
+    assert not any("e+" in sentence or "000" in sentence for sentence in told)
+
+
+def test_where_a_prediction_runs_away() -> None:
+    """Ten cycles, of which the prediction is lost from the end of the sixth on."""
+    cycles = np.arange(600) / 60.0
+    measured = np.sin(2.0 * np.pi * cycles)[None]
+    near = 0.9 * measured
+    assert runaway_sample(measured, near) is None
+    away = np.where(cycles > 6.0, 1e3, 0.9) * measured
+    sample = runaway_sample(measured, away)
+    assert sample is not None
+    assert 340 < sample <= 370
+    for lost in (np.nan, np.inf, 1e300):
+        assert runaway_sample(measured, np.where(cycles > 6.0, lost, near)) is not None
+    pushed = Record(name="pushed", time_step=0.1, excitation=measured[0], excitation_kind="displacement")
+    assert moment_in_words(pushed, 400) == "cycle 6"
+    shaken = Record(name="shaken", time_step=0.1, excitation=measured[0])
+    assert moment_in_words(shaken, 400) == "t = 40 s"
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [(0.5, "0.5"), (0.974, "0.97"), (0.9984, "0.9984"), (1.0, "above 0.999"), (0.004, "below 0.01")],
+)
+def test_no_probability_is_certainty(value: float, words: str) -> None:
+    assert probability_in_words(value) == words
+
+
+def test_what_is_missing_how_sure_and_what_it_does_come_first() -> None:
+    spot = SimpleNamespace(channel="acceleration_2", sentence="floor 2 from 8 to 14 s")
+    other = SimpleNamespace(channel="acceleration_1", sentence="floor 1 from 1 to 2 s")
+    where: Any = SimpleNamespace(spots=(other, spot))
+    told = sentences(believed("effects_found", 0.97, runner_up=13.2), (added(),), None, where, gap(0.18, 0.021))
+    assert told == (
+        "The model lacks slip-lock pinching in storey 2: the joint slips (probability 0.97).",
+        (
+            "Slip-lock pinching in storey 2: overwhelming evidence (812 nats, probability 0.998); pinching index 0.09 "
+            "measured, 0.07 identified (0.05 to 0.1), 0.5 without it."
+        ),
+        "The runner-up, backlash in storey 2, is 13 nats behind.",
+        "On the fitted record the error falls from 18.0 % to 2.1 %; noise alone leaves 2.0 %.",
+        "Where it showed: floor 2 from 8 to 14 s.",
+    )
+
+
+def test_nothing_missing_is_told_with_the_error() -> None:
+    told = sentences(believed("no_missing_effect", 0.9999999, runner_up=4.6), (), None, NOWHERE, gap(0.02, 0.02))
+    assert told == (
+        "The model as given explains the record: nothing is missing (probability above 0.999).",
+        "The runner-up, backlash in storey 2, is 4.6 nats behind.",
+        "On the fitted record the error is 2.0 %; noise alone leaves 2.0 %.",
+    )
+
+
+def test_a_law_without_its_signature_goes_by_its_plain_name() -> None:
+    """Evidence says that a law helps; it does not say that the loop is pinched."""
+    told = sentences(believed("effects_found", 0.95), (added(deserved=0.02),), None, NOWHERE, gap(0.2, 0.1))
+    assert told[0] == "The model lacks the shape of the reloading branch in storey 2 (probability 0.95)."
+    assert told[1].startswith("The shape of the reloading branch in storey 2: overwhelming evidence")
+    assert "; the law helps, but not by what its name, slip-lock pinching, says; pinching index" in told[1]
+
+
+@pytest.mark.parametrize(
+    ("probability", "word"),
+    [(0.7, "Possibly slip-lock pinching in storey 2: "), (0.3, "Perhaps slip-lock pinching in storey 2: ")],
+)
+def test_what_is_not_certain_is_said_to_be_so(probability: float, word: str) -> None:
+    one = added(probability, equivalent=("backlash",), equivalent_places=((1,),))
+    told = sentences(believed("effects_found", 0.95), (one,), None, NOWHERE, gap(0.2, 0.1))
+    assert told[0].startswith("Something is missing that the catalogue can hold, but no single effect is certain")
+    assert told[1].startswith(word)
+    assert "the record cannot tell it from backlash or the same at storey 1" in told[1]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "effects", "is_force", "first"),
+    [
+        (
+            "partly_explained",
+            (added(),),
+            True,
+            "The model lacks slip-lock pinching in storey 2, and more: beside it stays a force of no known law",
+        ),
+        (
+            "partly_explained",
+            (),
+            False,
+            "What the model lacks is only partly known: beside it stays what no smooth force explains",
+        ),
+        (
+            "unexplained",
+            (),
+            True,
+            "Model and record disagree, and no catalogued effect explains it better than a force",
+        ),
+        ("unexplained", (), False, "Model and record disagree, and neither a catalogued effect nor a smooth force"),
+    ],
+)
+def test_what_has_no_name_is_told_first(verdict: str, effects: tuple[Added, ...], is_force: bool, first: str) -> None:
+    """What an explanation leaves may be a force of the states, or what no force of them is."""
+    force = UnnamedForce(storey=1, place="storey 1", probability=0.93, share=0.12, drift=np.zeros(2), force=np.zeros(2))
+    told = sentences(
+        believed(verdict, 0.93, has_unnamed=is_force), effects, force if is_force else None, NOWHERE, gap(0.2, 0.1)
+    )
+    assert told[0].startswith(first)
+    share = "at storey 1 takes up what the model does not: 12 % of the force (probability 0.93)"
+    assert any(share in sentence for sentence in told) == is_force

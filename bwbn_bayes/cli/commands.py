@@ -146,7 +146,8 @@ def discover(
         typer.Option(
             "--held-out",
             metavar="FILE|end",
-            help="A second measurement, or `end` for the end of this one; predicted once, when all else is done.",
+            help="A second measurement, or `end` for the end of this one. Fit, selection and names never see it: it is "
+            "predicted once, at the end, and shown.",
         ),
     ] = None,
     out: Annotated[
@@ -164,7 +165,7 @@ def discover(
         ),
     ] = None,
 ) -> None:
-    """Find the physical effect that MODEL lacks to explain a record, add it, and write a report."""
+    """Find what MODEL lacks to explain a record, with probabilities, and write the improved model and a report."""
     from bwbn_bayes.cli.files import writable, write_discovery_files
     from bwbn_bayes.discovery.run import DiscoverySettings
     from bwbn_bayes.discovery.workflow import discover as discover_missing

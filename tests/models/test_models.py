@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bwbn_bayes.elements.loops import pinching_index
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Uniform
+from bwbn_bayes.records.cycles import half_cycles
 from bwbn_bayes.structures.model_file import load_model_file
+from bwbn_bayes.structures.specimen import Specimen
 
 MODELS = Path(__file__).parents[2] / "models"
 FILES = sorted(MODELS.glob("*.py"))
@@ -118,3 +121,17 @@ def test_a_measured_record_that_is_none_is_refused(tmp_path: Path, name: str, va
     path.write_text(f"{plain}\nfrom bwbn_bayes import el_centro\n\n{name} = {value}\n", encoding="utf-8")
     with pytest.raises(UserError, match=f"bad.py: `{name}` {sentence}"):
         load_model_file(path)
+
+
+def test_the_cyclic_test_looks_like_the_column_that_it_was_written_for() -> None:
+    """16 cycles to 20.7 mm and 409 kN were measured: the file's own record must be of that kind, without time."""
+    file = load_model_file(MODELS / "cyclic_test.py")
+    assert isinstance(file.model, Specimen)
+    assert file.excitation is not None
+    assert not file.excitation.has_time
+    made = simulate(file.model, file.excitation, file.truth, snr_db=file.snr_db, seed=1)
+    assert len(half_cycles(made.excitation)) == 31  # the first starts at zero, 15 cycles have two, and one comes back
+    assert np.max(np.abs(made.excitation)) == pytest.approx(0.0205)
+    assert 0.8 * 409e3 < np.max(np.abs(made.channels["force"])) < 1.2 * 409e3
+    # Fat, as that column is: its index is 0.66.
+    assert pinching_index(made.excitation, made.channels["force"]) > 0.5

@@ -16,7 +16,7 @@ from bwbn_bayes.structures.model_file import load_model_file
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "reports" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 README = PAGES[0].read_text(encoding="utf-8")
-INSTALL = "python3 -m pip install uv && "
+INSTALL = "python3 -m venv .uv && .uv/bin/pip install uv && .uv/bin/"
 
 
 def blocks(language: str, text: str = README) -> list[str]:

@@ -12,7 +12,7 @@ from scipy.optimize import differential_evolution, least_squares
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.cycles import turning_points
 
-MOST_POINTS, MOST_POLISHED = 600, 8000
+MOST_POINTS, MOST_POLISHED = 500, 8000
 """To which a record is thinned for the evolution and for the last polish; it is judged on all its points."""
 _TURN = 0.005
 """Of the largest displacement: smaller returns are no turning points that a thinned record must keep."""
@@ -50,8 +50,10 @@ class Budget:
         Of the population.
     generations : int
         After the first.
+    rounds : int
+        Evolutions, each from a population of its own: one alone ends in any of several valleys.
     polished : int
-        Members of the last generation, the best, that least squares polish.
+        Members of each last generation, the best, that least squares polish.
     steps : int
         Of each polish at most.
     seed : int
@@ -59,7 +61,8 @@ class Budget:
 
     members: int
     generations: int
-    polished: int = 6
+    rounds: int = 1
+    polished: int = 4
     steps: int = 25
     seed: int = 1
 
@@ -135,18 +138,21 @@ def minimised(residuals: Residuals, n_parameters: int, budget: Budget, *, last: 
     def share(point: Floats) -> float:
         return float(np.sum(np.square(counted(point))))
 
-    evolved = differential_evolution(
-        share,
-        [(0.0, 1.0)] * n_parameters,
-        maxiter=budget.generations,
-        popsize=-(-budget.members // n_parameters),
-        tol=0.0,
-        recombination=0.9,
-        polish=False,
-        rng=np.random.default_rng(budget.seed),
-    )
-    leading = evolved.population[np.argsort(evolved.population_energies)[: budget.polished]]
-    best = min((_polished(counted, point, budget.steps) for point in leading), key=lambda found: found[1])[0]
+    ends = []
+    for rng in np.random.default_rng(budget.seed).spawn(budget.rounds):
+        evolved = differential_evolution(
+            share,
+            [(0.0, 1.0)] * n_parameters,
+            maxiter=budget.generations,
+            popsize=-(-budget.members // n_parameters),
+            tol=0.0,
+            recombination=0.9,
+            polish=False,
+            rng=rng,
+        )
+        leading = np.argsort(evolved.population_energies)[: budget.polished]
+        ends += [_polished(counted, point, budget.steps) for point in evolved.population[leading]]
+    best = min(ends, key=lambda end: end[1])[0]
     if last is None:
         return Fitted(point=best, n_runs=counted.n_runs)
     final = _Counted(last)

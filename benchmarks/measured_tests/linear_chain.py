@@ -12,7 +12,7 @@ from benchmarks.measured_tests.fitting import Budget, Fitted, minimised
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 
-BUDGET = Budget(members=48, generations=60)
+BUDGET = Budget(members=48, generations=40, rounds=2)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ SYMBOLS = (
     *("e1", "e2", "e3", "e4", "p1", "p2", "p3", "p4", "n1", "n2", "n3", "n4"),
     *("r_disp", "r_force", "u_force", "gk_disp", "gk_energy", "gd_disp", "gd_energy", "gf_disp", "gf_energy"),
 )
-BUDGET = Budget(members=126, generations=200)
+BUDGET = Budget(members=126, generations=110, rounds=2)
 
 DAMAGE_LIMIT = 0.95
 ENERGY_CAPACITY = 10.0

@@ -165,22 +165,26 @@ def concerns(what: str, test: MeasuredTest) -> bool:
 
 def run_trials(wanted: Sequence[Trial], tests: Sequence[MeasuredTest], console: Console) -> None:
     """Run what is not filed yet, and file each result as it ends."""
-    for trial in wanted:
-        done = filed(trial.log)
-        for test in (one for one in tests if concerns(trial.what, one)):
+    done = {trial.log: filed(trial.log) for trial in wanted}
+    for test in tests:
+        for trial in (one for one in wanted if concerns(one.what, test)):
             key = identity(test, trial.what, trial.code, trial.seed)
-            if is_current(done.get((test.name, trial.what)), key):
+            if is_current(done[trial.log].get((test.name, trial.what)), key):
                 continue
-            entry: dict[str, Any] = {"identity": key, "commit": _commit()}
-            began = time.perf_counter()
-            try:
-                result, response = trial.run(test)
-                entry |= {"result": result, "shown": shown_response(test, response)}
-            except Exception as error:  # a crash is a miss, to be counted and seen
-                entry |= {"error": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
-            entry["seconds"] = time.perf_counter() - began
+            entry = _filed_run(trial, test, key)
             file_result(trial.log, entry)
             console.print(_line(test, trial.what, entry), highlight=False, markup=False, soft_wrap=True)
+
+
+def _filed_run(trial: Trial, test: MeasuredTest, key: dict[str, Any]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"identity": key, "commit": _commit()}
+    began = time.perf_counter()
+    try:
+        result, response = trial.run(test)
+        entry |= {"result": result, "shown": shown_response(test, response)}
+    except Exception as error:  # a crash is a miss, to be counted and seen
+        entry |= {"error": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
+    return {**entry, "seconds": time.perf_counter() - began}
 
 
 def _line(test: MeasuredTest, what: str, entry: Mapping[str, Any]) -> str:

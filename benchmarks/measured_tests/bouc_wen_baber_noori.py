@@ -112,7 +112,7 @@ class BoucWenBaberNoori:
         u_y = self.travel * _between(t[1], 1.0 / 300.0, 2.0)
         return np.array(
             [
-                self.peak * _between(t[0], 0.1, 6.0) / u_y,
+                self.peak * _between(t[0], 0.1, 10.0) / u_y,
                 u_y,
                 -0.3 + 1.1 * t[2],
                 0.7 + 7.3 * t[3],

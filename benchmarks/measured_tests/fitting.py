@@ -131,13 +131,14 @@ def minimised(residuals: Residuals, n_parameters: int, budget: Budget, *, last: 
     n_parameters : int
     budget : Budget
     last : callable, optional
-        Residuals of which the best of the polished points is polished once more.
+        Residuals on which the best of each round is polished once more, and which then judge.
     """
     counted = _Counted(residuals)
 
     def share(point: Floats) -> float:
         return float(np.sum(np.square(counted(point))))
 
+    final = counted if last is None else _Counted(last)
     ends = []
     for rng in np.random.default_rng(budget.seed).spawn(budget.rounds):
         evolved = differential_evolution(
@@ -150,14 +151,11 @@ def minimised(residuals: Residuals, n_parameters: int, budget: Budget, *, last: 
             polish=False,
             rng=rng,
         )
-        leading = np.argsort(evolved.population_energies)[: budget.polished]
-        ends += [_polished(counted, point, budget.steps) for point in evolved.population[leading]]
-    best = min(ends, key=lambda end: end[1])[0]
-    if last is None:
-        return Fitted(point=best, n_runs=counted.n_runs)
-    final = _Counted(last)
-    point, _ = _polished(final, best, budget.steps)
-    return Fitted(point=point, n_runs=counted.n_runs + final.n_runs)
+        leading = evolved.population[np.argsort(evolved.population_energies)[: budget.polished]]
+        best = min((_polished(counted, point, budget.steps) for point in leading), key=lambda end: end[1])
+        ends.append(best if last is None else _polished(final, best[0], budget.steps))
+    n_runs = counted.n_runs + (0 if last is None else final.n_runs)
+    return Fitted(point=min(ends, key=lambda end: end[1])[0], n_runs=n_runs)
 
 
 class _Counted:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from scipy.linalg import expm
+from scipy.signal import lfilter
 
 from benchmarks.measured_tests.fitting import Budget, Fitted, minimised
 from bwbn_bayes.parameters import Floats
@@ -52,9 +52,14 @@ class LinearChain:
         matrix[n : 2 * n, n : 2 * n] = -drift.T @ np.diag(c) @ drift
         matrix[n : 2 * n, 2 * n] = -1.0
         step = expm(record.time_step * matrix + np.eye(2 * n + 2, k=1) * ([0.0] * (2 * n + 1) + [1.0]))
-        first, over, change = step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n], step[: 2 * n, 2 * n + 1]
-        states = _compiled_march(np.ascontiguousarray(first), over - change, change.copy(), record.excitation)
-        return np.asarray(states[:n])
+        over, change = step[: 2 * n, 2 * n], step[: 2 * n, 2 * n + 1]
+        values, vectors = np.linalg.eig(step[: 2 * n, : 2 * n])
+        by_first, by_last = np.linalg.solve(vectors, np.stack([over - change, change], axis=1)).T
+        modes = [
+            lfilter([last, first], [1.0, -value], record.excitation, zi=[-last * record.excitation[0]])[0]
+            for value, first, last in zip(values, by_first, by_last, strict=True)
+        ]
+        return np.asarray((vectors[:n] @ np.array(modes)).real)
 
     def fit(self, record: Record, budget: Budget = BUDGET) -> Fitted:
         """Fit it to the displacements of a record, each floor's error over its own rms."""
@@ -65,16 +70,3 @@ class LinearChain:
             2 * self.n_storeys,
             budget,
         )
-
-
-def _march(step: Floats, by_first: Floats, by_last: Floats, ground: Floats) -> Floats:
-    """States ``(n_states, n_times)`` from rest, each from the last and the ground motion at both ends of a step."""
-    found = np.zeros((len(by_first), len(ground)))
-    state = np.zeros(len(by_first))
-    for i in range(1, len(ground)):
-        state = step @ state + by_first * ground[i - 1] + by_last * ground[i]
-        found[:, i] = state
-    return found
-
-
-_compiled_march = njit(_march)

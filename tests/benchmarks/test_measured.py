@@ -309,7 +309,6 @@ def test_every_kind_of_trial_concerns_its_tests():
         name="frame", n_fitted=20, rule="path",
         record=Record(name="frame", time_step=0.1, excitation=np.zeros(30), channels={"displacement_1": np.zeros(30)}),
     )  # fmt: skip
-    of_frame = {what for what in measured.trials(Path("out.json"), 1) if measured.concerns(what, frame)}
-    of_damper = {what for what in measured.trials(Path("out.json"), 1) if measured.concerns(what, measured_test())}
-    assert of_frame == {"linear_chain", "discover"}
-    assert of_damper == {"bwbn", "pinching4", "discover"}
+    kinds = measured.trials(Path("out.json"), 1)
+    assert {what for what in kinds if measured.concerns(what, frame)} == {"linear_chain", "discover"}
+    assert {what for what in kinds if measured.concerns(what, measured_test())} == {"bwbn", "pinching4", "discover"}

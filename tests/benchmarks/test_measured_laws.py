@@ -32,7 +32,7 @@ def test_bwbn_gives_the_forces_of_opensees(vector):
     widths = [p.get("psi_0", 1.0) / u_y, p.get("delta_psi", 0.0) / u_y, p.get("lambda_", 1.0)]
     path = np.concatenate([[0.0], vector["turning_points"]])
     force = BoucWenBaberNoori(**UNIT).force(np.array([*first, *loss, *pinch, *widths]), path)
-    assert force[1:] == pytest.approx(vector["forces"], abs=1e-4 * np.max(np.abs(vector["forces"])))
+    assert force[1:] == pytest.approx(vector["forces"], abs=5e-4 * np.max(np.abs(vector["forces"])))
 
 
 def pinching4(**changed: float) -> np.ndarray:

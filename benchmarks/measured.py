@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from benchmarks.measured_tests import bouc_wen_baber_noori, discovering, fitting, linear_chain, pinching4
 from benchmarks.measured_tests.discovering import discover_first_part, discover_whole
@@ -211,8 +212,8 @@ def print_rows(console: Console, rows: Sequence[Row]) -> None:
         share = f"{100.0 * one.n_fitted / one.n_points:.0f} %{'' if one.rule == 'parting_time' else ' *'}"
         errors = [in_per_cent(one.competitors.get(what)) for what in COMPETITORS]
         words = "; ".join(part for part in (in_words(one.answer), *one.failed) if part)
-        table.add_row(one.name, str(one.n_points), share, *errors, in_per_cent(one.ours), words)
-    console.print(table, markup=False)
+        table.add_row(one.name, str(one.n_points), share, *errors, in_per_cent(one.ours), Text(words))
+    console.print(table)
     console.print("* the last 30 % of the path are held out: no end moves as strongly as the whole", markup=False)
     for total in sums(rows):
         console.print(f"{total['what']}: {total['count']} of {total['total']}", highlight=False, markup=False)
@@ -304,6 +305,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print_rows(console, rows)
     if labels:
         print_labels(console, labels)
+    for what, versions in facts["code"].items():
+        if len(versions) > 1:
+            console.print(f"{what}: filed by {len(versions)} versions of the code; run it again to have one")
+    options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
     figures = draw_gallery(tests, entries, options.gallery) if options.gallery else {}
     if options.page:

@@ -17,7 +17,7 @@ from benchmarks.measured_tests.filing import code_version, file_result, filed, i
 from benchmarks.measured_tests.gallery import draw_gallery
 from benchmarks.measured_tests.page import write_page
 from benchmarks.measured_tests.specimens import DATA, Label, MeasuredTest, load, names, nrmse, parted, read_frame
-from benchmarks.measured_tests.tables import in_per_cent, label_row, label_sums, row, sums
+from benchmarks.measured_tests.tables import in_per_cent, in_words, label_row, label_sums, row, sums
 from bwbn_bayes import Record, UserError
 
 FRAME = """\
@@ -162,6 +162,8 @@ def test_an_answer_with_probabilities_is_read():
     assert (answer.verdict, answer.probability) == ("partly_explained", 0.8)
     assert (answer.fit, answer.held_out) == (pytest.approx(9.0), pytest.approx(19.0))
     assert [(one.probability, one.identified) for one in answer.effects] == [(0.95, 0.3), (0.6, None)]
+    assert in_words(answer) == "partly_explained 0.80: slip_lock 0.95, strength_degradation 0.60"
+    assert in_words(read_answer(SCHEMA_1)) == "effects_found: slip_lock[1]"
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def _loops(loops: tuple[CycleLoop, ...]) -> Drawing:
         axis.set_axis_off()
     for axis in axes[: len(loops)][::_N_COLUMNS]:
         axis.set_ylabel(f"force [{strength.unit}]")
-    axes[max(len(loops) - _N_COLUMNS, 0) + 1 if len(loops) > 1 else 0].set_xlabel(f"displacement [{length.unit}]")
+    figure.supxlabel(f"displacement [{length.unit}]", fontsize=9.5)
     legend(figure, axes[0])
     return finished(
         figure,

@@ -135,7 +135,7 @@ def run_case(
         name=case.key,
         listener=None if say is None else lambda text, _facts: say(text),
     )
-    found = np.mean(_group(result, "response")["restoring_force"].transpose("draw", "storey", "time").values, axis=0)
+    found = _mean_force(result)
     parameters = _parameters(case, result.facts, model, record, options)
     outcome = Outcome(
         case=case,
@@ -152,6 +152,15 @@ def run_case(
     )
     drift, true = (np.stack([clean.channels[f"{kind}_{i}"] for i in STOREYS]) for kind in ("drift", "force"))
     return outcome, Histories(drift=drift, true=true, identified=found)
+
+
+def _mean_force(result: Result) -> Floats:
+    """Identified restoring force ``(n_storeys, n_times)``: the posterior's mean, or that of a point estimate."""
+    if "response_bands" in result.tree.children:
+        force = _group(result, "response_bands")["restoring_force"].sel(statistic="mean")
+    else:
+        force = _group(result, "response")["restoring_force"].isel(draw=0)
+    return np.asarray(force.transpose("storey", "time").values, dtype=np.float64)
 
 
 @cache

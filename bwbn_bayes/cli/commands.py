@@ -26,11 +26,11 @@ from bwbn_bayes.discovery.workflow import discover as discover_missing
 from bwbn_bayes.elements.catalogue import catalogue
 from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.available import engines as available_engines
+from bwbn_bayes.engines.journal import has_begun
 from bwbn_bayes.engines.simulation import simulate as simulate_record
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.history import Listener
 from bwbn_bayes.inference.settings import MOST_PARTICLES, Method, Settings
-from bwbn_bayes.inference.tmcmc.checkpoint import has_stages
 from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.records.record import Record, one_line
 from bwbn_bayes.report.discovery_text import discovery_in_words
@@ -90,7 +90,7 @@ def identify(
     sampler: Annotated[Literal["pymc", "nutpie"], typer.Option("--sampler", help="Whose NUTS.")] = "pymc",
     checkpoint: Annotated[
         Path | None,
-        typer.Option("--checkpoint", help="Where TMCMC keeps each stage, and from where it goes on if it was cut off."),
+        typer.Option("--checkpoint", help="Where what is solved is kept, without suffix; a run cut off goes on."),
     ] = None,
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
@@ -322,9 +322,9 @@ def _goes_on(directory: Path, checkpoint: Path | None = None) -> str:
     """What remains of a run that is stopped."""
     if checkpoint is None:
         return f"stopped: nothing was written to {directory}"
-    if has_stages(checkpoint):
-        return f"stopped: the stages so far are in checkpoint {checkpoint}, and the same command goes on from there"
-    return f"stopped: no stage was finished, checkpoint {checkpoint} holds nothing yet"
+    if has_begun(checkpoint):
+        return f"stopped: what was solved is in checkpoint {checkpoint}, and the same command goes on from there"
+    return f"stopped: nothing was solved, checkpoint {checkpoint} holds nothing yet"
 
 
 def _refuse(sentence: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,9 +185,9 @@ def _band(history: Singles, mean: Floats) -> Singles:
 
 def _landmarks(kinds: Mapping[str, Sequence[str]], found: _Found) -> dict[str, Landmark]:
     """Landmarks of all storeys side by side."""
-    joined = {}
+    joined: dict[str, Landmark] = {}
     for names in kinds.values():
         for variable, (dims, _) in found.landmarks[names[0]].items():
             parts = [found.landmarks[name][variable][1] for name in names]
-            joined[variable] = (dims, np.concatenate(parts, axis=1))
+            joined[variable] = (dims, cast("Singles", np.concatenate(parts, axis=1)))
     return joined

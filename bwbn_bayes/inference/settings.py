@@ -41,7 +41,8 @@ class Settings:
     sampler : {"pymc", "nutpie"}
         Whose NUTS.
     checkpoint : Path, optional
-        Name (without suffix) under which TMCMC keeps each stage and from which it goes on where a run was cut off.
+        Name (without suffix) under which is kept what was solved, and from which a run that was cut off goes on to the
+        same result, bit for bit but for its times.
     """
 
     method: Method = "importance"

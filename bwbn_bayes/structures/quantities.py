@@ -180,7 +180,7 @@ def landmarks(kind: str, history: Floats | NDArray[np.float32], times: Floats) -
         n_tail = max(1, round(RESIDUAL_SHARE * len(times)))
         return {
             "peak_drift": (storeys, np.max(np.abs(history), axis=2)),
-            "residual_drift": (storeys, np.mean(history[..., -n_tail:], axis=2)),
+            "residual_drift": (storeys, np.asarray(np.mean(history[..., -n_tail:], axis=2), dtype=history.dtype)),
         }
     if kind == "hysteretic_energy":
         return {kind: ((*storeys, "time_point"), history[..., time_points(len(times))])}

@@ -92,6 +92,10 @@ def identify(
         Path | None,
         typer.Option("--checkpoint", help="Where what is solved is kept, without suffix; a run cut off goes on."),
     ] = None,
+    workers: Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes that solve.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers solve.")
+    ] = None,
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
     file = load_model_file(model)
@@ -112,6 +116,8 @@ def identify(
                 variant=variant,
                 sampler=sampler,
                 checkpoint=checkpoint,
+                workers=workers,
+                scheduler=scheduler,
             ),
             name=file.name,
             assumptions=file.assumptions,

@@ -13,6 +13,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import re
 import struct
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -35,7 +36,7 @@ _TITLE = b"bwbn_bayes solves 1\n"
 _LENGTH = struct.Struct("<Q")
 _HASH = 32
 _AT_ONCE = 512
-"""Draws solved between two entries, whole blocks of lanes: a kill loses no more."""
+"""Draws that each worker solves between two entries, whole blocks of lanes: a kill loses no more."""
 _SOLVED_AGAIN = 4
 """Draws of the first answer of each kind that are solved again before it is believed."""
 
@@ -180,6 +181,11 @@ def has_begun(path: Path) -> bool:
     return False
 
 
+def forget(path: Path) -> None:
+    """Delete what is kept under a name: the run is done."""
+    _solves(path).unlink(missing_ok=True)
+
+
 def _solves(path: Path) -> Path:
     return path.with_name(f"{path.name}.solves")
 
@@ -212,14 +218,15 @@ class _Keeping:
         engine: Any = super()
         about = _about(self, model, record)
         result = np.empty((len(draws), len(record.channels)))
-        for start in range(0, len(draws), _AT_ONCE):
-            own = draws[start : start + _AT_ONCE]
+        at_once = _AT_ONCE * getattr(self, "n_workers", 1)
+        for start in range(0, len(draws), at_once):
+            own = draws[start : start + at_once]
 
             def solve(some: slice, own: Floats = own) -> tuple[Floats, ...]:
                 return (engine.misfit(model, own[some], record),)
 
             question = _question("misfit", about, own)
-            (result[start : start + _AT_ONCE],) = self.journal.kept(f"misfit {about}", question, len(own), solve)
+            (result[start : start + at_once],) = self.journal.kept(f"misfit {about}", question, len(own), solve)
         return result
 
     def normal_equations(
@@ -257,7 +264,8 @@ def _about(engine: Any, model: Structure, record: Record) -> str:
     threaded = any(one.name == "n_threads" for one in fields(engine))
     table = model.table
     words = (
-        repr(replace(engine, n_threads=1) if threaded else engine),
+        # Who solves does not matter: one process, several, or a cluster.
+        re.sub("^(Kept|Spread)*", "", repr(replace(engine, n_threads=1) if threaded else engine)),
         type(model).__name__,
         repr(model),
         repr(model.law),

@@ -16,6 +16,7 @@ import numpy as np
 
 from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.base import require_parameters, require_usable
+from bwbn_bayes.engines.executors import spread
 from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
@@ -98,7 +99,10 @@ def identify(
         require_particles(settings.particles, model.space.n_dim)
     history = History(listener, time.perf_counter(), [])
     streams = _streams(settings.seed)
-    with kept(engine_by_name(settings.engine), settings.checkpoint) as engine:
+    with (
+        spread(engine_by_name(settings.engine), settings.workers, settings.scheduler) as solving,
+        kept(solving, settings.checkpoint) as engine,
+    ):
         posterior = Posterior(
             model=model, record=record, engine=on_rung(engine, LADDER[0]), noise=noise or default_noise(record)
         )

@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.text import Text
 
 from bwbn_bayes.baselines.methods import identify as identify_model
+from bwbn_bayes.cli.batch import jobs_of, records_of, run_batch
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
 from bwbn_bayes.cli.files import replacing, writable, write_discovery_files, write_result, write_starting_model
 from bwbn_bayes.cli.interruption import EXIT_CODE, interruptible, stopped_with
@@ -174,6 +175,37 @@ def discover(
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     for made in ("improved_model.py", "report.html"):
         console.print(Text(f"{made.split('.')[0].replace('_', ' ')}: {directory / made}"), soft_wrap=True)
+
+
+@app.command()
+def batch(
+    records: Annotated[str, typer.Argument(metavar="DIR|GLOB", help="Records, CSV or netCDF.", show_default=False)],
+    model: Annotated[
+        Path | None, typer.Option("--model", help="Model file for all; each record's starting model by default.")
+    ] = None,
+    discover: Annotated[bool, typer.Option("--discover", help="Search for missing effects too.")] = False,
+    out: OutOption = Path("reports/batch"),
+    seed: SeedOption = 1,
+    particles: Annotated[
+        int, typer.Option("--particles", min=100, max=MOST_PARTICLES, help="Posterior draws of each record.")
+    ] = 5000,
+    workers: Annotated[int, typer.Option("--workers", min=1, max=1024, help="Records at once.")] = 1,
+) -> None:
+    """Identify many records, or search them with --discover: one table and page of all; the same command goes on."""
+    found, directory, notes = records_of(records), writable(out), Console(stderr=True)
+    if model is not None:
+        load_model_file(model)
+    options = ("--seed", str(seed), "--particles", str(particles))
+    jobs = jobs_of(found, directory, model=model, discover=discover, options=options)
+    with stopped_with(lambda: f"stopped: finished records are kept in {directory}, and the same command goes on"):
+        rows = run_batch(
+            jobs, directory, workers, lambda text: notes.print(text, markup=False, highlight=False, soft_wrap=True)
+        )
+    print(directory / "batch.html")
+    if any(row.status == "refused" for row in rows):
+        raise UserError(
+            f"{sum(row.status == 'refused' for row in rows)} of {len(rows)} records were refused: see above"
+        )
 
 
 @app.command(name="model")

@@ -2,8 +2,8 @@
 
 ``python -m benchmarks.scaling [--workers 2] [--json FILE]``
 
-A shear building of some storeys under filtered noise of some samples, an acceleration measured at every floor, solved on
-one thread and on processes. ``per_step_ns`` is the time of one draw, storey and sample; the model says that it is a
+A shear building of some storeys under filtered noise of some samples, an acceleration measured at every floor, solved
+on one thread and on processes. ``per_step_ns`` is the time of one draw, storey and sample; the model says that it is a
 constant. ``efficiency`` is what so many processes reach of as many times one thread. Only on a quiet machine do these
 figures mean anything.
 """

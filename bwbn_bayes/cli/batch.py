@@ -1,7 +1,7 @@
 """Fleet mode: many records, each identified or searched in a process of its own, in one table and one page.
 
-A record's files stand in a directory of its own, as the single command writes them, beside a note of what they were made
-from: records whose note still holds are not run again, and an identification that was cut off goes on.
+A record's files stand in a directory of its own, as the single command writes them, beside a note of what they were
+made from: records whose note still holds are not run again, and an identification that was cut off goes on.
 """
 
 from __future__ import annotations
@@ -210,9 +210,10 @@ def _identified(job: Job, facts: dict[str, Any]) -> BatchRow:
 
 
 def _discovered(job: Job, facts: dict[str, Any]) -> BatchRow:
-    effects = [
-        f"{e['name']}{' at ' + ', '.join(map(str, e['storeys'])) if e['storeys'] else ''}" for e in facts["effects"]
-    ]
+    effects = []
+    for one in facts["effects"]:
+        places = ", ".join(map(str, one["storeys"]))
+        effects.append(f"{one['name']}, storey {places}" if places else one["name"])
     return BatchRow(
         record=job.name,
         status="done",

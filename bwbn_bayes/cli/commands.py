@@ -202,10 +202,9 @@ def batch(
             jobs, directory, workers, lambda text: notes.print(text, markup=False, highlight=False, soft_wrap=True)
         )
     print(directory / "batch.html")
-    if any(row.status == "refused" for row in rows):
-        raise UserError(
-            f"{sum(row.status == 'refused' for row in rows)} of {len(rows)} records were refused: see above"
-        )
+    n_refused = sum(row.status == "refused" for row in rows)
+    if n_refused:
+        raise UserError(f"{n_refused} of {len(rows)} records were refused: see above")
 
 
 @app.command(name="model")

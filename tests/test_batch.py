@@ -69,8 +69,11 @@ def test_a_fleet_is_run_once_and_told_in_one_table(fleet: Path) -> None:
 def test_a_changed_record_model_or_option_is_run_again(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     facts = {
         "checks": [{"passed": False, "sentence": "The weights are <heavy>."}],
-        "fit": {"nrmse": {"acceleration_1": 0.03}}, "log_evidence": 1.0, "elapsed_s": 2.0, "parameters": {"k": {"mean": 40.0, "sd": 0.5}},
-    }  # fmt: skip
+        "fit": {"nrmse": {"acceleration_1": 0.03}},
+        "log_evidence": 1.0,
+        "elapsed_s": 2.0,
+        "parameters": {"k": {"mean": 40.0, "sd": 0.5}},
+    }
     ran: list[str] = []
 
     def run(job: Job) -> str:

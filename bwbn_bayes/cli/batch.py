@@ -11,7 +11,6 @@ import hashlib
 import json
 import multiprocessing
 import os
-import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -168,7 +167,7 @@ def _in_process(arguments: tuple[str, ...], said: str) -> None:
             os.dup2(file.fileno(), stream)
     from bwbn_bayes.cli.commands import main
 
-    sys.exit(main(arguments))
+    main(arguments)
 
 
 def _written(jobs: Sequence[Job], refused: dict[str, str], out: Path) -> tuple[BatchRow, ...]:

@@ -128,7 +128,7 @@ class Dask:
     @property
     def n_workers(self) -> int:
         """Threads of all workers there are now."""
-        return max(1, sum(self._client.nthreads().values()))
+        return max(1, int(sum(self._client.nthreads().values())))
 
     def run(self, problem: bytes, pieces: Sequence[Piece]) -> list[tuple[Floats, ...]]:
         """Solve pieces on whichever workers there are."""

@@ -78,7 +78,7 @@ def test_processes_give_the_same_bits_and_outlive_one_of_them() -> None:
         assert_same_bits(executor)
         process = next(iter(executor._pool._processes.values()))
         _killing(process.pid)
-        draws = np.tile(DRAWS, (40, 1))
+        draws = np.tile(DRAWS, (10, 1))
         found = spread_over(ENGINE, executor).misfit(MODEL, draws, RECORD)
         np.testing.assert_array_equal(found, ENGINE.misfit(MODEL, draws, RECORD))
     finally:
@@ -108,7 +108,7 @@ def test_a_cluster_gives_the_same_bits_and_outlives_a_worker() -> None:
         assert_same_bits(executor)
         victim = next(iter(cluster.workers.values()))
         _killing(victim.process.pid)
-        draws = np.tile(DRAWS, (40, 1))
+        draws = np.tile(DRAWS, (10, 1))
         found = spread_over(ENGINE, executor).misfit(MODEL, draws, RECORD)
         np.testing.assert_array_equal(found, ENGINE.misfit(MODEL, draws, RECORD))
         while executor.n_workers < 2:  # its nanny starts another

@@ -62,7 +62,10 @@ def assert_same(one: Result, other: Result) -> None:
     xr.testing.assert_identical(one.tree, other.tree)
 
 
-@pytest.mark.parametrize(("method", "kills"), [("importance", (2, 9)), ("tmcmc", (40,)), ("smc", (9,)), ("ga", (2, 4))])
+SMC = pytest.param("smc", (9,), marks=pytest.mark.slow)  # PyMC compiles for each of three runs
+
+
+@pytest.mark.parametrize(("method", "kills"), [("importance", (2, 9)), ("tmcmc", (40,)), SMC, ("ga", (2, 4))])
 def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path, method: Method, kills: tuple[int, ...]) -> None:
     """Only TMCMC could go on, and left the stages before out of its history, and their solves out of its count."""
     from bwbn_bayes.baselines.genetic import GeneticSettings

@@ -30,7 +30,7 @@ def fleet(tmp_path: Path) -> Path:
             simulate(building, ground, {}, channels=["acceleration_1"], snr_db=30.0, seed=i), data / f"r{i}.csv"
         )
     (data / "broken.csv").write_text("time [s],acceleration_1 [m/s^2]\n0,x\n")
-    (data / "notes.txt").write_text("mine")
+    (data / "notes.md").write_text("mine")
     (tmp_path / "model.py").write_text(MODEL)
     return tmp_path
 
@@ -100,7 +100,7 @@ def test_a_changed_record_model_or_option_is_run_again(fleet: Path, monkeypatch:
 
 
 def test_a_place_without_records_is_the_user_s_mistake(tmp_path: Path) -> None:
-    (tmp_path / "a.txt").touch()
+    (tmp_path / "a.md").touch()
     for pattern in (str(tmp_path), str(tmp_path / "*.csv")):
         with pytest.raises(UserError, match="no record"):
             records_of(pattern)

@@ -22,8 +22,8 @@ from typing import Any
 
 from bwbn_bayes.engines.journal import forget
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.records.readers import RECORD_SUFFIXES
 from bwbn_bayes.report.batch_html import BatchRow, batch_page
-from bwbn_bayes.structures.model_file import RECORD_SUFFIXES
 
 _NOTE, _SAID = "batch.json", "said.txt"
 _STARTING = threading.Lock()
@@ -86,9 +86,11 @@ def records_of(pattern: str) -> tuple[Path, ...]:
         found = Path(place.anchor).glob(str(place.relative_to(place.anchor)))
     else:
         found = Path().glob(pattern)
-    records = tuple(sorted(path for path in found if path.suffix in RECORD_SUFFIXES and path.is_file()))
+    records = tuple(sorted(path for path in found if path.suffix.lower() in RECORD_SUFFIXES and path.is_file()))
     if not records:
-        raise UserError(f"{pattern}: no record (.csv, .nc) is there: give a directory, or a pattern in quotes")
+        raise UserError(
+            f"{pattern}: no record (.csv, .nc, .mat ...) is there: give a directory, or a pattern in quotes"
+        )
     return records
 
 

@@ -203,7 +203,9 @@ def discover(
 
 @app.command()
 def batch(
-    records: Annotated[str, typer.Argument(metavar="DIR|GLOB", help="Records, CSV or netCDF.", show_default=False)],
+    records: Annotated[
+        str, typer.Argument(metavar="DIR|GLOB", help="Records: CSV, netCDF, MATLAB ...", show_default=False)
+    ],
     model: Annotated[
         Path | None, typer.Option("--model", help="Model file for all; each record's starting model by default.")
     ] = None,

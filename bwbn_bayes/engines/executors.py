@@ -22,7 +22,7 @@ import numpy as np
 
 from bwbn_bayes.engines.base import Engine, NormalEquations
 from bwbn_bayes.engines.lane_source import LANES
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, require_installed
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -113,12 +113,10 @@ class Dask:
     """
 
     def __init__(self, address: str) -> None:
-        try:
-            from distributed import Client
-        except ImportError:
-            raise UserError(
-                "--scheduler needs dask.distributed, which is not installed: install bwbn-bayes[distributed]"
-            ) from None
+        require_installed("distributed", "--scheduler")
+        # Imported here: an extra of its own.
+        from distributed import Client
+
         try:
             self._client = Client(address, timeout="10s", set_as_default=False)
             self._client.wait_for_workers(1, timeout=60)

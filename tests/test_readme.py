@@ -16,7 +16,7 @@ from bwbn_bayes.structures.model_file import load_model_file
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "reports" / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 README = PAGES[0].read_text(encoding="utf-8")
-INSTALL = "python3 -m pip install uv && "
+INSTALL = "python3 -m venv .uv && .uv/bin/pip install uv && .uv/bin/"
 
 
 def blocks(language: str, text: str = README) -> list[str]:
@@ -58,7 +58,7 @@ def test_the_main_job_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_every_command_of_the_page_exists(capsys: pytest.CaptureFixture[str]) -> None:
     commands = set(re.findall(r"bwbn ([a-z]+)", README))
-    assert commands == {"discover", "identify", "model", "simulate", "reproduce", "effects", "engines"}
+    assert commands == {"discover", "identify", "model", "simulate", "export", "reproduce", "effects", "engines"}
     for command in sorted(commands):
         with pytest.raises(SystemExit) as leaving:
             main([command, "--help"])

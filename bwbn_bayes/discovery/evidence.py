@@ -180,17 +180,6 @@ def with_shared(
     return _in_turns(posterior, modes, account, starts)
 
 
-def scale_of(evidence: Evidence) -> float:
-    """Root mean square [N] that the prior of the unnamed force has, as its scale was chosen."""
-    correlation = evidence.correlation
-    if correlation is None or correlation.shared is None:
-        return 0.0
-    posterior = evidence.posterior
-    misfit = posterior.misfit(evidence.modes[0].point[None])[0, 0]
-    n = posterior.record.n_times
-    return float(np.sqrt(misfit / n * np.sum(correlation.shared.variance) / n))
-
-
 def _in_turns(
     posterior: Posterior,
     modes: tuple[Mode, ...],

@@ -116,6 +116,11 @@ class Beliefs:
         """Probability that an effect is part of the model."""
         return self._sum(lambda one: name in one.names)
 
+    @cached_property
+    def unnamed(self) -> float:
+        """Probability that a force of no known law is part of the model."""
+        return self._sum(lambda one: one.has_unnamed)
+
     def of_places(self, name: str) -> dict[tuple[int, ...], float]:
         """Probability that an effect is part of the model at each place, best first."""
         places = {h.storeys for one in self.explanations for h in one.added if h.name == name}

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, scales_of, sharing_laws
-from bwbn_bayes.discovery.evidence import laplace
+from bwbn_bayes.discovery.evidence import autoregressive, laplace
 from bwbn_bayes.discovery.explanation import Explanation, key_of
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
@@ -268,10 +268,9 @@ def _unnamed_at_storeys(pool: Pool, run: Run) -> None:
             if not np.isfinite(fits[0].log_likelihood):
                 continue
             posterior = on_threads(fits[0].posterior, run.settings.n_workers)
-            modes = fits[0].modes
-            pool.unnamed[one.effects_key, (storey,)] = replace(
-                one, unnamed=(storey,), evidence=laplace(posterior, modes)
-            )
+            white, coloured = laplace(posterior, fits[0].modes), autoregressive(posterior, fits[0].modes)
+            better = max(white, coloured, key=lambda found: found.log_evidence)
+            pool.unnamed[one.effects_key, (storey,)] = replace(one, unnamed=(storey,), evidence=better)
 
 
 def _unnamed_hypotheses(one: Explanation) -> Iterator[tuple[int, Hypothesis]]:

@@ -16,11 +16,11 @@ from bwbn_bayes.inference.summary import observe
 
 def unnamed_facts(pool: Pool, believed: Beliefs) -> UnnamedForce | None:
     """The unnamed force of the most probable explanation that has one; None where one is less likely than not."""
-    probability = believed.verdicts["partly_explained"] + believed.verdicts["unexplained"]
-    if probability < POSSIBLE:
+    if believed.unnamed < POSSIBLE:
         return None
     chosen = next(one for one in believed.explanations if one.unnamed is not None)
-    return _of_specimen(chosen, probability) if pool.shared is not None else _of_storey(chosen, probability)
+    tell = _of_specimen if pool.shared is not None else _of_storey
+    return tell(chosen, believed.unnamed)
 
 
 def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:

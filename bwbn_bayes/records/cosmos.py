@@ -17,8 +17,6 @@ from bwbn_bayes.records.record import Record
 from bwbn_bayes.records.text import ascii_lines, number
 from bwbn_bayes.records.time_base import Source
 
-UNKNOWN = -999.0
-
 _FORMAT = re.compile(r"\bformat\s+v?\d", re.IGNORECASE)
 _REALS = re.compile(r"\s*(\d{1,5})\s+Real-header values follow on\s+\d+\s+lines", re.IGNORECASE)
 _DATA = re.compile(

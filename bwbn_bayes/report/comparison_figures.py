@@ -115,7 +115,7 @@ def _cycle_title(loop: CycleLoop) -> str:
 
 
 def _errors(found: tuple[CycleErrors, ...]) -> Drawing:
-    figure, (axis,) = canvas(1, 2.3)
+    figure, (axis,) = canvas(1, 2.6)
     top = 0.0
     for one in found:
         if one.part.name != "fitted":

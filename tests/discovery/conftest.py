@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bwbn_bayes.cli import commands, main
+from bwbn_bayes.cli import main
+from bwbn_bayes.discovery import workflow
 from bwbn_bayes.discovery.outcome import Discovery
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.effects import CubicStiffness, SensorGain
@@ -71,7 +72,7 @@ def run(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     out, err = StringIO(), StringIO()
     files = ["--record", str(inputs / "record.csv"), "--held-out", str(inputs / "held_out.csv")]
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-        patch.setattr(commands, "discover_missing", with_two_effects)
+        patch.setattr(workflow, "discover", with_two_effects)
         with pytest.raises(SystemExit) as leaving:
             main(["discover", str(inputs / "one_storey.py"), *files, "--out", str(directory), "--particles", "300"])
     return Run(kept[0], K3, directory, int(leaving.value.code or 0), out.getvalue(), err.getvalue())

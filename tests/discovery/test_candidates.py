@@ -200,7 +200,7 @@ def test_labels_say_effect_form_and_place() -> None:
         "deviating parameter (alpha) in storey 1",
         "wrong sensor gain at floor 2",
     } <= labels
-    assert "input_scale" in labels
+    assert "wrong scale of the excitation" in labels
 
 
 def test_scales_are_what_the_response_reaches() -> None:

@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, multivariate_t
 
 from bwbn_bayes.discovery.candidates import hypotheses, scales_of
-from bwbn_bayes.discovery.evidence import Evidence, autoregressive, autoregressive_bound, laplace, scale_of, with_shared
+from bwbn_bayes.discovery.evidence import Evidence, autoregressive, autoregressive_bound, laplace, with_shared
 from bwbn_bayes.discovery.evidence import sampled as sampled_evidence
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.discovery.unnamed import unnamed_basis
@@ -229,7 +229,8 @@ def test_an_unnamed_force_is_the_closed_form_of_its_gaussian_process() -> None:
     residual = record.channels["force"] - ENGINE.simulate(specimen, values, record).values[0, 0]
     # A normal with an inverse-gamma level is Student's t of two degrees of freedom.
     expected = multivariate_t(shape=noise.scale[0] * covariance, df=2).logpdf(residual)
-    level = scale_of(found)
+    white = found.posterior.misfit(found.modes[0].point[None])[0, 0] / 160
+    level = float(np.sqrt(white * ratio**2 * np.sum(np.square(basis)) / 160))
     assert found.log_likelihood == pytest.approx(expected - 0.5 * (level / largest) ** 2, abs=0.05)
     # What was hidden has a root mean square of 0.035 of the largest force.
     assert 0.01 < level / np.max(np.abs(law)) < 0.12

@@ -186,7 +186,14 @@ def test_the_places_of_the_disagreement_are_those_found(run):
     spot = Spot(channel="acceleration_1", start_s=2.0, end_s=4.0, residual_to_noise=3.4, sentence="there")
     facts = written(replace(run.discovery, before=replace(run.discovery.before, spots=(spot,))))
     assert facts["where"] == [
-        {"channel": "acceleration_1", "start_s": 2.0, "end_s": 4.0, "residual_to_noise": 3.4, "sentence": "there"}
+        {
+            "channel": "acceleration_1",
+            "start_s": 2.0,
+            "end_s": 4.0,
+            "cycles": None,
+            "residual_to_noise": 3.4,
+            "sentence": "there",
+        }
     ]
 
 

@@ -8,9 +8,7 @@ import pytest
 
 from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce
-from bwbn_bayes.discovery.runaway import moment_in_words, runaway_sample
 from bwbn_bayes.discovery.sentences import evidence_in_words, probability_in_words, sentences
-from bwbn_bayes.records.record import Record
 
 NOWHERE: Any = SimpleNamespace(spots=())
 
@@ -94,24 +92,6 @@ def test_a_prediction_that_runs_away_has_no_number() -> None:
         "noise alone leaves 2.0 %."
     ) in told
     assert not any("e+" in sentence or "000" in sentence for sentence in told)
-
-
-def test_where_a_prediction_runs_away() -> None:
-    """Ten cycles, of which the prediction is lost from the end of the sixth on."""
-    cycles = np.arange(600) / 60.0
-    measured = np.sin(2.0 * np.pi * cycles)[None]
-    near = 0.9 * measured
-    assert runaway_sample(measured, near) is None
-    away = np.where(cycles > 6.0, 1e3, 0.9) * measured
-    sample = runaway_sample(measured, away)
-    assert sample is not None
-    assert 340 < sample <= 370
-    for lost in (np.nan, np.inf, 1e300):
-        assert runaway_sample(measured, np.where(cycles > 6.0, lost, near)) is not None
-    pushed = Record(name="pushed", time_step=0.1, excitation=measured[0], excitation_kind="displacement")
-    assert moment_in_words(pushed, 400) == "cycle 6"
-    shaken = Record(name="shaken", time_step=0.1, excitation=measured[0])
-    assert moment_in_words(shaken, 400) == "t = 40 s"
 
 
 @pytest.mark.parametrize(

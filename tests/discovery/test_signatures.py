@@ -32,9 +32,10 @@ PATH = np.interp(np.arange(801) / 100, np.arange(9), [0.0, 1.0, -1.0, 1.0, -1.0,
 def by_hand(force: Floats) -> float:
     """Force at zero displacement over the peak before it.
 
-    The path is straight between turning points a hundred samples apart: zeros lie half way between them.
+    The path is straight between turning points a hundred samples apart: zeros lie half way between them,
+    but for the last branch, which ends at zero.
     """
-    zeros = np.arange(150, 800, 100)
+    zeros = np.arange(150, 700, 100)
     peaks = [np.max(np.abs(force[max(zero - 100, 0) : zero + 1])) for zero in zeros]
     return float(np.median(np.abs(force[zeros]) / peaks))
 

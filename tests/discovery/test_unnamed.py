@@ -114,6 +114,22 @@ def test_white_noise_is_not_taken_up(law: Floats) -> None:
     assert unnamed_facts(pool, believed) is None
 
 
+def test_what_no_force_explains_is_no_force(law: Floats) -> None:
+    """A sensor that drifts, say: the class says that something is left, where no unnamed force is likely or none is.
+
+    Telling the force of the best explanation that has one stopped where there was none.
+    """
+    plain = fitted(law)
+    plain.__dict__["is_noise"] = False
+    pool: Any = type("Pool", (), {"shared": object()})()
+    improbable = beside(plain)
+    for every in ((plain,), (plain, improbable)):
+        believed = beliefs(every, 1, {})
+        assert believed.verdict == "unexplained"
+        assert believed.unnamed < 0.05
+        assert unnamed_facts(pool, believed) is None
+
+
 BUILDING = ShearBuilding(masses=[2.0, 1.0], storey=BoucWen(k=Uniform(40, 80), c=0.4, alpha=0.15, beta=12.0, gamma=2.0))
 
 

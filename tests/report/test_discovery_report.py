@@ -192,7 +192,12 @@ def test_a_prediction_that_runs_away_is_told_in_words(found, tmp_path):
 
 def test_a_held_out_end_is_called_so_everywhere(found, tmp_path):
     label = "held-out end, after 6.2 s"
-    ended = replace(found, held_out=HeldOut(record=found.record, after_s=6.2))
+    apart = HeldOut(record=found.record, after_s=6.2)
+    ends = {
+        name: replace(getattr(found.gap, name), values=getattr(found.gap, name).values[:, apart.first :])
+        for name in ("before", "after")
+    }
+    ended = replace(found, held_out=apart, gap=replace(found.gap, held_out=replace(found.gap, **ends)))
     assert [gap.label for gap in gather_discovery(ended).gaps] == ["fitted record", label]
     _, text = read(write_discovery(ended, tmp_path).html.read_text(encoding="utf-8"))
     assert f"{label}: {found.record.name}" in text

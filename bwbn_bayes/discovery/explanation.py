@@ -92,8 +92,9 @@ class Explanation:
     def label(self) -> str:
         """Its effects in words."""
         parts = [hypothesis.label for hypothesis in self.added]
-        if self.has_unnamed:
-            parts.append("a force of no known law")
+        if self.unnamed is not None:
+            place = f" in storey {', '.join(map(str, self.unnamed))}" if self.n_places > 1 else ""
+            parts.append(f"a force of no known law{place}")
         return " + ".join(parts) or "the model as given"
 
     @property

@@ -1,5 +1,6 @@
 """From evidences to classes and names, against sums by hand."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -124,3 +125,10 @@ def test_what_is_left_must_be_noise() -> None:
     assert found.verdict == "unexplained"
     found = beliefs((explanation(0.0), explanation(40.0, SLIP, is_noise=False)), N_EFFECTS, VARIANTS)
     assert found.verdict == "partly_explained"
+
+
+def test_an_explanation_tells_where_its_unnamed_force_is() -> None:
+    """Three of one building read alike."""
+    assert explanation(0.0).label == "the model as given"
+    assert explanation(0.0, unnamed=(2,)).label == "a force of no known law in storey 2"
+    assert replace(explanation(0.0, unnamed=(1,)), n_places=1).label == "a force of no known law"

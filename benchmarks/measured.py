@@ -1,0 +1,320 @@
+"""Measured tests: ``discover`` beside laws that engineers fit to them, on the same split.
+
+``python -m benchmarks.measured --json FILE [--only NAME ...] [--competitors] [--discover] [--whole] [--gallery DIR]``
+
+The competitors are fitted in the same run: the 13-parameter BWBN with Foliente's pinch, OpenSees' Pinching4 (21
+parameters), and a linear chain for the frames. ``--whole`` fits the whole records of the reinforced-concrete columns,
+for which labels hold. What is finished is kept in ``.jsonl`` files beside the JSON, competitors and discoveries apart,
+with the version of the code, and is not run again; tables and figures come from what is filed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from benchmarks.measured_tests import bouc_wen_baber_noori, discovering, fitting, linear_chain, pinching4
+from benchmarks.measured_tests.discovering import discover_first_part, discover_whole
+from benchmarks.measured_tests.filing import (
+    ROOT,
+    code_version,
+    file_result,
+    filed,
+    identity,
+    is_current,
+    package_version,
+    shown_response,
+)
+from benchmarks.measured_tests.gallery import draw_gallery
+from benchmarks.measured_tests.page import write_page
+from benchmarks.measured_tests.specimens import DATA, MeasuredTest, both_errors, load, names
+from benchmarks.measured_tests.tables import (
+    COMPETITORS,
+    KNOWN,
+    LabelRow,
+    Row,
+    in_per_cent,
+    in_words,
+    label_row,
+    label_sums,
+    row,
+    sums,
+)
+from bwbn_bayes import UserError
+from bwbn_bayes.inference.summary import processor_name
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.results import finite
+
+Entries = dict[tuple[str, str], dict[str, Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """Something to run on one test: its kind, the version of its code, and the run itself.
+
+    Attributes
+    ----------
+    what : str
+        What it is filed under.
+    code : str
+        Version of the code that decides its result.
+    seed : int
+    log : Path
+        Where it is filed.
+    run : callable
+        Of a test: the result, and the response ``(n_channels, n_times)`` of the whole record.
+    """
+
+    what: str
+    code: str
+    seed: int
+    log: Path
+    run: Callable[[MeasuredTest], tuple[dict[str, Any], Floats]]
+
+
+def run_force_law(
+    kind: type[bouc_wen_baber_noori.BoucWenBaberNoori | pinching4.Pinching4],
+    budget: fitting.Budget,
+    test: MeasuredTest,
+) -> tuple[dict[str, Any], Floats]:
+    """Fit a law of force against displacement to the first part of a cyclic test and judge it on all points."""
+    displacement, force = test.pulled
+    n = test.n_fitted
+    law = kind(travel=float(np.max(np.abs(displacement[:n]))), peak=float(np.max(np.abs(force[:n]))))
+    fitted = fitting.fit_force(law, displacement[:n], force[:n], budget)
+    parameters = law.parameters(fitted.point)
+    response = law.force(parameters, displacement)[None]
+    return _result(test, law.symbols, parameters, fitted, budget, response)
+
+
+def run_linear_chain(budget: fitting.Budget, test: MeasuredTest) -> tuple[dict[str, Any], Floats]:
+    """Fit a linear chain to the first part of a frame's run and judge it on all points."""
+    chain = linear_chain.LinearChain(n_storeys=len(test.record.channels))
+    fitted = chain.fit(test.training, budget)
+    parameters = chain.parameters(fitted.point)
+    response = chain.displacements(parameters, test.record)
+    return _result(test, chain.symbols, parameters, fitted, budget, response)
+
+
+def _result(
+    test: MeasuredTest,
+    symbols: Sequence[str],
+    parameters: Floats,
+    fitted: fitting.Fitted,
+    budget: fitting.Budget,
+    response: Floats,
+) -> tuple[dict[str, Any], Floats]:
+    facts = {
+        "errors": both_errors(test, response),
+        "parameters": dict(zip(symbols, parameters.tolist(), strict=True)),
+        "n_runs": fitted.n_runs,
+        "budget": asdict(budget),
+    }
+    return facts, response
+
+
+def trials(json_path: Path, seed: int) -> dict[str, Trial]:
+    """Everything that can be run, by kind."""
+
+    def trial(what: str, code: str, log: str, run: Callable[[MeasuredTest], tuple[dict[str, Any], Floats]]) -> Trial:
+        return Trial(what=what, code=code, seed=seed, log=json_path.with_suffix(f".{log}.jsonl"), run=run)
+
+    def law(what: str, module: Any, run: Callable[..., tuple[dict[str, Any], Floats]], *kind: Any) -> Trial:
+        code = code_version(Path(str(one.__file__)) for one in (fitting, module))
+        budget = fitting.Budget(**{**asdict(module.BUDGET), "seed": seed})
+        return trial(what, code, "competitors", lambda test: run(*kind, budget, test))
+
+    def discovery(what: str, run: Callable[[MeasuredTest, int], tuple[dict[str, Any], Floats]]) -> Trial:
+        code = f"{package_version()}-{code_version([Path(discovering.__file__)])}"
+
+        def facts_and_response(test: MeasuredTest) -> tuple[dict[str, Any], Floats]:
+            facts, response = run(test, seed)
+            return {"facts": facts}, response
+
+        return trial(what, code, "discover", facts_and_response)
+
+    return {
+        "bwbn": law("bwbn", bouc_wen_baber_noori, run_force_law, bouc_wen_baber_noori.BoucWenBaberNoori),
+        "pinching4": law("pinching4", pinching4, run_force_law, pinching4.Pinching4),
+        "linear_chain": law("linear_chain", linear_chain, run_linear_chain),
+        "discover": discovery("discover", discover_first_part),
+        "whole": discovery("whole", discover_whole),
+    }
+
+
+def concerns(what: str, test: MeasuredTest) -> bool:
+    """Whether a kind of trial is for this test."""
+    if what == "linear_chain":
+        return test.is_frame
+    if what in ("bwbn", "pinching4"):
+        return not test.is_frame
+    return what != "whole" or test.label is not None
+
+
+def run_trials(wanted: Sequence[Trial], tests: Sequence[MeasuredTest], console: Console) -> None:
+    """Run what is not filed yet, and file each result as it ends."""
+    done = {trial.log: filed(trial.log) for trial in wanted}
+    for test in tests:
+        for trial in (one for one in wanted if concerns(one.what, test)):
+            key = identity(test, trial.what, trial.code, trial.seed)
+            if is_current(done[trial.log].get((test.name, trial.what)), key):
+                continue
+            entry = _filed_run(trial, test, key)
+            file_result(trial.log, entry)
+            console.print(_line(test, trial.what, entry), highlight=False, markup=False, soft_wrap=True)
+
+
+def _filed_run(trial: Trial, test: MeasuredTest, key: dict[str, Any]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"identity": key, "commit": _commit()}
+    began = time.perf_counter()
+    try:
+        result, response = trial.run(test)
+        entry |= {"result": result, "shown": shown_response(test, response)}
+    except Exception as error:  # a crash is a miss, to be counted and seen
+        entry |= {"error": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
+    return {**entry, "seconds": time.perf_counter() - began}
+
+
+def _line(test: MeasuredTest, what: str, entry: Mapping[str, Any]) -> str:
+    if "error" in entry:
+        return f"{test.name}, {what}: {entry['error']}"
+    errors = entry["result"].get("errors") or entry["result"]["facts"]["errors"]
+    told = " / ".join("none" if error is None else f"{error:.1f}" for error in errors)
+    return f"{test.name}, {what}: {told} %, {entry['seconds']:.1f} s"
+
+
+def _commit() -> str:
+    found = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return found.stdout.strip() or "unknown"
+
+
+def print_rows(console: Console, rows: Sequence[Row]) -> None:
+    """Print one line per test, errors fitted / held out in per cent."""
+    table = Table(title="NRMSE in %, fitted / held out", title_justify="left", box=None, pad_edge=False)
+    for name in ("test", "points", "fitted", *COMPETITORS, "discover", ""):
+        table.add_column(name, justify="left" if name in ("test", "") else "right", no_wrap=name != "")
+    for one in rows:
+        share = f"{100.0 * one.n_fitted / one.n_points:.0f} %{'' if one.rule == 'parting_time' else ' *'}"
+        errors = [in_per_cent(one.competitors.get(what)) for what in COMPETITORS]
+        words = "; ".join(part for part in (in_words(one.answer), *one.failed) if part)
+        table.add_row(one.name, str(one.n_points), share, *errors, in_per_cent(one.ours), Text(words))
+    console.print(table)
+    console.print("* the last 30 % of the path are held out: no end moves as strongly as the whole", markup=False)
+    for total in sums(rows):
+        console.print(f"{total['what']}: {total['count']} of {total['total']}", highlight=False, markup=False)
+    for one in (one for one in rows if one.name == "chiu_bracing"):
+        for what in (what for what in KNOWN if what in one.competitors):
+            here, there = in_per_cent(one.competitors[what]), in_per_cent(KNOWN[what])
+            console.print(f"chiu, {what}: {here}; PROVENANCE.md: {there}", highlight=False, markup=False)
+
+
+def print_labels(console: Console, rows: Sequence[LabelRow]) -> None:
+    """Print what discovery says of the columns' whole records."""
+    table = Table(title="whole records", title_justify="left", box=None, pad_edge=False)
+    for name in ("column", "loops", "said", "index measured", "identified", "strength lost measured", "identified",
+                 "fit %"):  # fmt: skip
+        table.add_column(name, justify="left" if name in ("column", "loops", "said") else "right")
+    for one in rows:
+        numbers = [f"{value:.3f}" for value in (*one.index, *one.strength_lost)]
+        table.add_row(one.name, one.loops, "pinched" if one.says_pinched else "", *numbers, f"{one.fit:.1f}")
+    console.print(table)
+    for total in label_sums(rows):
+        console.print(f"{total['what']}: {total['count']} of {total['total']}", highlight=False, markup=False)
+
+
+def gather(tests: Sequence[MeasuredTest], entries: Entries) -> tuple[list[Row], list[LabelRow], dict[str, Any]]:
+    """Rows of both tables, and the JSON."""
+    by_test = {test.name: {what: e for (name, what), e in entries.items() if name == test.name} for test in tests}
+    rows = [row(test, {w: e for w, e in by_test[test.name].items() if w != "whole"}) for test in tests]
+    labels = [
+        label_row(test, by_test[test.name]["whole"])
+        for test in tests
+        if "error" not in by_test[test.name].get("whole", {"error": ""})
+    ]
+    made = {what: sorted({e["identity"]["code"] for (_, w), e in entries.items() if w == what}) for _, what in entries}
+    facts = {
+        "processor": processor_name(),
+        "code": made,
+        "sums": sums(rows),
+        "rows": [
+            {**asdict(one), "in_words": in_words(one.answer), "fits": one.fits, "predicts": one.predicts}
+            for one in rows
+        ],
+        "label_sums": label_sums(labels) if labels else [],
+        "labels": [asdict(one) for one in labels],
+        "results": {
+            test.name: {what: {k: v for k, v in e.items() if k != "shown"} for what, e in by_test[test.name].items()}
+            for test in tests
+        },
+    }
+    return rows, labels, finite(facts)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what is asked for, print the tables, write JSON, figures and the page.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Those of the process by default.
+
+    Returns
+    -------
+    int
+        0, or 2 where the user can mend it.
+    """
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, required=True, help="results; what is finished is filed beside it")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="these measured tests; all by default")
+    parser.add_argument("--data", type=Path, default=DATA, help="folder of the measured tests")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--competitors", action="store_true", help="fit the competitors")
+    parser.add_argument("--discover", action="store_true", help="discover on the fitted part of each test")
+    parser.add_argument("--whole", action="store_true", help="discover on the whole records of the columns")
+    parser.add_argument("--gallery", type=Path, metavar="DIR", help="draw the loops into this folder")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the page, with figures where drawn")
+    options = parser.parse_args(arguments)
+    console = Console(width=None if Console().is_terminal else 200)
+    try:
+        tests = [load(name, options.data) for name in options.only or names(options.data)]
+    except UserError as error:
+        print(error, file=sys.stderr)
+        return 2
+    known = trials(options.json, options.seed)
+    asked = {
+        **dict.fromkeys(COMPETITORS, options.competitors), "discover": options.discover, "whole": options.whole,
+    }  # fmt: skip
+    run_trials([known[what] for what, wanted in asked.items() if wanted], tests, console)
+    entries = {key: entry for log in {one.log for one in known.values()} for key, entry in filed(log).items()}
+    rows, labels, facts = gather(tests, entries)
+    print_rows(console, rows)
+    if labels:
+        print_labels(console, labels)
+    for what, versions in facts["code"].items():
+        if len(versions) > 1:
+            console.print(f"{what}: filed by {len(versions)} versions of the code; run it again to have one")
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    figures = draw_gallery(tests, entries, options.gallery) if options.gallery else {}
+    if options.page:
+        write_page(facts, figures, options.page)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,227 @@
+"""What the filed results come to: one row per test, sums over all, the labels of the columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.measured_tests.discovering import Answer, read_answer, says_pinched
+from benchmarks.measured_tests.specimens import MeasuredTest
+
+COMPETITORS = ("bwbn", "pinching4", "linear_chain")
+KNOWN = {"bwbn": (30.4, 50.9), "pinching4": (16.7, 31.0)}
+"""Errors [%] that PROVENANCE.md states for chiu, fitted and held out; its split is not stated."""
+HELD_OUT_FACTOR = 1.1
+"""By how much the held-out error may exceed the better competitor's."""
+INDEX_WITHIN, STRENGTH_WITHIN = 0.15, 1.0 / 3.0
+HOPELESS = 100.0
+"""Error [%] above which a prediction is worse than none."""
+
+Json = Mapping[str, Any]
+Errors = tuple[float, float]
+"""Fitted and held-out error [%]; infinite where the prediction runs away."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One test: what every competitor and discovery made of it.
+
+    Attributes
+    ----------
+    name : str
+    n_points, n_fitted : int
+    rule : str
+        Of its split.
+    competitors : mapping of str to (float, float)
+    ours : (float, float) or None
+    answer : Answer or None
+        None where discovery was not run or failed.
+    failed : tuple of str
+        What ended in an error, with the error.
+    """
+
+    name: str
+    n_points: int
+    n_fitted: int
+    rule: str
+    competitors: Mapping[str, Errors]
+    ours: Errors | None
+    answer: Answer | None
+    failed: tuple[str, ...]
+
+    @property
+    def best(self) -> Errors | None:
+        """The better competitor's error, for fit and held-out part each."""
+        if not self.competitors:
+            return None
+        fit, held_out = zip(*self.competitors.values(), strict=True)
+        return min(fit), min(held_out)
+
+    @property
+    def fits(self) -> bool | None:
+        """Whether discovery fits at least as well as the better competitor; None where either is missing."""
+        return None if self.best is None or self.ours is None else self.ours[0] <= self.best[0]
+
+    @property
+    def predicts(self) -> bool | None:
+        """Whether it predicts the held-out end within the stated factor; None where either is missing."""
+        return None if self.best is None or self.ours is None else self.ours[1] <= HELD_OUT_FACTOR * self.best[1]
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Whether every held-out error there is exceeds 100 %."""
+        errors = [*self.competitors.values(), *([] if self.ours is None else [self.ours])]
+        return bool(errors) and all(error[1] > HOPELESS for error in errors)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelRow:
+    """A column's whole record: its label and what discovery says of it.
+
+    Attributes
+    ----------
+    name, loops : str
+    says_pinched : bool
+    index, strength_lost : (float, float)
+        Measured and identified; NaN where it cannot be told.
+    fit : float
+        Error [%] over the whole record.
+    """
+
+    name: str
+    loops: str
+    says_pinched: bool
+    index: tuple[float, float]
+    strength_lost: tuple[float, float]
+    fit: float
+
+    @property
+    def index_agrees(self) -> bool:
+        """Whether the identified pinching index is within 0.15 of the measured one."""
+        return abs(self.index[1] - self.index[0]) <= INDEX_WITHIN
+
+    @property
+    def strength_agrees(self) -> bool:
+        """Whether the identified strength lost per cycle is within a third of the measured one."""
+        return abs(self.strength_lost[1] - self.strength_lost[0]) <= STRENGTH_WITHIN * abs(self.strength_lost[0])
+
+
+def row(test: MeasuredTest, entries: Mapping[str, Json]) -> Row:
+    """One row from the filed results of a test, by kind."""
+    good = {what: entry["result"] for what, entry in entries.items() if "error" not in entry}
+    answer = read_answer(good["discover"]["facts"]) if "discover" in good else None
+    return Row(
+        name=test.name,
+        n_points=test.record.n_times,
+        n_fitted=test.n_fitted,
+        rule=test.rule,
+        competitors={what: _errors(good[what]["errors"]) for what in COMPETITORS if what in good},
+        ours=None if answer is None else _ours(answer, good["discover"]["facts"]["errors"], test.rule),
+        answer=answer,
+        failed=tuple(f"{what}: {entry['error']}" for what, entry in entries.items() if "error" in entry),
+    )
+
+
+def label_row(test: MeasuredTest, entry: Json) -> LabelRow:
+    """One row of the columns' table from the filed result of a whole record.
+
+    Raises
+    ------
+    ValueError
+        If the test has no label.
+    """
+    if test.label is None:
+        raise ValueError(f"{test.name} has no label")
+    facts = entry["result"]["facts"]
+    loops = facts["loops"]
+    answer = read_answer(facts)
+    return LabelRow(
+        name=test.name,
+        loops=test.label.loops,
+        says_pinched=says_pinched(answer, loops["pinching_index"]["identified"]),
+        index=_pair(loops["pinching_index"]),
+        strength_lost=_pair(loops["strength_lost"]),
+        fit=_errors(facts["errors"])[0] if answer.fit is None else answer.fit,
+    )
+
+
+def sums(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Over all rows that tell: how often discovery keeps up with the better competitor."""
+    fits = [one.fits for one in rows if one.fits is not None]
+    predicts = [one.predicts for one in rows if one.predicts is not None]
+    hopeless = [one.name for one in rows if one.is_hopeless]
+    return [
+        {"what": "fit error at most the better competitor's", "count": sum(fits), "total": len(fits)},
+        {
+            "what": f"held-out error at most {HELD_OUT_FACTOR:g} times the better competitor's",
+            "count": sum(predicts),
+            "total": len(predicts),
+        },
+        {"what": f"every held-out error above 100 %: {', '.join(hopeless) or 'none'}", "count": len(hopeless),
+         "total": len(rows)},
+    ]  # fmt: skip
+
+
+def label_sums(rows: Sequence[LabelRow]) -> list[dict[str, Any]]:
+    """Over the columns: labels told, and measures of the identified loops."""
+    said = {loops: [one.says_pinched for one in rows if one.loops == loops] for loops in ("pinched", "fat")}
+    errors = [abs(one.index[1] - one.index[0]) for one in rows if np.isfinite(one.index).all()]
+    median = float(np.median(errors)) if errors else float("nan")
+    return [
+        {"what": "pinched said of the pinched", "count": sum(said["pinched"]), "total": len(said["pinched"])},
+        {"what": "pinched said of the fat", "count": sum(said["fat"]), "total": len(said["fat"])},
+        {
+            "what": f"pinching index within {INDEX_WITHIN:g} (median error {median:.2f})",
+            "count": sum(one.index_agrees for one in rows),
+            "total": len(rows),
+        },
+        {
+            "what": "strength lost per cycle within a third",
+            "count": sum(one.strength_agrees for one in rows),
+            "total": len(rows),
+        },
+    ]
+
+
+def in_per_cent(errors: Sequence[float | None] | None) -> str:
+    """Fitted and held-out error as text; an empty text where there is none, and None is not finite, as in JSON."""
+    if errors is None:
+        return ""
+    return " / ".join("runs away" if error is None or not error < 1e3 else f"{error:.1f}" for error in errors)
+
+
+def in_words(answer: Answer | None) -> str:
+    """Verdict and effects with their probabilities, as text."""
+    if answer is None:
+        return ""
+    effects = (
+        one.name + "".join(f"[{storey}]" for storey in one.storeys) + _probability(one.probability)
+        for one in answer.effects
+    )
+    verdict = answer.verdict + _probability(answer.probability)
+    return ": ".join(part for part in (verdict, ", ".join(effects)) if part)
+
+
+def _probability(value: float | None) -> str:
+    return "" if value is None else f" {value:.2f}"
+
+
+def _ours(answer: Answer, errors: Sequence[float | None], rule: str) -> Errors:
+    """Errors of discovery's best model; where nothing was held out for it, those of the identified response."""
+    found = _errors((answer.fit, answer.held_out))
+    return found if rule == "parting_time" else (found[0], _errors(errors)[1])
+
+
+def _errors(pair: Sequence[float | None]) -> Errors:
+    fit, held_out = (float("inf") if error is None else error for error in pair)
+    return fit, held_out
+
+
+def _pair(measure: Json) -> tuple[float, float]:
+    measured, identified = (
+        float("nan") if measure[which] is None else measure[which] for which in ("measured", "identified")
+    )
+    return measured, identified

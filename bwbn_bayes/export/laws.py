@@ -53,6 +53,8 @@ BWBN = f"{_FIRST}, q, zetas, p [1/J], Shi [m], deltaShi [m/J], lambda, tolerance
 """What the arguments of the two materials are."""
 
 _NO_LAW = {
+    "eta_inf": "a loss of stiffness that saturates",
+    "nu_inf": "a loss of strength that saturates",
     "delta_s": "slip-lock",
     "b": "a play",
     "phi": "asymmetry",
@@ -71,7 +73,7 @@ _TRANSLATED = (
     *("zeta_s", "p", "q", "psi_0", "delta_psi", "lambda_"),
     *("c2", "k3", "k_g", "g", "k_gp", "g_p", "k_gn", "g_n", "k_m", "tau", "F_dahl", "x_dahl"),
 )
-_SIZES_OF_NO_LAW = ("sigma", "w", "u_uv", "u_u", "v0", "v_ratio", "v_root")
+_SIZES_OF_NO_LAW = ("p_eta", "p_nu", "sigma", "w", "u_uv", "u_u", "v0", "v_ratio", "v_root")
 _AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g")
 """Of floors, base and ground: the script has them."""
 _SIZES_OF_CHANGES = ("_time", "_ramp_duration")

@@ -338,26 +338,6 @@ def test_noise_that_is_not_the_record_s_is_a_user_error(record: Record, noise: N
         identify(sdof_model(), record, noise=noise)
 
 
-def test_a_run_that_was_cut_off_goes_on_where_it_stopped(tmp_path: Path) -> None:
-    """The same result as without interruption; stages that are on disk are not told again."""
-    model, record = small_model(beta=TRUTH["beta"]), small_record()
-    settings = Settings(method="tmcmc", particles=100, checkpoint=tmp_path / "run")
-
-    def stop(_: str, facts: StageFacts | None) -> None:
-        if facts is not None and facts.label == "TMCMC, bridge" and facts.tempering_parameter > 0.0:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        identify(model, record, settings=settings, listener=stop)
-    resumed = identify(model, record, settings=settings)
-    whole = identify(model, record, settings=replace(settings, checkpoint=None))
-    np.testing.assert_array_equal(resumed.tree["posterior"]["k"], whole.tree["posterior"]["k"])
-    arrays = next(tmp_path.glob("*.npz"))
-    arrays.write_bytes(arrays.read_bytes()[:100])
-    with pytest.raises(UserError, match="cannot be read"):
-        identify(model, record, settings=settings)
-
-
 @pytest.mark.parametrize("known", [("beta",), ("beta", "delta_eta")], ids=["two", "one"])
 def test_tmcmc_of_one_or_two_parameters(known: tuple[str, ...]) -> None:
     """The evidence by importance sampling is the oracle; nothing is left for a ridge to bend."""

@@ -2,6 +2,8 @@
 
 ``python -m benchmarks.importance --model models/three_storey_el_centro.py --cases 20 --seed 1 --json FILE``
 
+With ``--checkpoint FILE`` each finished case is a line of that file, and a run that was cut off goes on.
+
 Each case draws a truth from the middle of the prior (the central 60 % of every parameter), records it with the
 reference engine and identifies it blind. A case counts as found when the posterior mean is about as likely as the
 truth; a miss is silent when every residual check passed all the same.
@@ -11,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -87,6 +90,25 @@ def run_case(file: ModelFile, seed: int, case: int, snr_db: float) -> Case:
     )
 
 
+def finished(path: Path | None) -> dict[str, Case]:
+    """Cases kept in a file, by key; a line that a kill cut short is none."""
+    found = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path is not None and path.exists() else ():
+        with suppress(json.JSONDecodeError):
+            entry = json.loads(line)
+            found[entry["key"]] = Case(**entry["case"])
+    return found
+
+
+def keep(path: Path | None, key: str, case: Case) -> None:
+    """Append a case that is not kept yet, on a line of its own."""
+    if path is None or key in finished(path):
+        return
+    with path.open("a", encoding="utf-8") as file:
+        whole = file.tell() == 0 or path.read_bytes().endswith(b"\n")
+        file.write(("" if whole else "\n") + json.dumps({"key": key, "case": asdict(case)}) + "\n")
+
+
 def main() -> None:
     """Run the cases, print a table, write JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -95,12 +117,15 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--snr", type=float, default=30.0)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--checkpoint", type=Path, help="where finished cases are kept")
     options = parser.parse_args()
     file = load_model_file(options.model)
     console = Console()
     cases = []
     for number in range(options.cases):
-        case = run_case(file, options.seed, number, options.snr)
+        key = f"{file.name}, seed {options.seed}, {options.snr:g} dB, case {number}"
+        case = finished(options.checkpoint).get(key) or run_case(file, options.seed, number, options.snr)
+        keep(options.checkpoint, key, case)
         cases.append(case)
         rms = np.sqrt(np.mean(np.square(list(case.z.values()))))
         console.print(

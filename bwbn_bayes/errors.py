@@ -17,6 +17,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "nuts": ("pymc", "pytensor", "nutpie"),
     "ga": ("pymoo",),
     "cvodes": ("sundials4py",),
+    "distributed": ("distributed",),
 }
 """Libraries of the optional parts of an installation, by the name of the extra that brings them."""
 

@@ -10,19 +10,25 @@ draw's number in the posterior, also where a group holds a part of them):
     ``lp (chain, draw)``: log likelihood and log prior density
 ``log_likelihood``
     ``measured (chain, draw, channel, time)``: of every sample given draw and noise scale, for a subset of the draws;
-    ``az.loo`` reads it. Behind a filter samples are not independent: the sum then exceeds what the likelihood counts
+    of a long record, of every stretch of samples, at the time of its first. ``az.loo`` reads it. Behind a filter
+    samples are not independent: the sum then exceeds what the likelihood counts
 ``observed_data``
     one variable per measured channel ``(time)``
 ``constant_data``
     the excitation ``(time)``; a building's ``mass (floor)`` and, where given, ``height (storey)``;
     ``measured_storey_force (storey, time)`` where masses and sensors allow
-``posterior_predictive``
-    one variable per measured channel ``(chain, draw, time)``, noise included, for a subset of the draws
+``response_bands``
+    ``drift, drift_rate, restoring_force, hysteretic_displacement, hysteretic_energy (statistic, storey, time)`` and
+    ``acceleration (statistic, floor, time)``, noise-free: ``mean``, ``lower`` and ``upper`` (the 5 and 95 % quantiles)
+    over a subset of the draws
 ``response``
-    ``drift, drift_rate, restoring_force, hysteretic_displacement, hysteretic_energy (draw, storey, time)`` and
-    ``acceleration (draw, floor, time)`` for the same subset, noise-free
+    the same variables with ``draw`` in the place of ``statistic``: a few draws of that subset, 25 or, of a long record,
+    down to 2
+``predictive_bands``, ``posterior_predictive``
+    one variable per measured channel, noise included: ``(statistic, time)`` over the subset, ``(chain, draw, time)`` of
+    the few
 ``parameters_by_storey``
-    ``k, c, alpha, ... (draw, storey)`` every parameter of the storey law for the same subset
+    ``k, c, alpha, ... (draw, storey)`` every parameter of the storey law for the subset
 ``quantities``
     what an engineer asks next, for the same subset (buildings): ``peak_drift, ... (draw, storey)``
     (``peak_drift_ratio`` where heights are given), ``modal_period, modal_damping_ratio (draw, mode)``,
@@ -30,9 +36,9 @@ draw's number in the posterior, also where a group holds a part of them):
 ``true_response``
     the same variables as ``response`` without ``draw``, where the truth is known
 
-Methods without a posterior leave out ``posterior``, ``prior``, ``sample_stats`` and ``posterior_predictive``, and give
-``prediction`` (one variable per channel ``(time)``); the genetic algorithm also ``estimate`` (as ``posterior``, one
-draw) and ``history`` (``best, median, spread (generation)``).
+Methods without a posterior leave out ``posterior``, ``prior``, ``sample_stats``, bands and ``posterior_predictive``,
+and give ``prediction`` (one variable per channel ``(time)``); the genetic algorithm also ``estimate`` (as
+``posterior``, one draw) and ``history`` (``best, median, spread (generation)``).
 """
 
 from __future__ import annotations
@@ -51,6 +57,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.hdf5 import require_hdf5
 
 SCHEMA = 1
+_LEVEL, _WORTH_PACKING = 4, 4096
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +208,7 @@ class Result:
         tree = self.tree.copy()
         tree.attrs["facts"] = json.dumps(asdict(self.facts))
         # By way of memory: HDF5 on a full disk ends in pages of its own.
-        contents = bytes(tree.to_netcdf(engine="h5netcdf"))
+        contents = tree.to_netcdf(engine="h5netcdf", encoding=_compression(tree))
         Path(path).write_bytes(contents)
 
     @classmethod
@@ -223,6 +230,15 @@ class Result:
         except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
             raise UserError(f"{path} is no saved result: give a result.nc that Result.save wrote") from error
         return cls(tree=tree, facts=facts)
+
+
+def _compression(tree: xr.DataTree) -> dict[str, dict[str, dict[str, Any]]]:
+    """How each group's large arrays are packed; bytes of like significance side by side halve smooth histories."""
+    packed = {"zlib": True, "complevel": _LEVEL, "shuffle": True}
+    return {
+        node.path: {str(name): packed for name, array in node.variables.items() if array.nbytes > _WORTH_PACKING}
+        for node in tree.subtree
+    }
 
 
 def _built(kind: Any, raw: Any) -> Any:

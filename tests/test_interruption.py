@@ -81,7 +81,7 @@ def test_ctrl_c_ends_a_run_at_once_in_one_sentence(tmp_path: Path, method: str, 
         time.sleep(5.0 if method == "nuts" else 0.0)  # PyMC has the word by now
         took, said = _interrupted(process)
     *_, last = said.splitlines()
-    reached = "the stages so far are in checkpoint" if method == "tmcmc" else "no stage was finished, checkpoint"
+    reached = "nothing was solved, checkpoint" if method == "importance" else "what was solved is in checkpoint"
     assert last.startswith(f"stopped: {reached} {tmp_path / 'ck'}")
     assert "Traceback" not in said
     assert process.returncode == 130

@@ -12,6 +12,7 @@ from bwbn_bayes.baselines.ipv import Variant, fit_forces
 from bwbn_bayes.baselines.outcome import forces_result, genetic_result
 from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.base import masses, require_parameters, require_usable
+from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, on_rung
 from bwbn_bayes.inference.history import Listener
@@ -105,7 +106,9 @@ def _by_search(
     if listener is not None:
         listener("searching by a genetic algorithm", None)
     engine = engine_by_name(settings.engine)
-    fit = search(model, record, on_rung(engine, _SEARCH), np.random.default_rng(settings.seed), genetic, progress=tell)
+    rng = np.random.default_rng(settings.seed)
+    with kept(engine, settings.checkpoint) as keeping:
+        fit = search(model, record, on_rung(keeping, _SEARCH), rng, genetic, progress=tell)
     elapsed = time.perf_counter() - began
     posterior = Posterior(model=model, record=record, engine=on_rung(engine, _FINAL), noise=default_noise(record))
     return genetic_result(

@@ -27,7 +27,7 @@ from bwbn_bayes.records.noise import noise_sds
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check, Equation, Facts, ParameterFacts, Result, StageFacts
 from bwbn_bayes.structures.equations import structure_equations
-from bwbn_bayes.structures.quantities import engineering_quantities
+from bwbn_bayes.structures.quantities import engineering_quantities, landmarks_of
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
@@ -91,7 +91,7 @@ def genetic_result(
         parameters=_point_facts(model, record, fit.point, values[0]),
         log_evidence=NAN,
         log_evidence_se=NAN,
-        nrmse=fit_error(record, signals),
+        nrmse=fit_error(record, signals[0]),
         noise_sd=_residual_sd(record, signals[0]),
         n_solves=fit.n_solves,
         n_stages=len(stages),
@@ -104,7 +104,7 @@ def genetic_result(
         equations=tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model)),
         assumptions=(*assumptions, *model.warnings, _genetic_words(settings), *conventions(model)),
         discretisation={"scheme": posterior.engine.scheme},
-        restoring_force=force_agreement(rows, truth, model.n_storeys),
+        restoring_force=force_agreement(rows["restoring_force"][0], truth),
         provenance=provenance_of(record, seed, posterior.engine),
     )
     storeys = list(range(1, model.n_storeys + 1))
@@ -118,7 +118,8 @@ def genetic_result(
         "parameters_by_storey": by_storey,
     }
     if isinstance(model, ShearBuilding):
-        groups["quantities"] = engineering_quantities(response, by_storey, masses(model), model.law, model.heights)
+        known = landmarks_of(response)
+        groups["quantities"] = engineering_quantities(known, by_storey, masses(model), model.law, model.heights)
     return Result(tree=xr.DataTree.from_dict(groups), facts=facts)
 
 
@@ -177,7 +178,7 @@ def forces_result(
         parameters=(),
         log_evidence=NAN,
         log_evidence_se=NAN,
-        nrmse=fit_error(accelerations, signals[None]),
+        nrmse=fit_error(accelerations, signals),
         noise_sd=noise_sd,
         n_solves=0,
         n_stages=0,
@@ -188,7 +189,7 @@ def forces_result(
         identifiability=_amplification(fit, noise_sd, mass),
         checks=checks,
         assumptions=(*assumptions, *_force_words(fit)),
-        restoring_force=force_agreement(rows, truth, model.n_storeys),
+        restoring_force=force_agreement(rows["restoring_force"][0], truth),
         provenance=provenance,
     )
     storeys = list(floors)

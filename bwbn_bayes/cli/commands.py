@@ -96,7 +96,11 @@ def identify(
     sampler: Annotated[Literal["pymc", "nutpie"], typer.Option("--sampler", help="Whose NUTS.")] = "pymc",
     checkpoint: Annotated[
         Path | None,
-        typer.Option("--checkpoint", help="Where TMCMC keeps each stage, and from where it goes on if it was cut off."),
+        typer.Option("--checkpoint", help="Where what is solved is kept, without suffix; a run cut off goes on."),
+    ] = None,
+    workers: Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes that solve.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers solve.")
     ] = None,
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
@@ -122,6 +126,8 @@ def identify(
                 variant=variant,
                 sampler=sampler,
                 checkpoint=checkpoint,
+                workers=workers,
+                scheduler=scheduler,
             ),
             name=file.name,
             assumptions=file.assumptions,
@@ -193,6 +199,42 @@ def discover(
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     for made in ("improved_model.py", "report.html"):
         console.print(Text(f"{made.split('.')[0].replace('_', ' ')}: {directory / made}"), soft_wrap=True)
+
+
+@app.command()
+def batch(
+    records: Annotated[
+        str, typer.Argument(metavar="DIR|GLOB", help="Records: CSV, netCDF, MATLAB ...", show_default=False)
+    ],
+    model: Annotated[
+        Path | None, typer.Option("--model", help="Model file for all; each record's starting model by default.")
+    ] = None,
+    discover: Annotated[bool, typer.Option("--discover", help="Search for missing effects too.")] = False,
+    out: OutOption = Path("reports/batch"),
+    seed: SeedOption = 1,
+    particles: Annotated[
+        int, typer.Option("--particles", min=100, max=MOST_PARTICLES, help="Posterior draws of each record.")
+    ] = 5000,
+    workers: Annotated[int, typer.Option("--workers", min=1, max=1024, help="Records at once.")] = 1,
+) -> None:
+    """Identify many records, or search them with --discover: one table and page of all; the same command goes on."""
+    from bwbn_bayes.cli.batch import jobs_of, records_of, run_batch
+    from bwbn_bayes.cli.files import writable
+    from bwbn_bayes.structures.model_file import load_model_file
+
+    found, directory, notes = records_of(records), writable(out), Console(stderr=True)
+    if model is not None:
+        load_model_file(model)
+    options = ("--seed", str(seed), "--particles", str(particles))
+    jobs = jobs_of(found, directory, model=model, discover=discover, options=options)
+    with stopped_with(lambda: f"stopped: finished records are kept in {directory}, and the same command goes on"):
+        rows = run_batch(
+            jobs, directory, workers, lambda text: notes.print(text, markup=False, highlight=False, soft_wrap=True)
+        )
+    print(directory / "batch.html")
+    n_refused = sum(row.status == "refused" for row in rows)
+    if n_refused:
+        raise UserError(f"{n_refused} of {len(rows)} records were refused: see above")
 
 
 @app.command(name="model")
@@ -380,13 +422,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _goes_on(directory: Path, checkpoint: Path | None = None) -> str:
     """What remains of a run that is stopped."""
-    from bwbn_bayes.inference.tmcmc.checkpoint import has_stages
+    from bwbn_bayes.engines.journal import has_begun
 
     if checkpoint is None:
         return f"stopped: nothing was written to {directory}"
-    if has_stages(checkpoint):
-        return f"stopped: the stages so far are in checkpoint {checkpoint}, and the same command goes on from there"
-    return f"stopped: no stage was finished, checkpoint {checkpoint} holds nothing yet"
+    if has_begun(checkpoint):
+        return f"stopped: what was solved is in checkpoint {checkpoint}, and the same command goes on from there"
+    return f"stopped: nothing was solved, checkpoint {checkpoint} holds nothing yet"
 
 
 def _refuse(sentence: str) -> None:

@@ -152,8 +152,7 @@ def of_result(result: Result, at: Point = "mean") -> Exportable:
         raise UserError("the result does not say its masses and its excitation: identify once more with this version")
     time = np.asarray(constant["time"].values, dtype=np.float64)
     parameters, point = _parameters(result, at)
-    response = tree["response"].to_dataset()
-    histories = [np.asarray(response[name].mean("draw").values, dtype=np.float64) for name in _HISTORIES]
+    histories = _mean_histories(result)
     return Exportable(
         name=facts.model,
         origin=f"the {point}, identified from {facts.record}",
@@ -166,6 +165,15 @@ def of_result(result: Result, at: Point = "mean") -> Exportable:
         time_step=float(time[-1] - time[0]) / (len(time) - 1),
         notes=(_SENSORS_STAY,) if any(p.symbol in _SENSORS for p in facts.parameters) else (),
     )
+
+
+def _mean_histories(result: Result) -> list[Floats]:
+    """Each history's posterior mean ``(n_storeys, n_times)``, or that of a point estimate."""
+    if "response_bands" in result.tree.children:
+        response = result.tree["response_bands"].to_dataset().sel(statistic="mean")
+    else:
+        response = result.tree["response"].to_dataset().isel(draw=0)
+    return [np.asarray(response[name].values, dtype=np.float64) for name in _HISTORIES]
 
 
 def _link(number: int, parameters: Mapping[str, float], histories: Sequence[Floats] | Floats) -> Link:

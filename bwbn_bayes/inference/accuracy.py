@@ -33,7 +33,12 @@ LADDER = (
 
 def on_rung(engine: Engine, rung: Lanes) -> Engine:
     """An engine with a rung's scheme; one that is not of lanes has a tolerance of its own and stays as it is."""
-    return replace(rung, n_threads=engine.n_threads) if isinstance(engine, Lanes) else engine
+    return _of_lanes(engine, rung) if isinstance(engine, Lanes) else engine
+
+
+def _of_lanes(engine: Lanes, rung: Lanes) -> Lanes:
+    """The same engine, its threads and what it keeps, with a rung's scheme."""
+    return replace(engine, substeps=rung.substeps, resolution=rung.resolution, cut_at_turns=rung.cut_at_turns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +125,7 @@ def choose_scheme(posterior: Posterior, point: Floats, engine: Lanes) -> tuple[L
 
     Where none is, the finest is returned with the figures of the next coarser one, which bound its own.
     """
-    *ladder, finest = (replace(rung, n_threads=engine.n_threads) for rung in LADDER)
+    *ladder, finest = (_of_lanes(engine, rung) for rung in LADDER)
     judge = Judge.at(posterior, point, finest)
     for scheme in ladder:
         facts = judge(scheme)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from bwbn_bayes.engines.base import BASE_DISPLACEMENT, masses
 from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.responses import STATISTICS, Responses, Singles, batches, evenly
 from bwbn_bayes.parameters import Floats, FreeParameter
 from bwbn_bayes.records.record import Record, si_unit
-from bwbn_bayes.structures.quantities import engineering_quantities
+from bwbn_bayes.structures.quantities import engineering_quantities, time_points
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
@@ -22,6 +22,7 @@ _N_PRIOR = 2000
 _MOST_POINTWISE, _FEWEST_POINTWISE = 1000, 100
 _POINTWISE_NUMBERS = 4_000_000
 """Pointwise log likelihoods kept at most, for as many draws between these as that allows: 16 MB."""
+_STATISTICS = {"statistic": list(STATISTICS)}
 _UNITS = {
     "drift": "m",
     "drift_rate": "m/s",
@@ -31,32 +32,6 @@ _UNITS = {
     "acceleration": "m/s^2",
     BASE_DISPLACEMENT: "m",
 }
-
-
-class Responses(NamedTuple):
-    """Solved histories of some draws.
-
-    Attributes
-    ----------
-    draws : (n,) array
-        Their positions among all draws.
-    values : (n, n_parameters) array
-        Identified parameters.
-    rows : mapping of str to (n, n_storeys, n_times) array
-        Every observable by kind.
-    signals : (n, n_channels, n_times) array
-        The measured channels.
-    """
-
-    draws: NDArray[np.int64]
-    values: Floats
-    rows: Mapping[str, Floats]
-    signals: Floats
-
-
-def evenly(n: int, most: int) -> NDArray[np.int64]:
-    """At most so many positions, spread evenly over ``n``."""
-    return np.linspace(0, n - 1, min(most, n)).astype(np.int64)
 
 
 def noise_scales(posterior: Posterior, points: Floats, rng: np.random.Generator) -> Floats:
@@ -88,18 +63,18 @@ def posterior_tree(
     noise_sd : (n_draws, n_channels) array
         Noise scales of each draw.
     responses : Responses
-        Of the draws that predictions and figures are made of.
+        Of the draws that bands, predictions and quantities are made of.
     truth : mapping, optional
         The noise-free response at the true parameters.
     rng : numpy.random.Generator
-        For prior draws and noise.
+        For prior draws.
     """
     record, model, space = posterior.record, posterior.model, posterior.space
     n_own = model.space.n_dim
     values, prior = space.from_unit(points), space.from_unit(posterior.sample_prior(rng, _N_PRIOR))
     storeys = list(range(1, model.n_storeys + 1))
     draw = {"draw": responses.draws}
-    response = response_dataset(responses.rows, record.times, storeys).assign_coords(draw)
+    whole = {"draw": responses.whole}
     by_storey = storey_parameters(model, responses.values).assign_coords(draw)
     density = sum((p.prior.log_density(values[:, i]) for i, p in enumerate(space.parameters)), np.zeros(len(points)))
     lp = log_likelihood + density - model.space.log_admissible_mass
@@ -110,12 +85,20 @@ def posterior_tree(
         "log_likelihood": _pointwise(posterior, points, noise_sd),
         "observed_data": _histories(record, {name: ("time", np.array(s)) for name, s in record.channels.items()}),
         "constant_data": constant_dataset(model, record, storeys),
-        "posterior_predictive": _predictive(record, responses, noise_sd[responses.draws], rng),
-        "response": response,
+        "posterior_predictive": _predicted(record, responses.predicted[None], ("chain", "draw")).assign_coords(
+            {"chain": [0], **whole}
+        ),
+        "predictive_bands": _predicted(record, responses.predicted_bands, ("statistic",)).assign_coords(_STATISTICS),
+        "response": response_dataset(responses.histories, record.times, storeys).assign_coords(whole),
+        "response_bands": response_dataset(responses.bands, record.times, storeys, over="statistic").assign_coords(
+            _STATISTICS
+        ),
         "parameters_by_storey": by_storey,
     }
     if isinstance(model, ShearBuilding):
-        groups["quantities"] = engineering_quantities(response, by_storey, masses(model), model.law, model.heights)
+        known = xr.Dataset(responses.landmarks, coords={**draw, "storey": storeys})
+        known = known.assign_coords(time_point=record.times[time_points(record.n_times)])
+        groups["quantities"] = engineering_quantities(known, by_storey, masses(model), model.law, model.heights)
     if truth is not None:
         groups["true_response"] = response_dataset(truth, record.times, storeys).isel(draw=0, drop=True)
     return xr.DataTree.from_dict(groups)
@@ -143,27 +126,37 @@ def _histories(record: Record, variables: Mapping[str, tuple[Any, Any]]) -> xr.D
     )
 
 
-def _predictive(record: Record, responses: Responses, noise_sd: Floats, rng: np.random.Generator) -> xr.Dataset:
-    """Predictions with noise, of the same draws as the responses."""
-    signals = responses.signals
-    noisy = (signals + noise_sd[:, :, None] * rng.standard_normal(signals.shape)).astype(np.float32)
-    names = {name: (("chain", "draw", "time"), noisy[None, :, i]) for i, name in enumerate(record.channels)}
-    return _histories(record, names).assign_coords(chain=[0], draw=responses.draws)
+def _predicted(record: Record, values: Singles, dims: tuple[str, ...]) -> xr.Dataset:
+    """Channels of values ``(..., n_channels, n_times)``."""
+    return _histories(record, {name: ((*dims, "time"), values[..., i, :]) for i, name in enumerate(record.channels)})
 
 
 def _pointwise(posterior: Posterior, points: Floats, noise_sd: Floats) -> xr.Dataset:
-    """Log density of every measured sample given draw and noise scales: white noise makes them independent."""
+    """Log density of every measured sample given draw and noise scales: white noise makes them independent.
+
+    Where a record is too long for that, of every stretch of so many samples, by the time at which it begins.
+    """
     record = posterior.record
     most = _POINTWISE_NUMBERS // record.measured.size
     chosen = evenly(len(points), min(max(most, _FEWEST_POINTWISE), _MOST_POINTWISE))
+    together = max(1, -(-record.measured.size * _FEWEST_POINTWISE // _POINTWISE_NUMBERS))
+    begins = np.arange(0, record.n_times, together)
     values, _ = posterior.split(points[chosen])
     posterior.solves.add(len(chosen))
-    response = posterior.engine.simulate(posterior.model, values, record).values
-    sd = noise_sd[chosen][:, :, None]
-    density = -0.5 * np.square((record.measured - response) / sd) - np.log(sd) - 0.5 * _LOG_2PI
+    density = np.empty((len(chosen), len(record.channels), len(begins)), dtype=np.float32)
+    for rows in batches(len(chosen), record.measured.size):
+        residual = posterior.engine.simulate(posterior.model, values[rows], record).values
+        residual -= record.measured
+        sd = noise_sd[chosen[rows]][:, :, None]
+        residual /= sd
+        np.square(residual, out=residual)
+        residual *= -0.5
+        residual -= np.log(sd) + 0.5 * _LOG_2PI
+        density[rows] = np.add.reduceat(residual, begins, axis=2)
+        del residual  # before the next is made
     return xr.Dataset(
-        {"measured": (("chain", "draw", "channel", "time"), density[None].astype(np.float32))},
-        coords={"chain": [0], "draw": chosen, "channel": list(record.channels), "time": record.times},
+        {"measured": (("chain", "draw", "channel", "time"), density[None])},
+        coords={"chain": [0], "draw": chosen, "channel": list(record.channels), "time": record.times[begins]},
     )
 
 
@@ -176,12 +169,14 @@ def storey_parameters(model: Structure, values: Floats) -> xr.Dataset:
     )
 
 
-def response_dataset(rows: Mapping[str, Floats], times: Floats, storeys: list[int]) -> xr.Dataset:
+def response_dataset(
+    rows: Mapping[str, Floats] | Mapping[str, Singles], times: Floats, storeys: list[int], *, over: str = "draw"
+) -> xr.Dataset:
     """Histories ``(n_draws, n_storeys, n_times)`` by kind, with the names of storeys, floors and times."""
     place = {kind: {"acceleration": "floor", BASE_DISPLACEMENT: "base"}.get(kind, "storey") for kind in rows}
     return xr.Dataset(
         {
-            kind: (("draw", place[kind], "time"), values.astype(np.float32), {"units": _UNITS[kind]})
+            kind: ((over, place[kind], "time"), values.astype(np.float32, copy=False), {"units": _UNITS[kind]})
             for kind, values in rows.items()
         },
         coords={"storey": storeys, "floor": storeys, "time": ("time", times, {"units": "s"})},

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -43,7 +42,6 @@ def bridge(
     rng_seed: int,
     variant: Literal["default", "plain"] = "default",
     progress: Callable[[StageFacts], None] | None = None,
-    checkpoint: Path | None = None,
 ) -> TmcmcResult:
     """Sample a posterior whose optima are known.
 
@@ -58,12 +56,10 @@ def bridge(
         Its optima, best first.
     nested : NestedLaplace, optional
         The sheet, where it is known already.
-    n_particles, rng_seed, variant, progress, checkpoint
+    n_particles, rng_seed, variant, progress
         As for :func:`~bwbn_bayes.inference.tmcmc.sampler.sample`.
     """
-    run = partial(
-        sample, n_particles=n_particles, rng_seed=rng_seed, variant=variant, progress=progress, checkpoint=checkpoint
-    )
+    run = partial(sample, n_particles=n_particles, rng_seed=rng_seed, variant=variant, progress=progress)
     kept = contributing(modes)
     # Beside a wide coordinate and the one that is drawn first with it, something must be left to bend.
     if posterior.n_dim > _FEWEST:

@@ -16,6 +16,8 @@ import numpy as np
 
 from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.base import require_parameters, require_usable
+from bwbn_bayes.engines.executors import spread
+from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import require_installed
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
@@ -29,7 +31,6 @@ from bwbn_bayes.inference.residuals import residual_checks
 from bwbn_bayes.inference.scale_of_z import Section, section_of
 from bwbn_bayes.inference.settings import METHODS, Settings
 from bwbn_bayes.inference.summary import Draws, build_result
-from bwbn_bayes.inference.tmcmc.checkpoint import require_place
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, fewest_particles, require_particles, sample
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
@@ -97,18 +98,17 @@ def identify(
     if noise is not None:
         require_noise(noise, record)
     _require_road(settings, model.space.n_dim)
-    began = time.perf_counter()
-    history = History(listener, began, [])
-    posterior = Posterior(
-        model=model,
-        record=record,
-        engine=on_rung(engine_by_name(settings.engine), LADDER[0]),
-        noise=noise or default_noise(record),
-    )
+    history = History(listener, time.perf_counter(), [])
     streams = _streams(settings.seed)
-    posterior, modes, discretisation, checks = _fit(posterior, streams[:N_ATTEMPTS], history)
-    fitted = _Fitted(posterior, modes, discretisation, checks)
-    return _sampled(fitted, settings, np.random.default_rng(streams[-1]), history, name, assumptions)
+    with (
+        spread(engine_by_name(settings.engine), settings.workers, settings.scheduler) as solving,
+        kept(solving, settings.checkpoint) as engine,
+    ):
+        posterior = Posterior(
+            model=model, record=record, engine=on_rung(engine, LADDER[0]), noise=noise or default_noise(record)
+        )
+        fitted = _Fitted(*_fit(posterior, streams[:N_ATTEMPTS], history))
+        return _sampled(fitted, settings, np.random.default_rng(streams[-1]), history, name, assumptions)
 
 
 def identify_from(
@@ -149,8 +149,6 @@ def _require_road(settings: Settings, n_dim: int) -> None:
     if settings.method in ("smc", "nuts"):
         nutpie = settings.method == "nuts" and settings.sampler == "nutpie"
         require_installed("nuts" if nutpie else "pymc", "sampler nutpie" if nutpie else f"method {settings.method}")
-    if settings.checkpoint is not None:
-        require_place(settings.checkpoint)
 
 
 def _streams(seed: int) -> list[np.random.SeedSequence]:
@@ -259,7 +257,6 @@ def _by_bridge(
         rng_seed=settings.seed,
         variant=settings.variant,
         progress=lambda facts: history.tell_stage("bridge", facts),
-        checkpoint=settings.checkpoint,
     )
     return _Sampled(Draws.of_cloud(cloud), {"tmcmc (bridge)": (cloud.log_evidence, cloud.log_evidence_se)}, ())
 

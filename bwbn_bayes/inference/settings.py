@@ -14,7 +14,7 @@ METHODS: tuple[Method, ...] = ("importance", "tmcmc", "smc", "nuts")
 """Roads to a posterior; :mod:`bwbn_bayes.baselines.methods` adds ``ga`` and ``ipv``, which give none."""
 
 _CHOICES = {"method": get_args(Method), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
-_LEAST = {"seed": 0, "particles": 1}
+_LEAST = {"seed": 0, "particles": 1, "workers": 1}
 MOST_PARTICLES = 10_000_000
 """Beyond that memory ends before patience does."""
 
@@ -41,7 +41,12 @@ class Settings:
     sampler : {"pymc", "nutpie"}
         Whose NUTS.
     checkpoint : Path, optional
-        Name (without suffix) under which TMCMC keeps each stage and from which it goes on where a run was cut off.
+        Name (without suffix) under which is kept what was solved, and from which a run that was cut off goes on to the
+        same result, bit for bit but for its times.
+    workers : int
+        Processes that solve; with one, the threads of this process do.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers solve instead.
     """
 
     method: Method = "importance"
@@ -52,6 +57,8 @@ class Settings:
     fallback: bool = True
     sampler: Literal["pymc", "nutpie"] = "pymc"
     checkpoint: Path | None = None
+    workers: int = 1
+    scheduler: str | None = None
 
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():

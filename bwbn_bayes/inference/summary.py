@@ -15,11 +15,12 @@ import numpy as np
 
 from bwbn_bayes.engines.base import BASE_DISPLACEMENT, OBSERVED_KINDS, Engine, channel_map
 from bwbn_bayes.inference.accuracy import Discretisation
-from bwbn_bayes.inference.arrays import Responses, evenly, noise_scales, posterior_tree
+from bwbn_bayes.inference.arrays import noise_scales, posterior_tree
 from bwbn_bayes.inference.identifiability import describe, flag
 from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.responses import N_DRAWS, Singles, evenly, summarised
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
@@ -34,9 +35,6 @@ from bwbn_bayes.results import (
 from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
-
-N_RESPONSES = 100
-"""Draws whose responses are kept for figures and quantities."""
 
 _NEAR_A_BOUND = 0.01
 """Share of an interval's width within which its outermost draw lies at a bound."""
@@ -116,13 +114,11 @@ def build_result(
     """Assemble arrays and facts of a finished run."""
     record, model = posterior.record, posterior.model
     parameters = _parameter_facts(posterior, draws)
-    chosen = evenly(len(draws.points), N_RESPONSES)
+    chosen = evenly(len(draws.points), N_DRAWS)
     values = posterior.split(draws.points[chosen])[0]
-    rows = observe(posterior.engine, model, values, record)
-    signals = predicted_channels(model, record, rows)
     truth = true_histories(model, record)
     noise_sd = noise_scales(posterior, draws.points, rng)
-    responses = Responses(draws=chosen, values=values, rows=rows, signals=signals)
+    responses = summarised(posterior.engine, model, record, chosen, values, noise_sd[chosen], rng)
     tree = posterior_tree(posterior, draws.points, draws.log_likelihood, noise_sd, responses, truth, rng)
     none = (math.nan, math.nan)
     log_evidence, log_evidence_se = evidences.get("tmcmc (bridge)" if method == "tmcmc" else method, none)
@@ -135,7 +131,7 @@ def build_result(
         parameters=parameters,
         log_evidence=log_evidence,
         log_evidence_se=log_evidence_se,
-        nrmse=fit_error(record, signals),
+        nrmse=fit_error(record, responses.signals),
         noise_sd=dict(zip(record.channels, np.mean(noise_sd, axis=0).tolist(), strict=True)),
         n_solves=posterior.solves.total,
         n_stages=len(stages),
@@ -149,7 +145,7 @@ def build_result(
         equations=tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model)),
         assumptions=(*assumptions, *model.warnings, posterior.noise.describe(), *conventions(model)),
         discretisation=discretisation.as_mapping() if discretisation else {"scheme": posterior.engine.scheme},
-        restoring_force=force_agreement(rows, truth, model.n_storeys),
+        restoring_force=force_agreement(responses.bands["restoring_force"][0], truth),
         evidences=evidences,
         provenance=provenance_of(record, seed, posterior.engine),
     )
@@ -225,23 +221,19 @@ def densest_interval(draws: Floats, support: tuple[float, float], prob: float = 
 
 
 def fit_error(record: Record, signals: Floats) -> dict[str, float]:
-    """Rms of measured minus mean predicted channels ``(n_draws, n_channels, n_times)`` over the measured rms."""
-    mean = np.mean(signals, axis=0)
+    """Rms of measured minus mean predicted channels ``(n_channels, n_times)`` over the measured rms."""
     return {
-        name: float(np.sqrt(np.mean(np.square(signal - mean[i])) / np.mean(np.square(signal))))
+        name: float(np.sqrt(np.mean(np.square(signal - signals[i])) / np.mean(np.square(signal))))
         for i, (name, signal) in enumerate(record.channels.items())
     }
 
 
-def force_agreement(
-    rows: Mapping[str, Floats], truth: Mapping[str, Floats] | None, n_storeys: int
-) -> dict[str, dict[str, float]]:
-    """Posterior mean restoring force against the noise-free truth, in time and along the drift path."""
+def force_agreement(found: Floats | Singles, truth: Mapping[str, Floats] | None) -> dict[str, dict[str, float]]:
+    """Mean restoring force ``(n_storeys, n_times)`` against the noise-free truth, in time and along the drift path."""
     if truth is None:
         return {}
-    found = np.mean(rows["restoring_force"], axis=0)
     result = {}
-    for i in range(n_storeys):
+    for i in range(len(found)):
         true, drift = truth["restoring_force"][0, i], truth["drift"][0, i]
         result[str(i + 1)] = {
             "nrmse": float(np.sqrt(np.mean(np.square(found[i] - true)) / np.mean(np.square(true)))),

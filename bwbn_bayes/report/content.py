@@ -16,6 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.where import SPECIMEN
+from bwbn_bayes.inference.responses import STATISTICS, evenly
 from bwbn_bayes.results import Facts, ParameterFacts, Result
 
 Floats = NDArray[np.float64]
@@ -26,6 +27,8 @@ MAX_PANELS = 6
 MAX_POINTS = 3000
 """Most points of a drawn history; extremes are kept."""
 MAX_LOOP_DRAWS = 25
+MAX_LOOP_POINTS = 20_000
+"""Most samples of drawn loops; of a longer record the strongest part is drawn."""
 MAX_PAIRS = 4
 ZOOM_S = 5.0
 """Length of the enlarged part: the strongest 5 s."""
@@ -90,6 +93,8 @@ class StoreyLoop:
     measured_force: Floats | None
     true_drift: Floats | None
     true_force: Floats | None
+    part: tuple[float, float] | None = None
+    """Beginning and end [s] of what is shown, where it is not the whole record."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,27 +244,43 @@ def _band(draws: Floats) -> Band:
     return Band(lower=lower, middle=np.mean(draws, axis=0), upper=upper)
 
 
-def _traces(tree: xr.DataTree, facts: Facts) -> tuple[ChannelTrace, ...]:
-    observed, predictive = _group(tree, "observed_data"), _group(tree, "posterior_predictive")
-    if "prediction" in tree.children:  # a point estimate: one history, a band of no width
-        predictive = _group(tree, "prediction").expand_dims(chain=1, draw=1)
+def _stated(bands: xr.DataArray) -> Band:
+    """The band of a history ``(statistic, time)``; one of no width where it has no statistics."""
+    if "statistic" not in bands.dims:
+        bands = bands.expand_dims(statistic=list(STATISTICS))
+    middle, lower, upper = (np.asarray(bands.sel(statistic=one).values, dtype=np.float64) for one in STATISTICS)
+    return Band(lower=lower, middle=middle, upper=upper)
+
+
+def _responses(tree: xr.DataTree) -> xr.Dataset:
+    """Noise-free histories as statistics, or those of a point estimate."""
+    if "response_bands" in tree.children:
+        return _group(tree, "response_bands")
     response = _group(tree, "response")
-    names = [str(name) for name in observed if name in predictive]
+    return response.isel(draw=0, drop=True) if "draw" in response.dims else response
+
+
+def _traces(tree: xr.DataTree, facts: Facts) -> tuple[ChannelTrace, ...]:
+    observed, predicted = _group(tree, "observed_data"), _group(tree, "predictive_bands")
+    if "prediction" in tree.children:  # a point estimate: one history, a band of no width
+        predicted = _group(tree, "prediction")
+    response = _responses(tree)
+    names = [str(name) for name in observed if name in predicted]
     chosen = [names[i - 1] for i in shown(range(1, len(names) + 1))]
-    return tuple(_trace(name, observed, predictive[name], response, facts) for name in chosen)
+    return tuple(_trace(name, observed, predicted[name], response, facts) for name in chosen)
 
 
 def _trace(
-    name: str, observed: xr.Dataset, predictive: xr.DataArray, response: xr.Dataset, facts: Facts
+    name: str, observed: xr.Dataset, predicted: xr.DataArray, response: xr.Dataset, facts: Facts
 ) -> ChannelTrace:
     match = re.fullmatch(r"(.+?)_(\d+)", name)
     kind, place = (match.group(1), int(match.group(2))) if match else (name, 0)
     quantity, unit, where = _QUANTITIES.get(kind, (kind.replace("_", " "), "", ""))
-    noisy = _band(np.asarray(predictive.stack(sample=("chain", "draw")).transpose("sample", "time").values))
+    noisy = _stated(predicted)
     middle = noisy.middle
     dim = {"acceleration": "floor", "drift": "storey"}.get(kind)
     if dim is not None and kind in response:
-        middle = _at(response[kind], dim, place).mean("draw").values
+        middle = _stated(_at(response[kind], dim, place)).middle
     return ChannelTrace(
         channel=name,
         title=f"{where} {place}".strip() if match else SPECIMEN.capitalize(),
@@ -274,30 +295,40 @@ def _trace(
 
 
 def _loops(tree: xr.DataTree) -> tuple[StoreyLoop, ...]:
-    response, true = _group(tree, "response"), _group(tree, "true_response")
+    response, whole, true = _responses(tree), _group(tree, "response"), _group(tree, "true_response")
     if "restoring_force" not in response:
         return ()
+    stretch = _loop_stretch(response)
+    response, whole, true = (some.isel(time=stretch) if some else some for some in (response, whole, true))
+    if "draw" in whole.dims:
+        whole = whole.isel(draw=evenly(whole.sizes["draw"], MAX_LOOP_DRAWS))
     measured = _group(tree, "constant_data").get("measured_storey_force")
-    loops = []
-    for storey in shown(_labels(response["drift"], "storey")):
-        drift, force = (
-            _at(response[name], "storey", storey).transpose("draw", "time").values
-            for name in ("drift", "restoring_force")
+    measured = None if measured is None else measured.isel(time=stretch)
+    return tuple(
+        StoreyLoop(
+            place=place_in_words(storey, specimen=_is_specimen(tree)),
+            drift=_stated(_at(response["drift"], "storey", storey)).middle,
+            force=_stated(_at(response["restoring_force"], "storey", storey)).middle,
+            drift_draws=_at(whole["drift"], "storey", storey).transpose("draw", "time").values,
+            force_draws=_at(whole["restoring_force"], "storey", storey).transpose("draw", "time").values,
+            measured_force=_history(measured, storey),
+            true_drift=_history(true.get("drift"), storey),
+            true_force=_history(true.get("restoring_force"), storey),
+            part=None if stretch == slice(None) else (float(response["time"][0]), float(response["time"][-1])),
         )
-        chosen = np.linspace(0, len(drift) - 1, min(MAX_LOOP_DRAWS, len(drift))).astype(int)
-        loops.append(
-            StoreyLoop(
-                place=place_in_words(storey, specimen=_is_specimen(tree)),
-                drift=drift.mean(axis=0),
-                force=force.mean(axis=0),
-                drift_draws=drift[chosen],
-                force_draws=force[chosen],
-                measured_force=_history(measured, storey),
-                true_drift=_history(true.get("drift"), storey),
-                true_force=_history(true.get("restoring_force"), storey),
-            )
-        )
-    return tuple(loops)
+        for storey in shown(_labels(response["drift"], "storey"))
+    )
+
+
+def _loop_stretch(response: xr.Dataset) -> slice:
+    """The part of a record whose loops are drawn: all of it, or of a long one the strongest."""
+    time = np.asarray(response["time"].values, dtype=np.float64)
+    if len(time) <= MAX_LOOP_POINTS:
+        return slice(None)
+    drifts = [_stated(_at(response["drift"], "storey", one)).middle for one in _labels(response["drift"], "storey")]
+    start, _ = strongest_window(time, drifts, float(time[MAX_LOOP_POINTS] - time[0]))
+    first = int(np.searchsorted(time, start))
+    return slice(first, first + MAX_LOOP_POINTS)
 
 
 def _is_specimen(tree: xr.DataTree) -> bool:
@@ -317,15 +348,15 @@ def _history(array: xr.DataArray | None, storey: int) -> Floats | None:
 
 
 def _histories(tree: xr.DataTree) -> tuple[StoreyHistory, ...]:
-    response, true = _group(tree, "response"), _group(tree, "true_response")
+    response, true = _responses(tree), _group(tree, "true_response")
     if "drift" not in response or "hysteretic_energy" not in response:
         return ()
     return tuple(
         StoreyHistory(
             place=place_in_words(storey, specimen=_is_specimen(tree)),
             time=np.asarray(response["time"].values, dtype=np.float64),
-            drift=_band(_at(response["drift"], "storey", storey).transpose("draw", "time").values),
-            energy=_band(_at(response["hysteretic_energy"], "storey", storey).transpose("draw", "time").values),
+            drift=_stated(_at(response["drift"], "storey", storey)),
+            energy=_stated(_at(response["hysteretic_energy"], "storey", storey)),
             true_drift=_history(true.get("drift"), storey),
         )
         for storey in shown(_labels(response["drift"], "storey"))

@@ -160,12 +160,15 @@ def _hysteresis(loops: tuple[StoreyLoop, ...], *, specimen: bool, with_bands: bo
     legend(figure, axes[0], axes[-1] if len(axes) > len(loops) else None)
     by = "" if specimen else " by the floors above (masses times accelerations)"
     measured = f"Grey: the force measured{by}. "
+    part = loops[0].part
+    shown = "" if part is None else f" Only the strongest part is drawn, from {part[0]:.4g} to {part[1]:.4g} s."
     return finished(
         figure,
         "hysteresis.png",
         (measured if loops[0].measured_force is not None else "")
         + ("Blue: the posterior mean, over the loops of single draws. " if with_bands else "Blue: identified. ")
-        + "Measured forces stand against the identified drift.",
+        + "Measured forces stand against the identified drift."
+        + shown,
         ("Force" if specimen else "Storey force") + f" against drift: {', '.join(loop.place for loop in loops)}.",
     )
 

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from bwbn_bayes.engines.base import masses
 from bwbn_bayes.engines.lanes import Lanes, usable_processors
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.inference.likelihood import KnownNoise
-from bwbn_bayes.inference.settings import Settings
+from bwbn_bayes.inference.settings import Method, Settings
 from bwbn_bayes.inference.summary import path_correlation, processor_name
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.noise import add_noise
@@ -32,6 +33,8 @@ _CLEAN_CHANNELS = (*_ACCELERATIONS, *(f"drift_{i}" for i in STOREYS), *(f"force_
 _FINE = Lanes(substeps=4, resolution=0.06)
 _N_PREDICTED = 100
 _REDUNDANT = 0.9
+
+_METHODS: Mapping[str, Method] = {"IPV": "ipv", "GA": "ga", "TMCMC": "tmcmc"}
 
 Numbers = Mapping[str, float]
 
@@ -108,7 +111,13 @@ class Histories:
 
 
 def run_case(
-    case: Case, options: Options, seed: int, *, predicts: bool, say: Callable[[str], None] | None = None
+    case: Case,
+    options: Options,
+    seed: int,
+    *,
+    predicts: bool,
+    say: Callable[[str], None] | None = None,
+    checkpoint: Path | None = None,
 ) -> tuple[Outcome, Histories]:
     """Identify a case's building and compare with what is true and with what is printed.
 
@@ -122,21 +131,23 @@ def run_case(
         Whether to predict the response under the other excitation too.
     say : callable, optional
         Told what is being done.
+    checkpoint : Path, optional
+        Where what is solved is kept meanwhile.
     """
     clean = clean_record(building(case, options, identified=False), case.excitation, options)
     record = add_noise(clean.select(_ACCELERATIONS), case.snr_db, np.random.default_rng(seed))
     model = building(case, options, identified=True)
-    method = {"IPV": "ipv", "GA": "ga", "TMCMC": "tmcmc"}[case.method]
+    method = _METHODS[case.method]
     result = identify(
         model,
         record,
-        settings=Settings(method=method, seed=seed, particles=options.particles),  # type: ignore[arg-type]
+        settings=Settings(method=method, seed=seed, particles=options.particles, checkpoint=checkpoint),
         noise=_floor(record, options) if case.snr_db is None else None,
         genetic=options.genetic,
         name=case.key,
         listener=None if say is None else lambda text, _facts: say(text),
     )
-    found = np.mean(_group(result, "response")["restoring_force"].transpose("draw", "storey", "time").values, axis=0)
+    found = _mean_force(result)
     parameters = _parameters(case, result.facts, model, record, options)
     outcome = Outcome(
         case=case,
@@ -153,6 +164,15 @@ def run_case(
     )
     drift, true = (np.stack([clean.channels[f"{kind}_{i}"] for i in STOREYS]) for kind in ("drift", "force"))
     return outcome, Histories(drift=drift, true=true, identified=found)
+
+
+def _mean_force(result: Result) -> Floats:
+    """Identified restoring force ``(n_storeys, n_times)``: the posterior's mean, or that of a point estimate."""
+    if "response_bands" in result.tree.children:
+        force = _group(result, "response_bands")["restoring_force"].sel(statistic="mean")
+    else:
+        force = _group(result, "response")["restoring_force"].isel(draw=0)
+    return np.asarray(force.transpose("storey", "time").values, dtype=np.float64)
 
 
 @cache

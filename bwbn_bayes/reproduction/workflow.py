@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bwbn_bayes.engines.journal import forget
 from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, writing
 from bwbn_bayes.reproduction.cases import Case, MethodName, cases_of
 from bwbn_bayes.reproduction.comparison import comparison, write_csv
@@ -85,7 +86,7 @@ def reproduce(
             if not path.exists():
                 if say is not None:
                     say(f"case {i + 1} of {len(wanted)}: {case.key}, seed {job.seed}")
-                _finish(path, *run_case(case, job.options, job.seed, predicts=job.predicts))
+                _run(job, path)
                 n_run += 1
             outcomes.append(_read(path))
     rows = comparison(tables, outcomes)
@@ -133,6 +134,13 @@ def fingerprint(options: Options, method: MethodName, *, predicts: bool) -> str:
     plain: dict[str, object] = {name: value for name, value in asdict(options).items() if name not in aside}
     plain |= {"predicts": predicts, "version": version("bwbn-bayes")}
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _run(job: _Job, path: Path) -> None:
+    """Run a case; what it has solved is kept beside it until it is finished."""
+    meanwhile = path.with_suffix("")
+    _finish(path, *run_case(job.case, job.options, job.seed, predicts=job.predicts, checkpoint=meanwhile))
+    forget(meanwhile)
 
 
 def _finish(path: Path, outcome: Outcome, histories: Histories) -> None:

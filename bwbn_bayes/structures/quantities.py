@@ -17,6 +17,9 @@ from bwbn_bayes.elements.law import TIME, StoreyLaw
 
 Floats = NDArray[np.float64]
 
+Landmark = tuple[tuple[str, ...], Floats | NDArray[np.float32]]
+"""A variable of a Dataset: dimensions and values."""
+
 RESIDUAL_SHARE = 0.05
 """Share of the record, at its end, over which the residual drift is averaged."""
 N_TIME_POINTS = 48
@@ -156,8 +159,51 @@ def modes(stiffness: Floats, damping: Floats, masses: Floats) -> tuple[Floats, F
     return 2.0 * np.pi / omega, modal_damping / (2.0 * omega)
 
 
+def landmarks(kind: str, history: Floats | NDArray[np.float32], times: Floats) -> dict[str, Landmark]:
+    """What :func:`engineering_quantities` reads from one kind of history, so that the history need not be kept.
+
+    Parameters
+    ----------
+    kind : str
+        ``drift`` [m], ``hysteretic_displacement`` [m] or ``hysteretic_energy`` [J]; of others nothing is read.
+    history : (n_draws, n_storeys, n_times) array
+    times : (n_times,) array
+        [s]
+
+    Returns
+    -------
+    dict
+        Variables of a Dataset by name: their dimensions and values.
+    """
+    storeys = ("draw", "storey")
+    if kind == "drift":
+        n_tail = max(1, round(RESIDUAL_SHARE * len(times)))
+        return {
+            "peak_drift": (storeys, np.max(np.abs(history), axis=2)),
+            "residual_drift": (storeys, np.asarray(np.mean(history[..., -n_tail:], axis=2), dtype=history.dtype)),
+        }
+    if kind == "hysteretic_energy":
+        return {kind: ((*storeys, "time_point"), history[..., time_points(len(times))])}
+    return {kind: (storeys, history[..., -1])} if kind == "hysteretic_displacement" else {}
+
+
+def time_points(n_times: int) -> NDArray[np.int64]:
+    """Samples at which the period is reported, the first and the last among them."""
+    return np.unique(np.linspace(0, n_times - 1, min(N_TIME_POINTS, n_times)).round().astype(np.int64))
+
+
+def landmarks_of(response: xr.Dataset) -> xr.Dataset:
+    """The landmarks of whole histories ``(draw, storey, time)``."""
+    times = np.asarray(response["time"].values)
+    variables: dict[str, Landmark] = {}
+    for kind in ("drift", "hysteretic_displacement", "hysteretic_energy"):
+        variables |= landmarks(kind, response[kind].transpose("draw", "storey", "time").values, times)
+    coords = {name: response[name] for name in ("draw", "storey") if name in response.coords}
+    return xr.Dataset(variables, coords={**coords, "time_point": times[time_points(len(times))]})
+
+
 def engineering_quantities(
-    response: xr.Dataset,
+    landmarks: xr.Dataset,
     storey_parameters: xr.Dataset,
     masses: Sequence[float] | Floats,
     law: StoreyLaw,
@@ -167,9 +213,10 @@ def engineering_quantities(
 
     Parameters
     ----------
-    response : Dataset
-        ``drift`` [m], ``hysteretic_displacement`` [m], ``hysteretic_energy`` [J], each (draw, storey, time), with the
-        coordinate ``time`` [s].
+    landmarks : Dataset
+        ``peak_drift, residual_drift`` [m] and ``hysteretic_displacement`` [m] at the end, each (draw, storey), and
+        ``hysteretic_energy`` [J], (draw, storey, time_point), with the coordinate ``time_point`` [s]: what
+        :func:`landmarks_of` reads from histories.
     storey_parameters : Dataset (draw, storey)
         Every parameter of the storey law by symbol; effects that are absent cost nothing.
     masses : (n_storeys,) array
@@ -190,29 +237,25 @@ def engineering_quantities(
         ``modal_period`` [s] and ``modal_damping_ratio`` at the start, each (draw, mode);
         ``period`` [s], the first period against time, (draw, time_point) with the coordinate ``time``.
     """
-    order = ("draw", "storey", "time")
-    drift, energy = response["drift"].transpose(*order), response["hysteretic_energy"].transpose(*order)
-    peak = abs(drift).max("time")
-    energy_at_end = energy.isel(time=-1, drop=True)
-    n_tail = max(1, round(RESIDUAL_SHARE * drift.sizes["time"]))
+    energy = landmarks["hysteretic_energy"].transpose("draw", "storey", "time_point")
+    at_the_end = landmarks[["hysteretic_displacement"]].assign(hysteretic_energy=energy.isel(time_point=-1, drop=True))
     at_start = parameters_at(law, storey_parameters, 0.0)
-    at_end = parameters_at(law, storey_parameters, float(response["time"][-1]))
-    nu = _degradation_factor("nu", at_end, energy_at_end)
-    storey_quantities = {
-        "peak_drift": peak,
-        "residual_drift": drift.isel(time=slice(-n_tail, None)).mean("time"),
-        "ductility": peak / yield_drift(at_start),
-        "stiffness_lost": 1.0 - 1.0 / _degradation_factor("eta", at_end, energy_at_end),
-        "strength_lost": 1.0 - nu ** (-1.0 / at_end["n"]),
-        "dissipated_energy": dissipated_energy(response.isel(time=-1), at_end),
-    }
-    if heights is not None:
-        storey_quantities["peak_drift_ratio"] = peak / xr.DataArray(
-            np.asarray(heights, dtype=np.float64), dims="storey"
-        )
+    at_end = parameters_at(law, storey_parameters, float(landmarks["time_point"][-1]))
+    nu = _degradation_factor("nu", at_end, at_the_end["hysteretic_energy"])
+    eta = _degradation_factor("eta", at_end, at_the_end["hysteretic_energy"])
     dataset = xr.Dataset(
-        {name: values.drop_vars("time", errors="ignore") for name, values in storey_quantities.items()}
-    )
+        {
+            "peak_drift": landmarks["peak_drift"],
+            "residual_drift": landmarks["residual_drift"],
+            "ductility": landmarks["peak_drift"] / yield_drift(at_start),
+            "stiffness_lost": 1.0 - 1.0 / eta,
+            "strength_lost": 1.0 - nu ** (-1.0 / at_end["n"]),
+            "dissipated_energy": dissipated_energy(at_the_end, at_end),
+        }
+    ).drop_vars("time_point", errors="ignore")
+    if heights is not None:
+        tall = xr.DataArray(np.asarray(heights, dtype=np.float64), dims="storey")
+        dataset = dataset.assign(peak_drift_ratio=dataset["peak_drift"] / tall)
     return dataset.merge(_modal_quantities(energy, storey_parameters, np.asarray(masses, dtype=np.float64), law))
 
 
@@ -254,11 +297,8 @@ def _initial_rate(parameters: xr.Dataset) -> xr.DataArray:
 
 
 def _modal_quantities(energy: xr.DataArray, given: xr.Dataset, masses: Floats, law: StoreyLaw) -> xr.Dataset:
-    n_times = energy.sizes["time"]
-    chosen = np.unique(np.linspace(0, n_times - 1, min(N_TIME_POINTS, n_times)).round().astype(int))
-    sampled = energy.isel(time=chosen).rename(time="time_point")
-    time = sampled["time_point"]
-    stiffness = tangent_stiffness(parameters_at(law, given, time), sampled).transpose("draw", "time_point", "storey")
+    time = energy["time_point"]
+    stiffness = tangent_stiffness(parameters_at(law, given, time), energy).transpose("draw", "time_point", "storey")
     parameters = parameters_at(law, given, float(time[0]))
     if "e_m" in parameters:
         masses = masses * (1.0 + parameters["e_m"].transpose("draw", "storey").values)

@@ -17,7 +17,7 @@ from bwbn_bayes.results import (
     Result,
     StageFacts,
 )
-from bwbn_bayes.structures.quantities import engineering_quantities
+from bwbn_bayes.structures.quantities import engineering_quantities, landmarks_of
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
 PLAIN = ShearBuilding(masses=[1.0], storey=BoucWen(k=1.0, c=0.0, alpha=0.1, beta=1.0, gamma=1.0, n=1.0))
@@ -157,6 +157,13 @@ def build_facts(draws, nrmse, noise, truth, stages, n_storeys):
     )  # fmt: skip
 
 
+STATISTICS = ["mean", "lower", "upper"]
+
+
+def statistics(draws):
+    return np.stack([draws.mean(axis=0), *np.percentile(draws, [5, 95], axis=0)])
+
+
 def build_result(
     *, n_storeys=3, n_time=400, dt=0.05, n_draws=200, n_chains=1, truth=True, forces=True, stages=True, quantities=True
 ):
@@ -196,13 +203,20 @@ def build_result(
             {name: (("chain", "draw", "time"), predictive[None, :, i]) for i, name in enumerate(channels)},
             coords={"time": time},
         ),
+        "predictive_bands": xr.Dataset(
+            {name: (("statistic", "time"), statistics(predictive[:, i])) for i, name in enumerate(channels)},
+            coords={"time": time, "statistic": STATISTICS},
+        ),
         "response": response,
+        "response_bands": response_dataset(
+            {name: statistics(values) for name, values in response_values.items()}, time, ("statistic",)
+        ).assign_coords(statistic=STATISTICS),
         "parameters_by_storey": storeys,
     }
     if truth:
         groups["true_response"] = response_dataset(true_values, time, ())
     if quantities:
-        groups["quantities"] = engineering_quantities(response, storeys, masses, PLAIN.law)
+        groups["quantities"] = engineering_quantities(landmarks_of(response), storeys, masses, PLAIN.law)
     residual = np.sqrt(np.mean((measured - response_values["acceleration"].mean(0)) ** 2, axis=1))
     nrmse = {name: float(residual[i] / np.sqrt(np.mean(measured[i] ** 2))) for i, name in enumerate(channels)}
     noise = {name: float(noise_sd[i]) for i, name in enumerate(channels)}

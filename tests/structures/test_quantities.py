@@ -12,6 +12,7 @@ from bwbn_bayes.elements.law import Slots, StoreyLaw
 from bwbn_bayes.structures.quantities import (
     dissipated_energy,
     engineering_quantities,
+    landmarks_of,
     modes,
     parameters_at,
     storey_matrix,
@@ -116,7 +117,7 @@ def test_a_ramp_and_an_offset_are_seen_everywhere():
     times = xr.DataArray([0.0, 3.0, 4.0, 5.0, 9.0], dims="time_point")
     at = parameters_at(law, given, times)
     np.testing.assert_allclose(at["k"].isel(draw=0, storey=0), [40.0, 40.0, 30.0, 20.0, 20.0])
-    found = engineering_quantities(ramp_response(end_energy=0.0), given, [1.0, 1.0], law)
+    found = engineering_quantities(landmarks_of(ramp_response(end_energy=0.0)), given, [1.0, 1.0], law)
     for column, k in ((0, 40.0), (-1, 20.0)):
         periods, _ = modes(np.array([k, k]), np.zeros(2), np.ones(2))
         np.testing.assert_allclose(found["period"].isel(time_point=column), periods[0])
@@ -144,7 +145,7 @@ def carriers(effect):
 
 
 def test_drift_ratios_need_storey_heights():
-    given = [ramp_response(), parameters(), [1.0, 1.0], PLAIN.law]
+    given = [landmarks_of(ramp_response()), parameters(), [1.0, 1.0], PLAIN.law]
     found = engineering_quantities(*given, heights=[3.0, 4.0])
     np.testing.assert_allclose(found["peak_drift_ratio"], np.broadcast_to([0.4 * 4.95 / 3.0, 0.4 * 4.95 / 4.0], (3, 2)))
     assert found["peak_drift_ratio"].dims == ("draw", "storey")
@@ -152,7 +153,9 @@ def test_drift_ratios_need_storey_heights():
 
 
 def test_losses_drifts_and_ductility_from_known_histories():
-    found = engineering_quantities(ramp_response(), parameters(delta_nu=1.5, delta_eta=0.5), [1.0, 1.0], PLAIN.law)
+    found = engineering_quantities(
+        landmarks_of(ramp_response()), parameters(delta_nu=1.5, delta_eta=0.5), [1.0, 1.0], PLAIN.law
+    )
     dims = ("draw", "storey")
     for name in ("peak_drift", "residual_drift", "ductility", "stiffness_lost", "strength_lost", "dissipated_energy"):
         assert found[name].dims == dims, name
@@ -167,13 +170,13 @@ def test_losses_drifts_and_ductility_from_known_histories():
 def test_a_loss_that_saturates_is_lost_all_the_same():
     """The quantities knew ``delta_eta`` and ``delta_nu`` alone: of the saturating forms they said that nothing was."""
     given = parameters(eta_inf=0.6, p_eta=0.4, nu_inf=1.5, p_nu=0.7)
-    found = engineering_quantities(ramp_response(), given, [1.0, 1.0], PLAIN.law)
+    found = engineering_quantities(landmarks_of(ramp_response()), given, [1.0, 1.0], PLAIN.law)
     np.testing.assert_allclose(found["stiffness_lost"], 1.0 - 1.0 / (1.0 + 0.6 * (1.0 - np.exp(-0.4 * 2.0))))
     np.testing.assert_allclose(found["strength_lost"], 1.0 - (1.0 + 1.5 * (1.0 - np.exp(-0.7 * 2.0))) ** -0.5)
 
 
 def test_absent_effects_lose_nothing_and_keep_the_period():
-    found = engineering_quantities(ramp_response(), parameters(), [1.0, 1.0], PLAIN.law)
+    found = engineering_quantities(landmarks_of(ramp_response()), parameters(), [1.0, 1.0], PLAIN.law)
     np.testing.assert_array_equal(found["stiffness_lost"], 0.0)
     np.testing.assert_array_equal(found["strength_lost"], 0.0)
     np.testing.assert_allclose(found["period"], found["period"][0, 0], rtol=1e-13)
@@ -183,7 +186,10 @@ def test_absent_effects_lose_nothing_and_keep_the_period():
 def test_period_of_one_storey_follows_the_degraded_tangent():
     mass, k, alpha, delta_eta = 2.0, 10.0, 0.1, 0.5
     found = engineering_quantities(
-        ramp_response(n_storeys=1), parameters(n_storeys=1, delta_eta=delta_eta), np.array([mass]), PLAIN.law
+        landmarks_of(ramp_response(n_storeys=1)),
+        parameters(n_storeys=1, delta_eta=delta_eta),
+        np.array([mass]),
+        PLAIN.law,
     )
     eta = 1.0 + delta_eta * 2.0 * found["time"].values / 10.0
     expected = 2 * np.pi * np.sqrt(mass / (alpha * k + (1 - alpha) * k / eta))

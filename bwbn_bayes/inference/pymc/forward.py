@@ -138,7 +138,10 @@ def forward_problem(model: Structure, record: Record, engine: Engine) -> Forward
     """
     check_record(model, record)
     key = _key(model, record, engine)
-    return _PROBLEMS.setdefault(key, ForwardProblem(model=model, record=record, engine=engine, key=key))
+    known = _PROBLEMS.get(key)
+    if known is None or known.engine != engine:  # another journal of the same answers
+        _PROBLEMS[key] = known = ForwardProblem(model=model, record=record, engine=engine, key=key)
+    return known
 
 
 def solved(quantity: str, key: str, arrays: Sequence[Floats], *measured: Floats) -> Floats:

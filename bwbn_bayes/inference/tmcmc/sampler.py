@@ -15,15 +15,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.tmcmc import checkpoint as checkpoints
 from bwbn_bayes.inference.tmcmc import tempering
-from bwbn_bayes.inference.tmcmc.checkpoint import Identity, RunState
 from bwbn_bayes.inference.tmcmc.moves import FIRST_TUNING
 from bwbn_bayes.inference.tmcmc.stages import (
     Evaluator,
@@ -44,8 +41,17 @@ from bwbn_bayes.results import StageFacts
 Variant = Literal["default", "plain"]
 TARGET_VARIATION = {"default": 0.5, "plain": 1.0}
 """Coefficient of variation of the weights that each variant steps to."""
-_SOLVED_AGAIN = 16
-"""Points of a checkpoint that are solved again before it is believed: as many as cost no more than one."""
+
+
+class RunState(NamedTuple):
+    """A run between two stages."""
+
+    population: Population
+    tempering_parameter: float
+    log_evidence: float
+    log_evidence_variance: float
+    n_solves: int
+    facts: tuple[StageFacts, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +89,6 @@ def sample(
     variant: Variant = "default",
     reference: Reference | None = None,
     progress: Callable[[StageFacts], None] | None = None,
-    checkpoint: Path | None = None,
 ) -> TmcmcResult:
     """Sample a posterior and its evidence.
 
@@ -101,8 +106,6 @@ def sample(
         Where the road starts; the prior if not given.
     progress : callable, optional
         Called with the facts of each finished stage.
-    checkpoint : Path, optional
-        Name (without suffix) under which the run is saved after each stage, and from which it resumes.
 
     Returns
     -------
@@ -112,28 +115,17 @@ def sample(
     Raises
     ------
     UserError
-        If there are too few particles, no first draw has a finite likelihood, or the checkpoint is another run's.
+        If there are too few particles, or no first draw has a finite likelihood.
     """
     require_particles(n_particles, target.n_dim)
     start = reference if reference is not None else PriorReference(target)
     evaluator = partial(evaluate, target, start)
-    identity: Identity = {
-        "n_particles": n_particles,
-        "rng_seed": rng_seed,
-        "variant": variant,
-        "n_dim": target.n_dim,
-        "reference": type(start).__name__,
-    }
-    state = checkpoints.load(checkpoint, identity) if checkpoint is not None else None
-    if state is None:
-        state = _first_state(start, evaluator, n_particles, rng_seed)
-        _announce(state, identity, progress, checkpoint)
-    else:
-        _require_same_target(state, evaluator, checkpoint)
-    began = time.perf_counter() - state.facts[-1].elapsed_s
+    began = time.perf_counter()
+    state = _first_state(start, evaluator, n_particles, rng_seed)
+    _announce(state, progress)
     while state.tempering_parameter < 1.0:
         state = _next_state(state, evaluator, n_particles, rng_seed, variant, began)
-        _announce(state, identity, progress, checkpoint)
+        _announce(state, progress)
     return _result(state, n_particles)
 
 
@@ -203,25 +195,9 @@ def _next_state(
     return RunState(moved.population, tempering_parameter, log_evidence, variance, n_solves, (*state.facts, facts))
 
 
-def _announce(
-    state: RunState, identity: Identity, progress: Callable[[StageFacts], None] | None, checkpoint: Path | None
-) -> None:
-    if checkpoint is not None:
-        checkpoints.save(checkpoint, state, identity)
+def _announce(state: RunState, progress: Callable[[StageFacts], None] | None) -> None:
     if progress is not None:
         progress(state.facts[-1])
-
-
-def _require_same_target(state: RunState, evaluator: Evaluator, checkpoint: Path | None) -> None:
-    """Solve some saved points again: another model or record would continue to a wrong posterior without a word."""
-    cloud = state.population.cloud
-    finite = np.flatnonzero(np.isfinite(cloud.log_ratio))
-    saved = cloud.take(finite[:: max(1, len(finite) // _SOLVED_AGAIN)][:_SOLVED_AGAIN])
-    again, _ = evaluator(saved.points)
-    if not all(np.allclose(one, other, rtol=1e-9, atol=1e-6) for one, other in zip(again, saved, strict=True)):
-        raise UserError(
-            f"checkpoint {checkpoint}: its likelihoods are not those of this model and record; delete it to start anew"
-        )
 
 
 def _result(state: RunState, n_particles: int) -> TmcmcResult:

@@ -1,7 +1,6 @@
 """Tempering, resampling, coordinates, mixtures, checkpoints and the mistakes a user can make."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -95,47 +94,6 @@ def test_autocorrelation_time_of_an_autoregression() -> None:
     for step in range(1, 200):
         traces[step] = 0.7 * traces[step - 1] + np.sqrt(1.0 - 0.49) * noise[step]
     assert integrated_autocorrelation_time(traces) == pytest.approx(1.7 / 0.3, rel=0.1)
-
-
-class KilledError(Exception):
-    """Stands for a killed process."""
-
-
-@pytest.mark.parametrize("variant", ["default", "plain"])
-def test_a_killed_run_resumes_bit_for_bit(tmp_path: Path, variant) -> None:  # type: ignore[no-untyped-def]
-    def stop(facts: StageFacts) -> None:
-        if facts.stage == 3:
-            raise KilledError
-
-    whole = sample(ORACLE, n_particles=500, rng_seed=5, variant=variant)
-    with pytest.raises(KilledError):
-        sample(ORACLE, n_particles=500, rng_seed=5, variant=variant, checkpoint=tmp_path / "run", progress=stop)
-    resumed_stages: list[int] = []
-    resumed = sample(
-        ORACLE,
-        n_particles=500,
-        rng_seed=5,
-        variant=variant,
-        checkpoint=tmp_path / "run",
-        progress=lambda facts: resumed_stages.append(facts.stage),
-    )
-    assert resumed_stages[0] == 4
-    np.testing.assert_array_equal(resumed.particles, whole.particles)
-    assert resumed.log_evidence == whole.log_evidence
-    assert resumed.log_evidence_se == whole.log_evidence_se
-    assert resumed.n_solves == whole.n_solves
-
-
-def test_a_checkpoint_of_another_run_is_refused(tmp_path: Path) -> None:
-    sample(ORACLE, n_particles=500, rng_seed=5, checkpoint=tmp_path / "run")
-    with pytest.raises(UserError, match="rng_seed 5, this run has 6"):
-        sample(ORACLE, n_particles=500, rng_seed=6, checkpoint=tmp_path / "run")
-    other = gaussian_in_box(np.array([0.7, 0.6]), np.array([0.02, 0.05]))
-    with pytest.raises(UserError, match="not those of this model"):
-        sample(other, n_particles=500, rng_seed=5, checkpoint=tmp_path / "run")
-    (tmp_path / "run.json").write_text("{")
-    with pytest.raises(UserError, match="cannot be read"):
-        sample(ORACLE, n_particles=500, rng_seed=5, checkpoint=tmp_path / "run")
 
 
 def test_seeds_differ_and_repeat() -> None:

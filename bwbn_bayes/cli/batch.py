@@ -1,0 +1,243 @@
+"""Fleet mode: many records, each identified or searched in a process of its own, in one table and one page.
+
+A record's files stand in a directory of its own, as the single command writes them, beside a note of what they were
+made from: records whose note still holds are not run again, and an identification that was cut off goes on.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from importlib.metadata import version
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from bwbn_bayes.engines.journal import forget
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.records.readers import RECORD_SUFFIXES
+from bwbn_bayes.report.batch_html import BatchRow, batch_page
+
+_NOTE, _SAID = "batch.json", "said.txt"
+_STARTING = threading.Lock()
+"""Processes are started one at a time: the list of this process' children is not made for more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One record to run.
+
+    Attributes
+    ----------
+    name : str
+        Its name in the table, and of its directory.
+    record : Path
+    directory : Path
+        Where its files go.
+    arguments : tuple of str
+        The single command.
+    finished_file : str
+        What the command writes when it is done.
+    key : str
+        Hash of everything that the result depends on.
+    """
+
+    name: str
+    record: Path
+    directory: Path
+    arguments: tuple[str, ...]
+    finished_file: str
+    key: str
+
+    @property
+    def checkpoint(self) -> Path:
+        """Where an identification keeps what it has solved, until it is done."""
+        return self.directory / "meanwhile"
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether its files are there, of this record, model and options."""
+        try:
+            note = json.loads((self.directory / _NOTE).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        return note == {"key": self.key} and (self.directory / self.finished_file).exists()
+
+
+def records_of(pattern: str) -> tuple[Path, ...]:
+    """The records in a directory, or those that a pattern such as ``data/2011*/*.csv`` names, in order.
+
+    Raises
+    ------
+    UserError
+        If there is none.
+    """
+    place = Path(pattern)
+    if place.is_dir():
+        found: Iterator[Path] | list[Path] = place.iterdir()
+    elif place.is_absolute():
+        found = Path(place.anchor).glob(str(place.relative_to(place.anchor)))
+    else:
+        found = Path().glob(pattern)
+    records = tuple(sorted(path for path in found if path.suffix.lower() in RECORD_SUFFIXES and path.is_file()))
+    if not records:
+        raise UserError(
+            f"{pattern}: no record (.csv, .nc, .mat ...) is there: give a directory, or a pattern in quotes"
+        )
+    return records
+
+
+def jobs_of(
+    records: Sequence[Path], out: Path, *, model: Path | None, discover: bool, options: Sequence[str]
+) -> list[Job]:
+    """One job for each record; without a model, of the record's own starting model."""
+    stems = [path.stem for path in records]
+    names = [p.stem if stems.count(p.stem) == 1 else f"{p.parent.name}_{p.stem}{p.suffix}" for p in records]
+    if len(set(names)) < len(names):
+        raise UserError("two records have the same name and directory name: rename one, their results would mix")
+    source = b"" if model is None else model.read_bytes()
+    command = "discover" if discover else "identify"
+    jobs = []
+    for name, record in zip(names, records, strict=True):
+        directory = out / name
+        taken = (str(model), "--record", str(record)) if model is not None else (str(record),)
+        words = (version("bwbn-bayes"), command, *options)
+        digest = hashlib.sha256("\n".join(words).encode() + b"\n" + source + b"\n" + record.read_bytes())
+        resumed = () if discover else ("--checkpoint", str(directory / "meanwhile"))
+        jobs.append(
+            Job(
+                name=name,
+                record=record,
+                directory=directory,
+                arguments=(command, *taken, "--out", str(directory), *resumed, *options),
+                finished_file="discovery.json" if discover else "result.json",
+                key=digest.hexdigest(),
+            )
+        )
+    return jobs
+
+
+def run_batch(jobs: Sequence[Job], out: Path, n_at_once: int, say: Callable[[str], None]) -> tuple[BatchRow, ...]:
+    """Run what is not finished, a few records at once, and write ``batch.csv``, ``batch.json`` and ``batch.html``.
+
+    Tables and page are written anew after each record, so that they show at any time what is done.
+    """
+    waiting = [job for job in jobs if not job.is_finished]
+    say(f"{len(jobs)} records, {len(jobs) - len(waiting)} of them done before")
+    refused: dict[str, str] = {}
+    rows = _written(jobs, refused, out)
+    with ThreadPoolExecutor(n_at_once) as pool:
+        running = {pool.submit(_run, job): job for job in waiting}
+        for number, done in enumerate(as_completed(running), start=1):
+            job, fault = running[done], done.result()
+            if fault:
+                refused[job.name] = fault
+            say(f"{number} of {len(waiting)}: {job.name}: {fault or 'done'}")
+            rows = _written(jobs, refused, out)
+    return rows
+
+
+def _run(job: Job) -> str:
+    """Run a job in a process of its own; the sentence by which it was refused, if it was."""
+    job.directory.mkdir(parents=True, exist_ok=True)
+    said = job.directory / _SAID
+    process = multiprocessing.get_context("spawn").Process(target=_in_process, args=(job.arguments, str(said)))
+    with _STARTING:
+        process.start()
+    process.join()
+    if process.exitcode == 0 and (job.directory / job.finished_file).exists():
+        (job.directory / _NOTE).write_text(json.dumps({"key": job.key}) + "\n", encoding="utf-8")
+        forget(job.checkpoint)
+        said.unlink(missing_ok=True)
+        return ""
+    lines = said.read_text(encoding="utf-8", errors="replace").splitlines() if said.exists() else []
+    last = lines[-1].removeprefix("error: ") if lines else "it said nothing"
+    return last if process.exitcode == 2 else f"ended with exit code {process.exitcode} ({last}); see {said}"
+
+
+def _in_process(arguments: tuple[str, ...], said: str) -> None:
+    """The single command, in a process of its own; what it says goes to a file."""
+    with Path(said).open("wb") as file:
+        for stream in (1, 2):
+            os.dup2(file.fileno(), stream)
+    from bwbn_bayes.cli.commands import main
+
+    main(arguments)
+
+
+def _written(jobs: Sequence[Job], refused: dict[str, str], out: Path) -> tuple[BatchRow, ...]:
+    """Rows of all jobs, also in the three files."""
+    rows = tuple(_row(job, refused) for job in jobs)
+    texts = {
+        "batch.json": json.dumps([row.as_json() for row in rows], indent=1) + "\n",
+        "batch.csv": _csv(rows),
+        "batch.html": batch_page(rows),
+    }
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        fresh = out / f"{name}.new"
+        fresh.write_text(text, encoding="utf-8")
+        fresh.replace(out / name)
+    return rows
+
+
+def _row(job: Job, refused: dict[str, str]) -> BatchRow:
+    if not job.is_finished:
+        fault = refused.get(job.name, "")
+        return BatchRow(record=job.name, status="refused" if fault else "waiting", sentence=fault)
+    facts = json.loads((job.directory / job.finished_file).read_text(encoding="utf-8"))
+    return _discovered(job, facts) if job.finished_file == "discovery.json" else _identified(job, facts)
+
+
+def _identified(job: Job, facts: dict[str, Any]) -> BatchRow:
+    failed = [check["sentence"] for check in facts["checks"] if not check["passed"]]
+    return BatchRow(
+        record=job.name,
+        status="done" if not failed else "done, with care",
+        sentence=" ".join(failed) or "all checks passed",
+        report=f"{job.name}/report.html",
+        nrmse=max(facts["fit"]["nrmse"].values()),
+        log_evidence=facts["log_evidence"],
+        elapsed_s=facts["elapsed_s"],
+        parameters={name: (one["mean"], one["sd"]) for name, one in facts["parameters"].items()},
+    )
+
+
+def _discovered(job: Job, facts: dict[str, Any]) -> BatchRow:
+    effects = []
+    for one in facts["effects"]:
+        places = ", ".join(map(str, one["storeys"]))
+        effects.append(f"{one['name']}, storey {places}" if places else one["name"])
+    return BatchRow(
+        record=job.name,
+        status="done",
+        sentence=": ".join(part for part in (facts["verdict"], "; ".join(effects)) if part),
+        report=f"{job.name}/report.html",
+        nrmse=facts["gap"]["fit"]["after"],
+        parameters={
+            f"{effect['name']}.{name}": (one["mean"], one["sd"])
+            for effect in facts["effects"]
+            for name, one in effect["parameters"].items()
+        },
+    )
+
+
+def _csv(rows: Sequence[BatchRow]) -> str:
+    """A line for each record; of each parameter that any of them has, mean and sd."""
+    names = list(dict.fromkeys(name for row in rows for name in row.parameters))
+    stream = StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    heads = ("record", "status", "sentence", "nrmse", "log_evidence", "elapsed_s")
+    writer.writerow([*heads, *(f"{name} {what}" for name in names for what in ("mean", "sd"))])
+    for row in rows:
+        plain = row.as_json()
+        moments = [row.parameters.get(name, (None, None)) for name in names]
+        writer.writerow([*(plain[head] for head in heads), *(number for pair in moments for number in pair)])
+    return stream.getvalue()

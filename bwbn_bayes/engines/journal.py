@@ -1,0 +1,277 @@
+"""What an engine has solved, kept in a file: a run that is killed at any moment goes on to the same result.
+
+A run is a function of its seed, its model, its record and of what the engine answers. So the answers alone are kept.
+The same command runs again from its beginning, is given what was solved before, and solves the rest: bit for bit what
+it would have come to, whichever method asks, with every count and every random number as it was.
+
+A checkpoint ``NAME`` is a file ``NAME.solves``, to which finished solves are appended. A kill in the middle of an entry
+leaves one whose hash does not fit: the file ends before it. Answers are believed after some are solved again.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import re
+import struct
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import field, fields, make_dataclass, replace
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO, Self, cast
+
+import numpy as np
+
+from bwbn_bayes.engines.base import Engine, NormalEquations, masses
+from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, writing
+from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
+
+_TITLE = b"bwbn_bayes solves 1\n"
+_LENGTH = struct.Struct("<Q")
+_HASH = 32
+_AT_ONCE = 512
+"""Draws that each worker solves between two entries, whole blocks of lanes: a kill loses no more."""
+_SOLVED_AGAIN = 4
+"""Draws of the first answer of each kind that are solved again before it is believed."""
+
+Solve = Callable[[slice], tuple[Floats, ...]]
+"""Arrays over some of the draws, draw by draw."""
+
+
+class Journal:
+    """Answers by question; opened with :meth:`opened`.
+
+    Parameters
+    ----------
+    path : Path
+        Name of the checkpoint, without suffix.
+    file : binary file
+        Open for reading and writing, locked.
+    """
+
+    def __init__(self, path: Path, file: BinaryIO) -> None:
+        self._path, self._file = path, file
+        self._places: dict[bytes, tuple[int, int]] = {}
+        self._believed: set[str] = set()
+        self._lock = threading.Lock()
+
+    @classmethod
+    @contextmanager
+    def opened(cls, path: Path) -> Iterator[Self]:
+        """The journal of a checkpoint, begun where there is none.
+
+        Raises
+        ------
+        UserError
+            If it cannot be kept there, is another file, or another run writes it.
+        """
+        if not path.name:
+            raise UserError(f"checkpoint {path}: it is a directory, give the name of a file in it, without suffix")
+        with writing(f"checkpoint {path}", "choose another place"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle = os.open(_solves(path), os.O_RDWR | os.O_CREAT, 0o666)
+        with os.fdopen(handle, "r+b") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise UserError(f"checkpoint {path}: another run writes it; wait, or give another name") from None
+            journal = cls(path, file)
+            with writing(f"checkpoint {path}", "choose another place"):
+                journal._read()
+            yield journal
+
+    def kept(self, kind: str, question: bytes, n_draws: int, solve: Solve) -> tuple[Floats, ...]:
+        """Arrays ``(n_draws, ...)`` that answer a question: as they were kept, or solved and kept."""
+        place = self._places.get(question)
+        if place is None:
+            answer = solve(slice(0, n_draws))
+            self._append(question, answer)
+            return answer
+        answer = self._answer(place, n_draws)
+        if kind not in self._believed:
+            some = slice(0, min(_SOLVED_AGAIN, n_draws))
+            again = solve(some)
+            same = len(again) == len(answer) and all(
+                one.shape == kept[some].shape and np.allclose(one, kept[some], rtol=1e-9, atol=0.0, equal_nan=True)
+                for one, kept in zip(again, answer, strict=True)
+            )
+            if not same:
+                raise UserError(f"checkpoint {self._path}: what it holds is not what is solved here; {self._advice}")
+            self._believed.add(kind)
+        return answer
+
+    @property
+    def _advice(self) -> str:
+        return f"delete {_solves(self._path)} to start anew"
+
+    def _read(self) -> None:
+        """Find every whole entry; the file ends after the last one."""
+        self._file.seek(0)
+        title = self._file.read(len(_TITLE))
+        if not title:
+            self._file.write(_TITLE)
+            self._file.flush()
+            return None
+        if title != _TITLE:
+            if _TITLE.startswith(title):  # killed while it was begun
+                self._file.seek(0)
+                self._file.truncate()
+                return self._read()
+            raise UserError(f"checkpoint {self._path}: {_solves(self._path)} is another file; give another name")
+        end = self._file.tell()
+        size = os.fstat(self._file.fileno()).st_size
+        while (payload := self._entry(size)) is not None:
+            begins = end + _LENGTH.size + 2 * _HASH
+            end = self._file.tell()
+            self._places[payload[:_HASH]] = (begins, end - begins)
+        self._file.truncate(end)
+        self._file.seek(end)
+        return None
+
+    def _entry(self, size: int) -> bytes | None:
+        """Question and answer of the entry at which the file stands; None where it is not whole."""
+        head = self._file.read(_LENGTH.size + _HASH)
+        if len(head) < _LENGTH.size + _HASH:
+            return None
+        (length,) = _LENGTH.unpack(head[: _LENGTH.size])
+        if not _HASH <= length <= size - self._file.tell():
+            return None
+        payload = self._file.read(length)
+        return payload if hashlib.sha256(payload).digest() == head[_LENGTH.size :] else None
+
+    def _append(self, question: bytes, answer: Sequence[Floats]) -> None:
+        stream = BytesIO()
+        stream.write(question)
+        for array in answer:
+            np.lib.format.write_array(stream, np.ascontiguousarray(array), allow_pickle=False)
+        payload = stream.getvalue()
+        head = _LENGTH.pack(len(payload)) + hashlib.sha256(payload).digest()
+        with self._lock, writing(f"checkpoint {self._path}", "what was solved before is kept; make room there"):
+            begins = self._file.seek(0, os.SEEK_END) + len(head) + _HASH
+            self._file.write(head + payload)
+            self._file.flush()
+            self._places[question] = (begins, len(payload) - _HASH)
+
+    def _answer(self, place: tuple[int, int], n_draws: int) -> tuple[Floats, ...]:
+        begins, length = place
+        with self._lock:
+            self._file.seek(begins)
+            stream = BytesIO(self._file.read(length))
+        arrays = []
+        try:
+            while stream.tell() < length:
+                arrays.append(np.lib.format.read_array(stream, allow_pickle=False))
+        except UNREADABLE_ARRAYS as error:
+            raise UserError(f"checkpoint {self._path}: it cannot be read ({error}); {self._advice}") from error
+        if not arrays or any(a.dtype != np.float64 or a.ndim == 0 or len(a) != n_draws for a in arrays):
+            raise UserError(f"checkpoint {self._path}: no run can have written what it holds; {self._advice}")
+        return tuple(arrays)
+
+
+def has_begun(path: Path) -> bool:
+    """Whether anything solved is kept under a name."""
+    with suppress(OSError):
+        return _solves(path).stat().st_size > len(_TITLE)
+    return False
+
+
+def forget(path: Path) -> None:
+    """Delete what is kept under a name: the run is done."""
+    _solves(path).unlink(missing_ok=True)
+
+
+def _solves(path: Path) -> Path:
+    return path.with_name(f"{path.name}.solves")
+
+
+@contextmanager
+def kept(engine: Engine, checkpoint: Path | None) -> Iterator[Engine]:
+    """An engine that keeps what it solves under a name, and gives what was kept before; the same one without a name."""
+    if checkpoint is None:
+        yield engine
+        return
+    with Journal.opened(checkpoint) as journal:
+        own: dict[str, Any] = {one.name: getattr(engine, one.name) for one in fields(cast("Any", engine))}
+        yield _kept_kind(type(engine))(**own, journal=journal)
+
+
+@cache
+def _kept_kind(kind: type) -> Callable[..., Engine]:
+    """An engine's kind, keeping; still of that kind, so that a finer scheme of it keeps too."""
+    journal = ("journal", Journal, field(repr=False))
+    return make_dataclass(f"Kept{kind.__name__}", [journal], bases=(_Keeping, kind), frozen=True, kw_only=True)
+
+
+class _Keeping:
+    """What an engine that keeps does beside its own."""
+
+    journal: Journal
+
+    def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
+        """As of the engine; some draws at a time."""
+        engine: Any = super()
+        about = _about(self, model, record)
+        result = np.empty((len(draws), len(record.channels)))
+        at_once = _AT_ONCE * getattr(self, "n_workers", 1)
+        for start in range(0, len(draws), at_once):
+            own = draws[start : start + at_once]
+
+            def solve(some: slice, own: Floats = own) -> tuple[Floats, ...]:
+                return (engine.misfit(model, own[some], record),)
+
+            question = _question("misfit", about, own)
+            (result[start : start + at_once],) = self.journal.kept(f"misfit {about}", question, len(own), solve)
+        return result
+
+    def normal_equations(
+        self, model: Structure, draws: Floats, record: Record, *, free: Booleans | None = None
+    ) -> NormalEquations:
+        """As of the engine; kept where that takes less room than a byte for each sample that was solved."""
+        engine: Any = super()
+
+        def solve(some: slice) -> tuple[Floats, ...]:
+            own = engine.normal_equations(model, draws[some], record, free=None if free is None else free[some])
+            return own.misfit, own.gradient, own.information
+
+        if len(record.channels) * 8 * (1 + model.space.n_dim) ** 2 > record.n_times or not len(draws):
+            return NormalEquations(**dict(zip(_EQUATIONS, solve(slice(None)), strict=True)))
+        about = _about(self, model, record)
+        asked = [draws] if free is None else [draws, free]
+        answer = self.journal.kept(
+            f"normal equations {about}", _question("normal equations", about, *asked), len(draws), solve
+        )
+        return NormalEquations(**dict(zip(_EQUATIONS, answer, strict=True)))
+
+
+_EQUATIONS = tuple(one.name for one in fields(NormalEquations))
+
+
+def _question(kind: str, about: str, *arrays: Floats | Booleans) -> bytes:
+    digest = hashlib.sha256(f"{kind}\n{about}\n{[(a.dtype.str, a.shape) for a in arrays]}\n".encode())
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.digest()
+
+
+def _about(engine: Any, model: Structure, record: Record) -> str:
+    """Hash of all that shapes an answer, but for the draws; threads do not."""
+    threaded = any(one.name == "n_threads" for one in fields(engine))
+    table = model.table
+    words = (
+        # Who solves does not matter: one process, several, or a cluster.
+        re.sub("^(Kept|Spread)*", "", repr(replace(engine, n_threads=1) if threaded else engine)),
+        type(model).__name__,
+        repr(model),
+        repr(model.law),
+        table.fixed.tobytes().hex(),
+        table.index.tobytes().hex(),
+        masses(model).tobytes().hex(),
+        record.content_hash,
+    )
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()

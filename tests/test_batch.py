@@ -1,0 +1,106 @@
+"""Many records in one table and one page, run once each; one that is refused does not hold up the others."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from bwbn_bayes import BoucWen, ShearBuilding, UserError, simulate, sine, write_record
+from bwbn_bayes.cli import batch
+from bwbn_bayes.cli.batch import Job, jobs_of, records_of, run_batch
+
+MODEL = """from bwbn_bayes import BoucWen, ShearBuilding, Uniform
+model = ShearBuilding(masses=[1.0], storey=BoucWen(
+    k=Uniform(20, 60), c=0.2, alpha=0.1, A=1.0, beta=2.0, gamma=1.0, n=1.5))
+"""
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> Path:
+    """Two records of one building, one that is none, and notes."""
+    building = ShearBuilding(masses=[1.0], storey=BoucWen(k=40.0, c=0.2, alpha=0.1, A=1.0, beta=2.0, gamma=1.0, n=1.5))
+    data = tmp_path / "data"
+    data.mkdir()
+    for i in (1, 2):
+        ground = sine(amplitude=1.0 * i, frequency_hz=1.0, duration=6.0, time_step=0.02)
+        write_record(
+            simulate(building, ground, {}, channels=["acceleration_1"], snr_db=30.0, seed=i), data / f"r{i}.csv"
+        )
+    (data / "broken.csv").write_text("time [s],acceleration_1 [m/s^2]\n0,x\n")
+    (data / "notes.md").write_text("mine")
+    (tmp_path / "model.py").write_text(MODEL)
+    return tmp_path
+
+
+def _jobs(fleet: Path, particles: str = "100") -> list[Job]:
+    options = ("--particles", particles)
+    return jobs_of(
+        records_of(str(fleet / "data")), fleet / "out", model=fleet / "model.py", discover=False, options=options
+    )
+
+
+@pytest.mark.slow
+def test_a_fleet_is_run_once_and_told_in_one_table(fleet: Path) -> None:
+    said: list[str] = []
+    rows = run_batch(_jobs(fleet), fleet / "out", 2, said.append)
+    assert [(row.record, row.status) for row in rows if row.record == "broken"] == [("broken", "refused")]
+    done = {row.record: row for row in rows if row.status != "refused"}
+    assert set(done) == {"r1", "r2"}
+    for row in done.values():
+        mean, sd = row.parameters["k"]
+        assert mean is not None and sd is not None
+        assert abs(mean - 40.0) < 5.0 * sd
+        assert (fleet / "out" / row.report).exists()
+    with (fleet / "out" / "batch.csv").open() as file:
+        table = {line["record"]: line for line in csv.DictReader(file)}
+    assert float(table["r2"]["k mean"]) == done["r2"].parameters["k"][0]
+    assert table["broken"]["k mean"] == ""
+    assert len(json.loads((fleet / "out" / "batch.json").read_text())) == 3
+    assert 'href="r1/report.html"' in (fleet / "out" / "batch.html").read_text()
+    assert not list((fleet / "out").rglob("*.solves"))
+    said.clear()
+    run_batch(_jobs(fleet), fleet / "out", 1, said.append)
+    assert said[0] == "3 records, 2 of them done before"
+
+
+def test_a_changed_record_model_or_option_is_run_again(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    facts = {
+        "checks": [{"passed": False, "sentence": "The weights are <heavy>."}],
+        "fit": {"nrmse": {"acceleration_1": 0.03}},
+        "log_evidence": 1.0,
+        "elapsed_s": 2.0,
+        "parameters": {"k": {"mean": 40.0, "sd": 0.5}},
+    }
+    ran: list[str] = []
+
+    def run(job: Job) -> str:
+        ran.append(job.name)
+        job.directory.mkdir(parents=True, exist_ok=True)
+        (job.directory / "result.json").write_text(json.dumps(facts))
+        (job.directory / "batch.json").write_text(json.dumps({"key": job.key}))
+        return ""
+
+    monkeypatch.setattr(batch, "_run", run)
+    rows = run_batch(_jobs(fleet), fleet / "out", 1, lambda _: None)
+    assert {row.status for row in rows} == {"done, with care"}
+    page = (fleet / "out" / "batch.html").read_text()
+    assert "&lt;heavy&gt;" in page and "40.00 ± 0.50" in page
+    assert ran == ["broken", "r1", "r2"]
+    run_batch(_jobs(fleet), fleet / "out", 1, lambda _: None)
+    assert len(ran) == 3
+    with (fleet / "data" / "r2.csv").open("a") as file:
+        file.write("\n")
+    run_batch(_jobs(fleet), fleet / "out", 1, lambda _: None)
+    assert ran[3:] == ["r2"]
+    run_batch(_jobs(fleet, particles="200"), fleet / "out", 1, lambda _: None)
+    assert len(ran) == 7
+
+
+def test_a_place_without_records_is_the_user_s_mistake(tmp_path: Path) -> None:
+    (tmp_path / "a.md").touch()
+    for pattern in (str(tmp_path), str(tmp_path / "*.csv")):
+        with pytest.raises(UserError, match="no record"):
+            records_of(pattern)

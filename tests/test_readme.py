@@ -58,7 +58,17 @@ def test_the_main_job_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_every_command_of_the_page_exists(capsys: pytest.CaptureFixture[str]) -> None:
     commands = set(re.findall(r"bwbn ([a-z]+)", README))
-    assert commands == {"discover", "identify", "model", "simulate", "export", "reproduce", "effects", "engines"}
+    assert commands == {
+        "discover",
+        "identify",
+        "model",
+        "simulate",
+        "batch",
+        "export",
+        "reproduce",
+        "effects",
+        "engines",
+    }
     for command in sorted(commands):
         with pytest.raises(SystemExit) as leaving:
             main([command, "--help"])

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from bwbn_bayes.inference.correlation import Correlation, SharedFunctions, autoregression, order_cost
-from bwbn_bayes.inference.identifiability import covariance_of
+from bwbn_bayes.inference.identifiability import PRIOR_PRECISION, covariance_of
 from bwbn_bayes.inference.importance import (
     PARETO_LIMIT,
     laplace_log_evidence,
@@ -29,8 +29,6 @@ LAPLACE_SE = 2.0
 """Error allowed for Laplace's approximation where it was not checked by sampling. [nat]"""
 SCALES = tuple(2.0**exponent for exponent in range(10))
 """Of the unnamed force, over the noise level: one of them is within a factor of 1.4 of the best."""
-_PRIOR_PRECISION = 12.0
-"""Of a uniform prior on the unit interval."""
 _N_POLISHED, _N_ITERATIONS, _N_TURNS = 6, 12, 2
 
 
@@ -104,7 +102,7 @@ def _apart(modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
 def _length(mode: Mode, other: Mode) -> float:
     """Squared distance between two modes in standard deviations of the second."""
     step = mode.point - other.point
-    return float(step @ other.information @ step + _PRIOR_PRECISION * step @ step)
+    return float(step @ other.information @ step + PRIOR_PRECISION * step @ step)
 
 
 def sampled(evidence: Evidence, rng: np.random.Generator, n: int) -> Evidence:

@@ -66,7 +66,7 @@ class Explanation:
     @cached_property
     def effects_key(self) -> Key:
         """Which effects it adds, and where."""
-        return frozenset((hypothesis.symbols, hypothesis.storeys) for hypothesis in self.added)
+        return key_of(self.added)
 
     @cached_property
     def placed(self) -> frozenset[tuple[str, tuple[int, ...]]]:

@@ -17,7 +17,7 @@ from bwbn_bayes.discovery.evidence import (
     sampled,
     with_shared,
 )
-from bwbn_bayes.discovery.explanation import Explanation, Key
+from bwbn_bayes.discovery.explanation import Explanation, Key, key_of
 from bwbn_bayes.discovery.probability import UNNAMED_SCALE, Beliefs, beliefs
 from bwbn_bayes.discovery.run import Run
 from bwbn_bayes.discovery.unnamed import unnamed_basis
@@ -57,6 +57,8 @@ class Pool:
     white: dict[Key, float] = field(default_factory=dict)
     """Log evidence of each for white errors."""
     _coloured: set[Key] = field(default_factory=set)
+    _bounds: dict[Key, float] = field(default_factory=dict)
+    """Log evidence of each under autoregressive errors, at least."""
     _sampled: set[tuple[Key, tuple[int, ...] | None]] = field(default_factory=set)
 
     def add(self, found: Iterable[Explanation]) -> None:
@@ -66,6 +68,7 @@ class Pool:
             if key not in self.plain or one.evidence.log_evidence > self.white[key]:
                 self.plain[key], self.white[key] = one, one.evidence.log_evidence
                 self._coloured.discard(key)
+                self._bounds.pop(key, None)
                 self._sampled.discard((key, None))
                 for place in [place for place in self.unnamed if place[0] == key]:
                     del self.unnamed[place]
@@ -105,7 +108,10 @@ class Pool:
     def _colour(self) -> None:
         """Refit under autoregressive errors what could gain by them."""
         waiting = [key for key in self.plain if key not in self._coloured]
-        bounds = {key: self.white[key] + autoregressive_bound(*_at(self.plain[key])) for key in waiting}
+        for key in waiting:
+            if key not in self._bounds:
+                self._bounds[key] = self.white[key] + autoregressive_bound(*_at(self.plain[key]))
+        bounds = {key: self._bounds[key] for key in waiting}
         known = [one.evidence.log_evidence for one in self.plain.values()]
         best = max([*bounds.values(), *known])
         ranked = sorted(waiting, key=lambda key: -bounds[key])[:_MOST_COLOURED]
@@ -167,4 +173,4 @@ def _at(one: Explanation) -> tuple[Posterior, tuple[Mode, ...]]:
 
 
 def _without(one: Explanation, last: Hypothesis) -> Key:
-    return one.effects_key - {(last.symbols, last.storeys)}
+    return one.effects_key - key_of([last])

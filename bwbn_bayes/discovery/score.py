@@ -23,12 +23,12 @@ from scipy.linalg import cho_solve
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
+from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
 
 _NEAR = 1e-4
 """How far from neutral an amplitude is moved, in prior probability."""
-_PRIOR_PRECISION = 12.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +123,7 @@ class Slopes:
     @cached_property
     def factor(self) -> Floats:
         """Lower Cholesky factor of their information, with the prior's."""
-        return np.linalg.cholesky(self.base.T @ self.base + _PRIOR_PRECISION * np.eye(self.base.shape[1]))
+        return np.linalg.cholesky(self.base.T @ self.base + PRIOR_PRECISION * np.eye(self.base.shape[1]))
 
     def projected(self, values: Floats, slope: Floats) -> tuple[float, float]:
         """Slope of the log likelihood and information in one direction, with the present parameters projected out.

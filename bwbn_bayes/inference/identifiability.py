@@ -8,7 +8,9 @@ import numpy as np
 
 from bwbn_bayes.parameters import Floats
 
-PRIOR_SD = float(np.sqrt(1.0 / 12.0))
+PRIOR_PRECISION = 12.0
+"""Of a uniform prior on the unit interval."""
+PRIOR_SD = float(np.sqrt(1.0 / PRIOR_PRECISION))
 """Standard deviation of every coordinate of the unit cube under the prior."""
 
 UNSEEN = 0.5

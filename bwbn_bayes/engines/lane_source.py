@@ -37,6 +37,7 @@ from bwbn_bayes.engines.lane_template import (
     STAGE,
 )
 from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
+from bwbn_bayes.engines.vector_loops import in_vectors
 
 LANES = 16
 WITH_TANGENTS = "_with_tangents"
@@ -176,7 +177,8 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         )
         for suffix in ("", WITH_TANGENTS)
     ]
-    return "".join([MATHEMATICS.format(**fields), PREPARE.format(**fields), stages, COMMON.format(**fields), *marches])
+    written = [MATHEMATICS.format(**fields), PREPARE.format(**fields), stages, COMMON.format(**fields), *marches]
+    return in_vectors("".join(written))
 
 
 _HEAD = (

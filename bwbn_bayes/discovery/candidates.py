@@ -267,11 +267,10 @@ def _addable(base: Structure, effect: Effect) -> bool:
 
 
 def _present(base: Structure, effect: Effect, storeys: tuple[int, ...]) -> bool:
-    """Whether the effect acts at the place already, or its parameter there has a value of its own anyway."""
-    symbols = {p.symbol for p in effect.parameters}
+    """Whether the place has a law of its mechanism already, or the parameter there a value of its own anyway."""
     for placed in base.effects:
         shared = set(placed.storeys) & set(storeys) or placed.storeys == storeys
-        if symbols & {p.symbol for p in placed.effect.parameters} and shared:
+        if placed.effect.mechanism == effect.mechanism and shared:
             return True
     own = getattr(effect, "parameter", None) if effect.name == "storey_parameter" else None
     if own is None:

@@ -30,6 +30,8 @@ LAPLACE_SE = 2.0
 SCALES = tuple(2.0**exponent for exponent in range(10))
 """Of the unnamed force, over the noise level: one of them is within a factor of 1.4 of the best."""
 _N_POLISHED, _N_ITERATIONS, _N_TURNS = 6, 12, 2
+_REACH = 20.0
+"""Starts further below the best do not keep it waiting. [nat]"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +194,7 @@ def _in_turns(
         view = posterior.with_noise(replace(posterior.noise, correlation=correlation))  # type: ignore[type-var]
         if turn == 0 and starts is not None:
             points = np.concatenate([points, starts])
-        points, local = polish(view, points, n_iterations=_N_ITERATIONS)
+        points, local = polish(view, points, n_iterations=_N_ITERATIONS, reach=_REACH)
         order = np.argsort(-local.log_likelihood, kind="stable")[:_N_POLISHED]
         points, local = points[order], local[order]
     return laplace(view, distinct(points, local))

@@ -59,6 +59,11 @@ class Explanation:
         return self.unnamed is not None
 
     @property
+    def is_fitted_with_unnamed(self) -> bool:
+        """Whether its unnamed force was fitted, not reckoned to first order."""
+        return self.has_unnamed and self.evidence.posterior is not self.posterior
+
+    @property
     def is_specimen(self) -> bool:
         """Whether a displacement is imposed on it."""
         return self.posterior.record.excitation_kind == "displacement"

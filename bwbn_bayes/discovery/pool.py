@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from bwbn_bayes.discovery.evidence import (
 )
 from bwbn_bayes.discovery.explanation import Explanation, Key, key_of
 from bwbn_bayes.discovery.probability import UNNAMED_SCALE, Beliefs, beliefs
-from bwbn_bayes.discovery.run import Run
+from bwbn_bayes.discovery.run import Run, beside
 from bwbn_bayes.discovery.unnamed import unnamed_basis
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior
@@ -84,8 +85,16 @@ class Pool:
     @property
     def beliefs(self) -> Beliefs:
         """The posterior over all of them."""
+        return self._beliefs((*self.plain.values(), *self.unnamed.values()))
+
+    @property
+    def laws_alone(self) -> Beliefs:
+        """The posterior over those without an unnamed force."""
+        return self._beliefs(tuple(self.plain.values()))
+
+    def _beliefs(self, explanations: Sequence[Explanation]) -> Beliefs:
         variants = Counter(hypothesis.name for hypothesis in self.run.considered_first)
-        return beliefs((*self.plain.values(), *self.unnamed.values()), len(variants) or 1, variants)
+        return beliefs(explanations, len(variants) or 1, variants)
 
     def ranked(self) -> list[Explanation]:
         """One of each set of effects without an unnamed force, the most probable sets first."""
@@ -115,13 +124,14 @@ class Pool:
         known = [one.evidence.log_evidence for one in self.plain.values()]
         best = max([*bounds.values(), *known])
         ranked = sorted(waiting, key=lambda key: -bounds[key])[:_MOST_COLOURED]
-        for key in ranked:
-            self._coloured.add(key)
-            if bounds[key] > self.white[key] and bounds[key] > best - _COLOURED_REACH:
-                self.run.say(f"weighing {self.plain[key].label} under autoregressive errors")
-                evidence = autoregressive(*_at(self.plain[key]))
-                if evidence.log_evidence > self.plain[key].evidence.log_evidence:
-                    self.plain[key] = replace(self.plain[key], evidence=evidence)
+        self._coloured.update(ranked)
+        promising = [k for k in ranked if bounds[k] > self.white[k] and bounds[k] > best - _COLOURED_REACH]
+        for key in promising:
+            self.run.say(f"weighing {self.plain[key].label} under autoregressive errors")
+        found = beside(lambda k: autoregressive(*_at(self.plain[k])), promising, self.run.settings.n_workers)
+        for key, evidence in zip(promising, found, strict=True):
+            if evidence.log_evidence > self.plain[key].evidence.log_evidence:
+                self.plain[key] = replace(self.plain[key], evidence=evidence)
 
     def _share(self) -> None:
         """Give a specimen's explanations an unnamed force."""
@@ -132,9 +142,11 @@ class Pool:
             by_name.setdefault(self.plain[key].names, key)
         few = [key for names, key in by_name.items() if len(names) < 2]
         wanted = dict.fromkeys((*few, *ranked[:_MOST_SHARED]))
-        for key in sorted(wanted, key=len):
-            one = self.plain[key]
-            self.unnamed[key, (1,)] = replace(one, unnamed=(1,), evidence=self._with_shared(one))
+        for _, same in groupby(sorted(wanted, key=len), key=len):  # each may start from one with an effect less
+            found = [self.plain[key] for key in same]
+            evidences = beside(self._with_shared, found, self.run.settings.n_workers)
+            for one, evidence in zip(found, evidences, strict=True):
+                self.unnamed[one.effects_key, (1,)] = replace(one, unnamed=(1,), evidence=evidence)
 
     def _with_shared(self, one: Explanation) -> Evidence:
         assert self.shared is not None
@@ -156,6 +168,8 @@ class Pool:
         believed = self.beliefs
         for one, log_joint in list(zip(believed.explanations, believed.log_joint, strict=True))[:_MOST_SAMPLED]:
             if log_joint < believed.log_joint[0] - _SAMPLED_REACH or one.evidence.method != "Laplace":
+                continue
+            if one.unnamed is not None and self.shared is None:  # its scale is integrated out already
                 continue
             # Once is enough: where the weights have no usable tail, Laplace's value stands.
             if (one.effects_key, one.unnamed) in self._sampled:

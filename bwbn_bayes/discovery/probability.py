@@ -174,3 +174,8 @@ def log_prior(one: Explanation, n_effects: int, variants: Mapping[str, int]) -> 
     result = np.log1p(-NOTHING_MISSING) + count + np.log1p(-ANOTHER) + gammaln(n_added + 1)
     result += np.log(UNNAMED) - np.log(one.n_places) if one.has_unnamed else np.log1p(-UNNAMED)
     return float(result - sum(np.log(n_effects * variants[hypothesis.name]) for hypothesis in one.added))
+
+
+def cost_of_another(name: str, variants: Mapping[str, int]) -> float:
+    """What a further effect at one place in one form costs by its prior, in nat: what it must gain at least."""
+    return float(np.log(len(variants) * max(variants[name], 1) / ANOTHER))

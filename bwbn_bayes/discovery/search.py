@@ -19,16 +19,17 @@ from bwbn_bayes.discovery.evidence import autoregressive, laplace
 from bwbn_bayes.discovery.explanation import Explanation, key_of
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
-from bwbn_bayes.discovery.probability import UNNAMED_SCALE
+from bwbn_bayes.discovery.probability import POSSIBLE, UNNAMED_SCALE, cost_of_another
 from bwbn_bayes.discovery.race import Fit, race
-from bwbn_bayes.discovery.run import Run, hypotheses_of, on_one_thread, on_threads, score_all
+from bwbn_bayes.discovery.run import Run, beside, hypotheses_of, on_one_thread, on_threads, score_all
 from bwbn_bayes.discovery.second_look import rescanned, searched, widened
-from bwbn_bayes.discovery.unnamed_storey import first_order_gain, unnamed_hypothesis
+from bwbn_bayes.discovery.unnamed_storey import first_order_gain, unnamed_hypothesis, with_scale_integrated
+from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
+from bwbn_bayes.inference.residuals import leaves_noise
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.structures.structure import Structure
 
 MOST_LATER = 24
 """Hypotheses with the largest scores that are fitted in a later round."""
@@ -36,12 +37,10 @@ REACH = 6.0
 """Explanations this far below the best are built upon. [nat]"""
 BEAM = 2
 """Explanations of one number of effects that are built upon at most."""
-_LEAST_SCORE = 3.0
-"""A further effect must gain as much to first order to be worth a fit. [nat]"""
 _N_KEPT = 40
 """Fits of a round that become explanations."""
-_N_UNNAMED = 1
-"""Explanations of a building that get an unnamed force, beside the model as given."""
+_N_UNNAMED = 2
+"""Explanations of a building that get an unnamed force in each round, beside the best and the model as given."""
 _TOGETHER = ("strength_degradation", "stiffness_degradation")
 _WITH = ("slip_lock", "foliente_pinching")
 """What occurs together in measured loops: a pinch with a loss of strength and stiffness."""
@@ -61,7 +60,7 @@ def search(given: Explanation, run: Run) -> Pool:
     """
     pool = Pool(run=run)
     pool.add([given])
-    run.considered = run.considered_first = hypotheses_of(given, run, MOST_CARRIED)
+    run.considered = run.considered_first = hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED)
     for number in range(1, run.settings.most_rounds + 1):
         parent = _next(pool, run)
         if parent is None:
@@ -71,6 +70,7 @@ def search(given: Explanation, run: Run) -> Pool:
         if number == 1:
             pool.add(_together(given, run))
         pool.weigh()
+        pool.add(_reshaped(pool, run))
         pool.add(_left_out(pool, run))
         pool.weigh()
         if not given.is_specimen and not pool.ranked()[0].is_noise:
@@ -78,14 +78,19 @@ def search(given: Explanation, run: Run) -> Pool:
         _tell(f"Built upon {parent.label}", parent.label, pool, run)
     if not given.is_specimen and pool.ranked()[0].is_noise:
         _unnamed_to_first_order(pool)
+        _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
     return pool
 
 
 def _next(pool: Pool, run: Run) -> Explanation | None:
-    """The most probable explanation that was not built upon, near the best; its modes looked around first."""
-    believed, done = pool.beliefs, Counter(len(key) for key in pool.expanded)
-    for one, log_joint in zip(believed.explanations, believed.log_joint, strict=True):
-        if log_joint < believed.log_joint[0] - REACH:
+    """The most probable explanation that was not built upon, near the best; its modes looked around first.
+
+    A building's laws are compared without an unnamed force, which few of them get; a specimen's as they stand.
+    """
+    done = Counter(len(key) for key in pool.expanded)
+    compared = pool.laws_alone if not pool.plain[frozenset()].is_specimen else pool.beliefs
+    for one, log_joint in zip(compared.explanations, compared.log_joint, strict=True):
+        if log_joint < compared.log_joint[0] - REACH:
             return None
         key = one.effects_key
         if key in pool.expanded or done[len(key)] >= BEAM or len(key) >= run.settings.most_effects:
@@ -118,7 +123,10 @@ def _explained(parent: Explanation, fit: Fit, run: Run) -> Explanation:
 
 
 def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
-    """Every further effect fitted, best first; where a score tells what an effect can gain, those that can alone."""
+    """Every further effect fitted, best first; where a score tells what an effect can gain, those that can alone.
+
+    A specimen's solves are short beside the compilation of a law: it is fitted under the law that scores.
+    """
     if not first:  # Later models differ from run to run: one law for all of them, compiled once, scores them.
         run.considered = hypotheses_of(parent, run, np.inf)
     every = run.considered
@@ -126,11 +134,12 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
         run.say(f"scoring {len(every)} hypotheses")
         run.scored = (parent.model, score_all(parent, every, run))
         ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
-        every = tuple(hypothesis for hypothesis, score in ranked if score.nats > _LEAST_SCORE)
+        variants = Counter(hypothesis.name for hypothesis in run.considered_first)
+        every = tuple(h for h, score in ranked if score.nats > cost_of_another(h.name, variants))
         every = every[: len(every) if first else MOST_LATER]
     if not every:
         return ()
-    if not first:
+    if not (first or parent.is_specimen):
         every = _under_smaller_laws(parent, every)
     run.say(f"fitting {len(every)} hypotheses")
     posterior = on_one_thread(parent.posterior)
@@ -142,7 +151,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     run.say("looking closer at the leading hypotheses")
     if not parent.is_quiet:
         fits = rescanned(fits, n_threads=run.settings.n_workers)
-    if first and parent.is_specimen:
+    if not leaves_noise(fits[0].posterior, fits[0].best(1)[0]):
         fits = searched(fits, run.rng, n_threads=run.settings.n_workers)
     return fits
 
@@ -173,9 +182,38 @@ def _together(given: Explanation, run: Run) -> Iterator[Explanation]:
     if not {*_TOGETHER} <= {*every}:
         return
     for pinch in (every[name] for name in _WITH if name in every):
-        added = rebuilt(given.model, [*(every[name] for name in _TOGETHER), pinch])
+        added = rebuilt(given, [*(every[name] for name in _TOGETHER), pinch], run)
         run.say(f"fitting {pinch.label} with a loss of strength and stiffness")
         yield from _fitted(given, added, run, whole=True)
+
+
+def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
+    """The best laws with each effect in a form of free shape: what its form leaves must not become another effect."""
+    best = pool.laws_alone.best
+    if best.is_noise:
+        return []
+    found: list[Explanation] = []
+    for plain in best.added:
+        base = pool.plain.get(best.effects_key - key_of([plain]))
+        forms = type(plain.effect).general_forms(plain.scales)
+        if base is None:
+            continue
+        every = [replace(plain, base=base.model, effect=form, carried=()) for form in forms]
+        every = [one for one in every if base.effects_key | key_of([one]) not in pool.plain]
+        if every:
+            found += _in_free_shape(base, every, run)
+    return found
+
+
+def _in_free_shape(base: Explanation, every: Sequence[Hypothesis], run: Run) -> list[Explanation]:
+    """An explanation with an effect in each of its general forms."""
+    n_workers = run.settings.n_workers
+    run.say(f"fitting {' and '.join(one.label for one in every)}")
+    fits = _solvable(race(on_one_thread(base.posterior), every, base.points, n_workers=n_workers), run)
+    if not fits:
+        return []
+    fits = searched(widened(fits, n_threads=n_workers), run.rng, n_threads=n_workers)
+    return [_explained(base, fit, run) for fit in fits]
 
 
 def _left_out(pool: Pool, run: Run) -> Iterator[Explanation]:
@@ -187,20 +225,20 @@ def _left_out(pool: Pool, run: Run) -> Iterator[Explanation]:
         kept = [one for one in best.added if one is not left_out]
         if key_of(kept) in pool.plain:
             continue
-        added = rebuilt(pool.plain[frozenset()].model, kept)
+        added = rebuilt(pool.plain[frozenset()], kept, run)
         names = best.posterior.space.names
         columns = [names.index(name) for name in added[-1].model.space.names]
         points = np.array([mode.point[columns] for mode in best.modes[:N_CANDIDATES]])
         yield from _fitted(pool.plain[frozenset()], added, run, points=points)
 
 
-def rebuilt(model: Structure, added: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """The same hypotheses one upon the other, from a model on."""
-    result = []
-    for one in added:
-        again = replace(one, base=model, carried=())
-        result.append(again)
-        model = again.model
+def rebuilt(given: Explanation, added: Sequence[Hypothesis], run: Run) -> tuple[Hypothesis, ...]:
+    """The same hypotheses one upon the other, from the model as given on; a specimen's under the law of all effects."""
+    carried = _all_but(added, run) if given.is_specimen else ()
+    result: list[Hypothesis] = []
+    for number, one in enumerate(added, start=1):
+        base = result[-1].model if result else given.model
+        result.append(replace(one, base=base, carried=carried if number == len(added) else ()))
     return tuple(result)
 
 
@@ -248,31 +286,69 @@ def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:
 
 
 def _unnamed_to_first_order(pool: Pool) -> None:
-    """Where what the best leaves is noise: what an unnamed force at each storey could add to it, to first order."""
+    """Where what the best leaves is noise: what an unnamed force at each storey adds to it, and to what has less."""
     best = pool.ranked()[0]
-    for storey, hypothesis in _unnamed_hypotheses(best):
-        gain = first_order_gain(best.posterior, hypothesis, best.best)
-        evidence = replace(best.evidence, log_evidence=best.evidence.log_evidence + gain, method="Laplace")
-        pool.unnamed[best.effects_key, (storey,)] = replace(best, unnamed=(storey,), evidence=evidence)
+    fewer = [one for key, one in pool.plain.items() if key < best.effects_key]
+    for one in (best, *fewer):
+        for storey, gain in _first_order_gains(one, pool.run).items():
+            if (one.effects_key, (storey,)) in pool.unnamed:
+                continue
+            evidence = replace(one.evidence, log_evidence=one.evidence.log_evidence + gain, method="Laplace")
+            pool.unnamed[one.effects_key, (storey,)] = replace(one, unnamed=(storey,), evidence=evidence)
+    while pool.beliefs.unnamed >= POSSIBLE:  # what is told as likely is fitted
+        first = next(one for one in pool.beliefs.explanations if one.has_unnamed)
+        if first.is_fitted_with_unnamed:
+            return
+        assert first.unnamed is not None
+        del pool.unnamed[first.effects_key, first.unnamed]
+        for fitted in _with_unnamed((pool.plain[first.effects_key], pool.run)):
+            pool.unnamed[first.effects_key, first.unnamed] = fitted
 
 
 def _unnamed_at_storeys(pool: Pool, run: Run) -> None:
-    """The model as given and the best explanations with an unnamed force at each storey, fitted."""
-    wanted = {one.effects_key: one for one in (*pool.ranked()[:_N_UNNAMED], pool.plain[frozenset()])}
-    for one in wanted.values():
-        if any((one.effects_key, (storey,)) in pool.unnamed for storey in range(1, one.model.n_storeys + 1)):
-            continue
-        run.say(f"fitting {one.label} with a force of no known law at each storey")
-        for storey, hypothesis in _unnamed_hypotheses(one):
-            fits = race(on_one_thread(one.posterior), [hypothesis], one.points, n_workers=1, guess=False)
-            if not np.isfinite(fits[0].log_likelihood):
-                continue
-            posterior = on_threads(fits[0].posterior, run.settings.n_workers)
-            white, coloured = laplace(posterior, fits[0].modes), autoregressive(posterior, fits[0].modes)
-            better = max(white, coloured, key=lambda found: found.log_evidence)
-            pool.unnamed[one.effects_key, (storey,)] = replace(one, unnamed=(storey,), evidence=better)
+    """The model as given and the best explanations with an unnamed force, fitted where it can gain most.
+
+    At the other storeys it is as good as to first order.
+    """
+    laws = [pool.plain[one.effects_key] for one in pool.laws_alone.explanations[:_N_UNNAMED]]
+    wanted = {one.effects_key: one for one in (*laws, pool.ranked()[0], pool.plain[frozenset()])}
+    waiting = [one for key, one in wanted.items() if not any(other == key for other, _ in pool.unnamed)]
+    for one in waiting:
+        run.say(f"fitting {one.label} with a force of no known law")
+    for found in beside(_with_unnamed, [(one, run) for one in waiting], run.settings.n_workers):
+        for one in found:
+            assert one.unnamed is not None
+            pool.unnamed[one.effects_key, one.unnamed] = one
 
 
-def _unnamed_hypotheses(one: Explanation) -> Iterator[tuple[int, Hypothesis]]:
+def _with_unnamed(asked: tuple[Explanation, Run]) -> list[Explanation]:
+    """An explanation with an unnamed force where it gains most to first order; none if that cannot be solved."""
+    one, run = asked
+    gains = _first_order_gains(one, run)
+    storey = max(gains, key=lambda place: gains[place])
+    hypothesis = dict(_unnamed_hypotheses(one))[storey]
+    fit = race(on_one_thread(one.posterior), [hypothesis], one.points, n_workers=1, guess=False)[0]
+    if not np.isfinite(fit.log_likelihood):
+        return []
+    posterior = on_threads(fit.posterior, run.settings.n_workers)
+    accounts = (laplace(posterior, fit.modes), autoregressive(posterior, fit.modes))
+    better = max((with_scale_integrated(own, hypothesis) for own in accounts), key=lambda e: e.log_evidence)
+    return [replace(one, unnamed=(storey,), evidence=better)]
+
+
+def _unnamed_hypotheses(one: Explanation, carried: tuple[Effect, ...] = ()) -> Iterator[tuple[int, Hypothesis]]:
     for number, scales in enumerate(scales_of(one.posterior, one.best), start=1):
-        yield number, unnamed_hypothesis(one.model, number, scales, UNNAMED_SCALE)
+        yield number, replace(unnamed_hypothesis(one.model, number, scales, UNNAMED_SCALE), carried=carried)
+
+
+def _first_order_gains(one: Explanation, run: Run) -> dict[int, float]:
+    """What an unnamed force at each storey adds to an explanation, under one law for all, compiled once."""
+    every = _unnamed_hypotheses(one, _all_but(one.added, run))
+    return {storey: first_order_gain(one.posterior, own, one.best) for storey, own in every}
+
+
+def _all_but(added: Sequence[Hypothesis], run: Run) -> tuple[Effect, ...]:
+    """Every form of every effect that was considered but those that are added."""
+    present = {one.symbols for one in added}
+    every = {h.symbols: h.effect for h in run.considered_first if h.effect.level != "observation"}
+    return tuple(effect for symbols, effect in every.items() if symbols not in present)

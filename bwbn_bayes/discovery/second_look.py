@@ -12,7 +12,7 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 
 from bwbn_bayes.discovery.race import Fit
-from bwbn_bayes.discovery.run import on_threads
+from bwbn_bayes.discovery.run import beside, on_threads
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import climb, find_modes, polish
@@ -47,7 +47,7 @@ def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
         Threads for the solves.
     """
     everywhere = [fit for form in _leading_forms(fits) for fit in form]
-    return _again(fits, everywhere, lambda fit: _widened(fit, n_threads))
+    return _again(fits, everywhere, lambda fit, _: _widened(fit, n_threads), n_threads)
 
 
 def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
@@ -60,7 +60,7 @@ def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
     n_threads : int
         Threads for the solves.
     """
-    return _again(fits, leading(fits), lambda fit: _rescanned(fit, n_threads))
+    return _again(fits, leading(fits), lambda fit, _: _rescanned(fit, n_threads), n_threads)
 
 
 def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -> tuple[Fit, ...]:
@@ -78,12 +78,21 @@ def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -
         Threads for the solves.
     """
     many = [fit for fit in fits if len(fit.hypothesis.symbols) >= _SPARSE and len(fit.hypothesis.storeys) < 2]
-    return _again(fits, (*leading(fits), *many), lambda fit: _searched(fit, rng, n_threads))
+    return _again(fits, (*leading(fits), *many), lambda fit, own: _searched(fit, own, n_threads), n_threads, rng)
 
 
-def _again(fits: Sequence[Fit], wanted: Sequence[Fit], look: Callable[[Fit], Fit]) -> tuple[Fit, ...]:
-    """Fits, best first, after another look at some of them, once at each."""
-    seen = {key: look(fit) for key, fit in {id(fit): fit for fit in wanted}.items()}
+def _again(
+    fits: Sequence[Fit],
+    wanted: Sequence[Fit],
+    look: Callable[[Fit, np.random.Generator], Fit],
+    n_workers: int,
+    rng: np.random.Generator | None = None,
+) -> tuple[Fit, ...]:
+    """Fits, best first, after another look at some of them, once at each, with a random stream of its own."""
+    once = list({id(fit): fit for fit in wanted}.values())
+    streams = (rng or np.random.default_rng(0)).spawn(len(once))
+    found = beside(lambda pair: look(*pair), list(zip(once, streams, strict=True)), n_workers)
+    seen = {id(fit): new for fit, new in zip(once, found, strict=True)}
     return tuple(sorted((seen.get(id(fit), fit) for fit in fits), key=lambda fit: -fit.log_likelihood))
 
 

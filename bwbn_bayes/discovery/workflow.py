@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from threading import Thread
 from typing import Literal
 
 import numpy as np
@@ -84,7 +85,7 @@ def discover(
     if apart is not None:
         run.say(f"keeping apart the {apart.label}")
     record = _with_noise(record, run)
-    _compile_ahead(model, record, run)
+    compiling = _compile_ahead(model, record, run)
     given = _fit_given(model, record, run)
     binding = binding_sentences(given)
     wider = with_wider_priors(given) if binding else None
@@ -93,6 +94,9 @@ def discover(
         given = _fit_given(wider, record, run)
     for spot in given.disagreement.spots[:2]:
         run.say(spot.sentence)
+    if compiling is not None:
+        run.say("waiting for the law of all effects to be compiled, once for all specimens")
+        compiling.join()
     return conclude(search(given, run), apart, name, assumptions, binding, run)
 
 
@@ -133,21 +137,28 @@ def _fit_given(model: Structure, record: Record, run: Run) -> Explanation:
     )
 
 
-def _compile_ahead(model: Structure, record: Record, run: Run) -> None:
-    """Compile, beside the first fits, the last laws of the first round and the one under which later ones are scored.
+def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
+    """Compile laws beside the first fits; the thread that waits for a specimen's, which has but one.
 
-    Laws do not depend on the sizes that effects are expected to have, so that any sizes do; where a user's effect has
-    no prior at these, nothing is compiled ahead.
+    Of a building they are the last laws of the first round and the one under which later ones are scored. Laws do not
+    depend on the sizes that effects are expected to have, so that any sizes do; where a user's effect has no prior at
+    these, nothing is compiled ahead.
     """
     sizes = replace(NOMINAL, onset=0.1 * record.duration, duration=record.duration, time_step=record.time_step)
     try:
         considered = hypotheses(
-            model, (sizes,) * model.n_storeys, measured=tuple(record.channels), effects=run.settings.effects
+            model,
+            (sizes,) * model.n_storeys,
+            measured=tuple(record.channels),
+            has_time=record.has_time,
+            effects=run.settings.effects,
         )
     except UserError:
-        return
+        return None
+    common = [h.model.law for h in sharing_laws(considered, np.inf) if h.carried][-1:]
+    if model.excitation_kind == "displacement":
+        return precompile(dict.fromkeys(common, True), driven=True)
     later = list(dict.fromkeys(h.model.law for h in considered if h.carried))[1:]
     laws = dict.fromkeys(later[: -1 - _LAWS_AHEAD : -1], True)
-    for hypothesis in [h for h in sharing_laws(considered, np.inf) if h.carried][-1:]:
-        laws.setdefault(hypothesis.model.law, False)
-    precompile(laws, driven=model.excitation_kind == "displacement")
+    precompile({**dict.fromkeys(common, False), **laws}, driven=False)
+    return None

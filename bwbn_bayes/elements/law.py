@@ -225,6 +225,14 @@ class Effect(Protocol):
         """
         raise NotImplementedError(f"{cls.__name__} does not say what sizes to expect: it takes no part in discovery")
 
+    @classmethod
+    def general_forms(cls, scales: Scales) -> tuple[Self, ...]:  # noqa: ARG003  as default_prior's
+        """Forms with a free shape that contain those of :meth:`default_prior`, with priors.
+
+        They are tried where one of these leads and leaves more than noise.
+        """
+        return ()
+
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         """Values of each identified parameter from which fits start; discovery tries every combination."""
         raise NotImplementedError(f"{type(self).__name__} does not say where to start: it takes no part in discovery")
@@ -236,6 +244,11 @@ class Effect(Protocol):
         Found from what it fills in. What acts on floors, base, ground or their sensors exists in motion alone.
         """
         return self.level != "link" or self.fill(Slots()).depends_on_pace
+
+    @property
+    def mechanism(self) -> str:
+        """What of a structure it is a law of, the effect itself where left out: no place has two laws of one."""
+        return self.name
 
     @property
     def signature(self) -> Signature:

@@ -75,6 +75,7 @@ class FolientePinching(Effect):
     source: ClassVar[str] = _SOURCE
     residual: ClassVar[str] = "a pinch off centre that depends on the direction and saturates"
     confusable: ClassVar[str] = "slip_lock"
+    mechanism: ClassVar[str] = "pinching"
     signature: ClassVar[Signature] = Signature(
         measure="pinching index",
         plain_name="the shape of the reloading branch (Foliente's law)",

@@ -51,6 +51,7 @@ class SlipLock(Effect):
     source: ClassVar[str] = "Baber and Noori 1985"
     residual: ClassVar[str] = "bursts near z = 0 after each reversal"
     confusable: ClassVar[str] = "a gap, foliente_pinching with q = 0"
+    mechanism: ClassVar[str] = "pinching"
     signature: ClassVar[Signature] = Signature(
         measure="pinching index",
         plain_name="the shape of the reloading branch (Baber and Noori's law)",

@@ -65,6 +65,12 @@ class StoreyParameter(Effect):
 
     @property
     @override
+    def mechanism(self) -> str:
+        """Each parameter by itself."""
+        return f"{self.name} of {self.parameter}"
+
+    @property
+    @override
     def signature(self) -> Signature:
         """The offset over what the other storeys have."""
         offset = f"{self.parameter}_offset"

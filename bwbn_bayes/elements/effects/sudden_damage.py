@@ -84,6 +84,12 @@ class SuddenDamage(Effect):
 
     @property
     @override
+    def mechanism(self) -> str:
+        """Each parameter by itself."""
+        return f"{self.name} of {self.parameter}"
+
+    @property
+    @override
     def signature(self) -> Signature:
         """The change over what was there before."""
         change, parameter = self._symbols[0], self.parameter

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.cross_validation import CrossValidation, cross_validated
 from bwbn_bayes.discovery.evidence import Evidence
 from bwbn_bayes.discovery.where import Disagreement, disagreement
 from bwbn_bayes.inference.likelihood import Posterior
@@ -61,7 +62,8 @@ class Explanation:
     @property
     def is_fitted_with_unnamed(self) -> bool:
         """Whether its unnamed force was fitted, not reckoned to first order."""
-        return self.has_unnamed and self.evidence.posterior is not self.posterior
+        law = self.evidence.posterior.model
+        return self.has_unnamed and (self.is_specimen or len(law.effects) > len(self.model.effects))
 
     @property
     def is_specimen(self) -> bool:
@@ -122,6 +124,11 @@ class Explanation:
     def disagreement(self) -> Disagreement:
         """Where it disagrees with the record."""
         return disagreement(self.posterior, self.best)
+
+    @cached_property
+    def cross_validation(self) -> CrossValidation:
+        """How well it predicts blocks of the training record; of one without an unnamed force."""
+        return cross_validated(self.evidence.posterior, self.evidence.modes[0].point)
 
     @cached_property
     def is_noise(self) -> bool:

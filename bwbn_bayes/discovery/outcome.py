@@ -237,6 +237,8 @@ class Discovery:
     steps : tuple of Step
     limits : tuple of DetectionLimit
     gap : Gap
+    cross_validated : float
+        Error of the improved model over blocks of the training record that were left out in turn.
     before, after : Disagreement
     histories : mapping of str to mapping of str to array
         ``before`` and ``after``: drift, drift rate, restoring force and so on, ``(n_storeys, n_times)``.
@@ -265,6 +267,7 @@ class Discovery:
     steps: tuple[Step, ...]
     limits: tuple[DetectionLimit, ...]
     gap: Gap
+    cross_validated: float
     before: Disagreement
     after: Disagreement
     histories: Mapping[str, Mapping[str, Floats]]
@@ -324,6 +327,7 @@ class Discovery:
                 "effects": [f"{one.hypothesis.name}{list(one.hypothesis.storeys)}" for one in self.added],
                 "fit": self.gap.after.nrmse,
                 "held_out": None if unseen is None else unseen.after.nrmse,
+                "cross_validated": self.cross_validated,
             },
             "probabilities": {name: p for name, p in self.probabilities.items() if p >= _LEAST_SHOWN},
             "unnamed_force": None if self.unnamed is None else self.unnamed.as_json(),

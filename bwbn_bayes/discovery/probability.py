@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from bwbn_bayes.discovery.explanation import Explanation, Key
+from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.parameters import Floats
 
 NOTHING_MISSING = 0.5
@@ -35,6 +35,8 @@ POSSIBLE = 0.5
 
 _NEGLIGIBLE = 1e-3
 """Probability of an explanation below which it moves no verdict."""
+_MOST_VALIDATED = 12
+"""Explanations, the most probable, of which it is asked how well they predict."""
 
 Verdict = Literal["effects_found", "partly_explained", "no_missing_effect", "unexplained"]
 _CLASSES: Mapping[tuple[bool, bool], Verdict] = {
@@ -128,19 +130,31 @@ class Beliefs:
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
     @cached_property
-    def predictive(self) -> Explanation:
-        """The effects to deliver, as an explanation without an unnamed force.
+    def likely(self) -> frozenset[tuple[str, tuple[int, ...]]]:
+        """Effects that are more likely there than not, each at its place.
 
-        Those that are most probable together, with the unnamed force or without; of several, none of which could be
-        named against the best, those of fewest parameters at fewest places.
+        Of several places, none of which could be named against the most probable one, that of the fewest storeys: where
+        an effect never comes into play, it is as probable as where it is not.
         """
-        total: dict[Key, list[float]] = {}
-        for one, log_joint in zip(self.explanations, self.log_joint, strict=True):
-            total.setdefault(one.effects_key, []).append(float(log_joint))
-        summed = {key: float(logsumexp(values)) for key, values in total.items()}
-        least = max(summed.values()) - float(np.log(NAMED / (1.0 - NAMED)))
-        close = [one for one in self.explanations if summed[one.effects_key] >= least and not one.has_unnamed]
-        return min(close, key=lambda one: (one.n_parameters, one.n_placed, -summed[one.effects_key]))
+        found = set()
+        for name in (name for name, p in self.names.items() if p >= POSSIBLE):
+            places = self.of_places(name)
+            least = max(places.values()) * (1.0 - NAMED) / NAMED
+            close = [place for place, p in places.items() if p >= least]
+            found.add((name, min(close, key=lambda place: (len(place), -places[place]))))  # noqa: B023  called here
+        return frozenset(found)
+
+    @cached_property
+    def predictive(self) -> Explanation:
+        """The effects to deliver, as an explanation without an unnamed force: those that predict best.
+
+        What is likely is among them. Of these explanations the one with the largest log score over blocks of the
+        training record that were left out, the prior added, which keeps chance out where many were tried.
+        """
+        pairs = list(zip(self.explanations, self.log_prior.tolist(), strict=True))
+        plain = [pair for pair in pairs if not pair[0].has_unnamed]
+        holding = [pair for pair in plain if self.likely <= pair[0].placed] or plain
+        return max(holding[:_MOST_VALIDATED], key=lambda pair: pair[0].cross_validation.log_score + pair[1])[0]
 
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
         own = [p for one, p in self._pairs if wanted(one)]

@@ -23,6 +23,7 @@ from scipy.linalg import cho_solve
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
+from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
@@ -100,25 +101,32 @@ class Slopes:
     noise : (n_channels, 1) array
         Noise standard deviation of each channel.
     base : (n_channels * n_times, n_dim) array
-        Derivatives in unit coordinates over the noise.
+        Derivatives in unit coordinates, whitened, over the noise.
     measured : (n_channels, n_times) array
+    correlation : Correlation, optional
+        Of the errors.
     """
 
     noise: Floats
     base: Floats
     measured: Floats
+    correlation: Correlation | None = None
 
     @classmethod
     def at(cls, posterior: Posterior, point: Floats) -> Slopes:
         """At a point ``(n_dim,)`` of the unit cube."""
         record, (values, noise_values) = posterior.record, posterior.split(point[None])
-        measured = record.measured
+        correlation, measured = posterior.noise.correlation, record.measured
         response, slopes = posterior.engine.sensitivities(posterior.model, values, record)
-        misfit = np.sum(np.square(measured - response.values), axis=2)
+        misfit = np.sum(np.square(_whitened(correlation, measured - response.values)), axis=2)
         noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_times, noise_values)[0][:, None])
         scale = posterior.model.space.unit_scale(values)[0]
-        base = (slopes[0] / noise).reshape(len(scale), -1).T * scale
-        return cls(noise=noise, base=base, measured=measured)
+        base = (_whitened(correlation, slopes[0]) / noise).reshape(len(scale), -1).T * scale
+        return cls(noise=noise, base=base, measured=measured, correlation=correlation)
+
+    def scaled(self, rows: Floats) -> Floats:
+        """Rows ``(..., n_channels, n_times)`` as the likelihood sees them: whitened, over the noise."""
+        return _whitened(self.correlation, rows) / self.noise
 
     @cached_property
     def factor(self) -> Floats:
@@ -134,7 +142,7 @@ class Slopes:
             Response, and its derivative in that direction.
         """
         gradient, information = self.projected_together(values, slope[None])
-        whole = float(np.sum(np.square(slope / self.noise)))
+        whole = float(np.sum(np.square(self.scaled(slope))))
         # What is left must exceed the rounding of what was taken away.
         if not (np.isfinite(whole) and information[0, 0] >= 1e-9 * whole > 0.0):
             return 0.0, 0.0
@@ -143,12 +151,16 @@ class Slopes:
     def projected_together(self, values: Floats, slopes: Floats) -> tuple[Floats, Floats]:
         """The same in several directions ``(n, n_channels, n_times)`` at once: ``(n,)`` and ``(n, n)`` arrays."""
         n = len(slopes)
-        residual, own = ((self.measured - values) / self.noise).ravel(), (slopes / self.noise).reshape(n, -1)
+        residual, own = self.scaled(self.measured - values).ravel(), self.scaled(slopes).reshape(n, -1)
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(own))):  # it cannot be solved there
             return np.zeros(n), np.zeros((n, n))
         weights = cho_solve((self.factor, True), self.base.T @ own.T)
         left = own @ own.T - (own @ self.base) @ weights
         return own @ residual - weights.T @ (self.base.T @ residual), left
+
+
+def _whitened(correlation: Correlation | None, rows: Floats) -> Floats:
+    return rows if correlation is None else correlation.whitened(rows)
 
 
 def _score_family(

@@ -344,7 +344,8 @@ def _unnamed_hypotheses(one: Explanation, carried: tuple[Effect, ...] = ()) -> I
 def _first_order_gains(one: Explanation, run: Run) -> dict[int, float]:
     """What an unnamed force at each storey adds to an explanation, under one law for all, compiled once."""
     every = _unnamed_hypotheses(one, _all_but(one.added, run))
-    return {storey: first_order_gain(one.posterior, own, one.best) for storey, own in every}
+    posterior, best = one.evidence.posterior, one.evidence.modes[0].point
+    return {storey: first_order_gain(posterior, own, best) for storey, own in every}
 
 
 def _all_but(added: Sequence[Hypothesis], run: Run) -> tuple[Effect, ...]:

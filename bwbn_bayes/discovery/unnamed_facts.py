@@ -16,9 +16,9 @@ from bwbn_bayes.inference.summary import observe
 
 def unnamed_facts(pool: Pool, believed: Beliefs) -> UnnamedForce | None:
     """The unnamed force of the most probable explanation that has one; None where one is less likely than not."""
-    if believed.unnamed < POSSIBLE:
+    chosen = next((one for one in believed.explanations if one.is_fitted_with_unnamed), None)
+    if believed.unnamed < POSSIBLE or chosen is None:
         return None
-    chosen = next(one for one in believed.explanations if one.unnamed is not None)
     tell = _of_specimen if pool.shared is not None else _of_storey
     return tell(chosen, believed.unnamed)
 

@@ -7,6 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from bwbn_bayes.discovery.cross_validation import CrossValidation
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.probability import ANOTHER, NOTHING_MISSING, UNNAMED, beliefs, log_prior
 
@@ -19,7 +20,11 @@ def hypothesis(name: str, *storeys: int, n_brought: int = 1) -> Any:
 
 
 def explanation(
-    log_evidence: float, *added: Any, unnamed: tuple[int, ...] | None = None, is_noise: bool = True
+    log_evidence: float,
+    *added: Any,
+    unnamed: tuple[int, ...] | None = None,
+    is_noise: bool = True,
+    log_score: float = 0.0,
 ) -> Explanation:
     result = Explanation(
         added=added,
@@ -30,6 +35,7 @@ def explanation(
         n_places=3,
     )
     result.__dict__["is_noise"] = is_noise  # else found from the record
+    result.__dict__["cross_validation"] = CrossValidation(log_score=log_score, nrmse=0.1)
     return result
 
 
@@ -92,12 +98,13 @@ def test_probabilities_are_sums_over_explanations() -> None:
     assert found.predictive is every[1]
 
 
-def test_what_predicts_best_has_the_effects_that_are_most_probable_together() -> None:
-    """With the unnamed force or without: delivered is the model without."""
+def test_what_predicts_best_is_delivered_with_every_name_in_it() -> None:
+    """With the unnamed force or without, what is named is certain: delivered is the model without, and no other."""
     plain, with_it = explanation(0.0, SLIP), explanation(40.0, SLIP, unnamed=(1,))
-    found = beliefs((explanation(30.0, CUBIC), plain, with_it), N_EFFECTS, VARIANTS)
+    found = beliefs((explanation(30.0, CUBIC, log_score=99.0), plain, with_it), N_EFFECTS, VARIANTS)
     assert found.best is with_it
     assert found.verdict == "partly_explained"
+    assert found.likely == {("slip_lock", (2,))}
     assert found.predictive is plain
 
 
@@ -107,16 +114,17 @@ def test_nothing_is_named_where_evidences_are_equal() -> None:
     assert found.names["slip_lock"] < 0.05
 
 
-def test_of_explanations_that_cannot_be_told_apart_the_simpler_one_is_delivered() -> None:
-    """Odds of nine to one are what a name takes; fewer parameters first, then fewer places."""
-    sloppy = hypothesis("foliente_pinching", 2, n_brought=6)
-    everywhere = hypothesis("slip_lock", 1, 2, 3)
-    variants = {**VARIANTS, "foliente_pinching": 4}
-    one, other, wide = explanation(10.0, SLIP), explanation(11.5, sloppy), explanation(10.5, everywhere)
-    found = beliefs((one, other, wide), N_EFFECTS, variants)
-    assert found.best is other
-    assert found.predictive is one
-    assert beliefs((one, explanation(13.0, sloppy)), N_EFFECTS, variants).predictive.names == {"foliente_pinching"}
+def test_of_explanations_with_what_is_named_the_one_that_predicts_best_is_delivered() -> None:
+    """By log scores over blocks that were left out, the prior added: a gain that chance gives is no gain."""
+    one, both = explanation(40.0, SLIP), explanation(35.0, SLIP, CUBIC, log_score=20.0)
+    found = beliefs((explanation(0.0), one, both), N_EFFECTS, VARIANTS)
+    assert found.likely == {("slip_lock", (2,))}
+    assert found.best is one
+    assert found.predictive is both
+    cost = log_prior(one, N_EFFECTS, VARIANTS) - log_prior(both, N_EFFECTS, VARIANTS)
+    for gain, expected in ((cost - 0.1, one), (cost + 0.1, both)):
+        both.__dict__["cross_validation"] = CrossValidation(log_score=gain, nrmse=0.1)
+        assert beliefs((explanation(0.0), one, both), N_EFFECTS, VARIANTS).predictive is expected
 
 
 def test_what_is_left_must_be_noise() -> None:
@@ -132,3 +140,14 @@ def test_an_explanation_tells_where_its_unnamed_force_is() -> None:
     assert explanation(0.0).label == "the model as given"
     assert explanation(0.0, unnamed=(2,)).label == "a force of no known law in storey 2"
     assert replace(explanation(0.0, unnamed=(1,)), n_places=1).label == "a force of no known law"
+
+
+def test_an_effect_is_placed_where_it_comes_into_play() -> None:
+    """A stop that storey 1 never meets is as probable in storeys 1 and 2 as in storey 2 alone."""
+    alone, alike = explanation(40.0, SLIP), explanation(40.4, hypothesis("slip_lock", 1, 2))
+    found = beliefs((explanation(0.0), alone, alike), N_EFFECTS, VARIANTS)
+    assert found.best is alike
+    assert found.likely == {("slip_lock", (2,))}
+    assert found.predictive is alone
+    clear = beliefs((alone, explanation(43.0, hypothesis("slip_lock", 1, 2))), N_EFFECTS, VARIANTS)
+    assert clear.likely == {("slip_lock", (1, 2))}

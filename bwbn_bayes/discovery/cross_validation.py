@@ -1,0 +1,99 @@
+"""How well a fitted model predicts stretches of the training record that its parameters have not seen.
+
+The record is parted into blocks. What the parameters would be without a block follows to first order from the fit to
+all of it (the step that takes the block's residuals and derivatives out of the normal equations); the model is then
+solved in full with these parameters and compared with the block. Nothing is fitted again.
+
+References
+----------
+.. [1] D. M. Allen, "The relationship between variable selection and data augmentation and a method for prediction",
+   Technometrics 16(1), 1974, doi:10.1080/00401706.1974.10489157.
+.. [2] P. Burman, E. Chow and D. Nolan, "A cross-validatory method for dependent data", Biometrika 81(2), 1994,
+   doi:10.1093/biomet/81.2.351.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bwbn_bayes.discovery.score import Slopes
+from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
+from bwbn_bayes.inference.residuals import residual_of
+from bwbn_bayes.parameters import Floats
+
+N_BLOCKS = 16
+"""Stretches that are left out in turn: what one solve of the lanes holds, each longer than noise remembers."""
+_EDGE = 1e-6
+"""Distance from a prior's bound, in prior probability, within which a parameter stays where it is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrossValidation:
+    """How well blocks of the training record are predicted by a fit to the others.
+
+    Attributes
+    ----------
+    log_score : float
+        Log density of all blocks, each normal with the noise level that the others show. [nat]
+    nrmse : float
+        Root mean square over the channels of each one's rms error over its rms.
+    """
+
+    log_score: float
+    nrmse: float
+
+
+def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
+    """Leave each block out in turn.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Where its errors are autoregressive, the log score is that of what their past does not tell.
+    point : (n_dim,) array
+        Its optimum, in the unit cube.
+
+    Returns
+    -------
+    CrossValidation
+        Minus infinity and infinity where the model cannot be solved without a block.
+    """
+    record, slopes = posterior.record, Slopes.at(posterior, point)
+    blocks = np.array_split(np.arange(record.n_times), N_BLOCKS)
+    points = _without_each(slopes, residual_of(posterior, point), point, blocks)
+    posterior.solves.add(len(points))
+    predicted = posterior.engine.simulate(posterior.model, posterior.split(points)[0], record).values
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = record.measured - predicted
+        squared, scaled = np.square(error), np.square(slopes.scaled(error))
+    log_score, missed = 0.0, np.zeros(len(record.channels))
+    for number, block in enumerate(blocks):
+        inside = np.sum(scaled[number][:, block], axis=1)
+        level = (np.sum(scaled[number], axis=1) - inside) / (record.n_times - len(block))
+        density = inside / level + len(block) * np.log(2.0 * np.pi * level * slopes.noise[:, 0] ** 2)
+        log_score -= 0.5 * float(np.sum(density))
+        missed += np.sum(squared[number][:, block], axis=1)
+    if not np.isfinite(log_score):
+        return CrossValidation(log_score=-np.inf, nrmse=np.inf)
+    shares = missed / np.sum(np.square(record.measured), axis=1)
+    as_one = posterior.noise.correlation_samples if isinstance(posterior.noise, IntegratedNoise) else 1.0
+    return CrossValidation(log_score=log_score / as_one, nrmse=float(np.sqrt(np.mean(shares))))
+
+
+def _without_each(slopes: Slopes, residual: Floats, point: Floats, blocks: Sequence[NDArray[np.int64]]) -> Floats:
+    """Optima ``(n_blocks, n_dim)`` without each block, to first order and within the priors' bounds."""
+    free = (point > _EDGE) & (point < 1.0 - _EDGE)
+    base = slopes.base[:, free].reshape(*residual.shape, -1)
+    scaled = slopes.scaled(residual)
+    whole = np.einsum("cti,ctj->ij", base, base) + PRIOR_PRECISION * np.eye(base.shape[2])
+    points = np.tile(point, (len(blocks), 1))
+    for number, block in enumerate(blocks):
+        own = base[:, block].reshape(-1, base.shape[2])
+        step = np.linalg.solve(whole - own.T @ own, own.T @ scaled[:, block].ravel())
+        points[number, free] = np.clip(point[free] - step, _EDGE, 1.0 - _EDGE)
+    return points

@@ -141,7 +141,7 @@ class Beliefs:
             places = self.of_places(name)
             least = max(places.values()) * (1.0 - NAMED) / NAMED
             close = [place for place, p in places.items() if p >= least]
-            found.add((name, min(close, key=lambda place: (len(place), -places[place]))))  # noqa: B023  called here
+            found.add((name, min(close, key=lambda place: (len(place), -places[place]))))
         return frozenset(found)
 
     @cached_property

@@ -80,8 +80,28 @@ class Correlation:
         """Rows ``(..., n_channels, n_times)`` times the inverse root of the correlation matrix."""
         if self.shared is not None:
             share = 1.0 - 1.0 / np.sqrt(1.0 + self.shared.variance)
-            return np.asarray(rows - ((rows @ self.shared.functions) * share) @ self.shared.functions.T)
+            flat = rows.reshape(-1, rows.shape[-1])  # one product of matrices, not one of a vector for every row
+            whole = flat - ((flat @ self.shared.functions) * share) @ self.shared.functions.T
+            return np.asarray(whole.reshape(rows.shape))
         return np.stack([_filtered(own, rows[..., c, :]) for c, own in enumerate(self.coefficients)], axis=-2)
+
+    def products(self, rows: Floats) -> Floats:
+        """Products under the inverse correlation matrix of rows ``(n, k, n_channels, n_times)`` with each other.
+
+        Returns
+        -------
+        (n, n_channels, k, k) array
+        """
+        if self.shared is None:
+            by_channel = np.moveaxis(self.whitened(rows), 1, 2)
+            return np.matmul(by_channel, np.swapaxes(by_channel, 2, 3))
+        # (I + Phi V Phi')^-1 = I - Phi V / (1 + V) Phi': half the work of whitening.
+        known = self.shared.variance / (1.0 + self.shared.variance)
+        by_channel = np.moveaxis(rows, 1, 2)
+        weights = by_channel.reshape(-1, rows.shape[-1]) @ self.shared.functions
+        weights = weights.reshape(*by_channel.shape[:-1], -1)
+        taken = np.matmul(weights * known, np.swapaxes(weights, 2, 3))
+        return np.asarray(np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)) - taken)
 
     def shared_part(self, residual: Floats) -> Floats:
         """Expectation ``(n_times,)`` of what the errors share, given the residual ``(n_times,)`` of the one channel."""

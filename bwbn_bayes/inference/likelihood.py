@@ -311,7 +311,7 @@ class Posterior:
             return self.engine.misfit(self.model, values, self.record)
         response = self.engine.simulate(self.model, values, self.record).values
         with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away misses by infinity
-            misfit = np.sum(np.square(correlation.whitened(self.record.measured - response)), axis=2)
+            misfit = correlation.products((self.record.measured - response)[:, None])[:, :, 0, 0]
         return np.where(np.isfinite(misfit), misfit, np.inf)
 
     def _equations(self, values: Floats, free: Booleans | None) -> NormalEquations:
@@ -322,13 +322,13 @@ class Posterior:
         response, slopes = self.engine.sensitivities(self.model, values, self.record, free=free)
         slopes = slopes if free is None else np.where(free[:, :, None, None], slopes, 0.0)
         with np.errstate(over="ignore", invalid="ignore"):
-            residual = correlation.whitened(self.record.measured - response.values)
-            by_channel = np.moveaxis(correlation.whitened(slopes), 1, 2)
-            misfit = np.sum(np.square(residual), axis=2)
+            rows = np.concatenate([(self.record.measured - response.values)[:, None], slopes], axis=1)
+            products = correlation.products(rows)
+            misfit = products[:, :, 0, 0]
             return NormalEquations(
                 misfit=np.where(np.isfinite(misfit), misfit, np.inf),
-                gradient=np.matmul(by_channel, residual[..., None])[..., 0],
-                information=np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)),
+                gradient=products[:, :, 1:, 0],
+                information=products[:, :, 1:, 1:],
             )
 
     def log_likelihood(self, points: Floats) -> Floats:

@@ -52,6 +52,17 @@ def test_derivatives_are_whitened_as_residuals_are() -> None:
     np.testing.assert_allclose(white[..., 0, 1:], rows[..., 0, 1:] - 0.5 * rows[..., 0, :-1])
 
 
+@pytest.mark.parametrize("shared", [False, True])
+def test_products_are_those_of_whitened_rows(*, shared: bool) -> None:
+    rng = np.random.default_rng(5)
+    rows = rng.standard_normal((4, 3, 1, N))
+    basis = SharedFunctions.of(rng.standard_normal((N, 6)) * 30.0)
+    correlation = Correlation(shared=basis) if shared else Correlation(coefficients=(np.array([0.6]),))
+    white = correlation.whitened(rows)[:, :, 0]
+    expected = np.einsum("nit,njt->nij", white, white)[:, None]
+    np.testing.assert_allclose(correlation.products(rows), expected, rtol=1e-9, atol=1e-9)
+
+
 def test_the_first_samples_share_the_same_functions() -> None:
     rng = np.random.default_rng(4)
     basis, residual = rng.standard_normal((N, 3)), rng.standard_normal((1, 20))

@@ -94,7 +94,7 @@ class Correlation:
         """
         if self.shared is None:
             by_channel = np.moveaxis(self.whitened(rows), 1, 2)
-            return np.matmul(by_channel, np.swapaxes(by_channel, 2, 3))
+            return np.asarray(np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)))
         # (I + Phi V Phi')^-1 = I - Phi V / (1 + V) Phi': half the work of whitening.
         known = self.shared.variance / (1.0 + self.shared.variance)
         by_channel = np.moveaxis(rows, 1, 2)

@@ -151,7 +151,8 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     run.say("looking closer at the leading hypotheses")
     if not parent.is_quiet:
         fits = rescanned(fits, n_threads=run.settings.n_workers)
-    if not leaves_noise(fits[0].posterior, fits[0].best(1)[0]):
+    # A specimen's later laws start near the answer, and what they leave is never noise.
+    if (first or not parent.is_specimen) and not leaves_noise(fits[0].posterior, fits[0].best(1)[0]):
         fits = searched(fits, run.rng, n_threads=run.settings.n_workers)
     return fits
 

@@ -236,6 +236,18 @@ class Record:
         """The first part of the record, up to and including ``time`` [s]."""
         return self.between(0.0, time)
 
+    def every(self, step: int) -> Record:
+        """The record with every so-manieth point, from the first on."""
+        if step == 1:
+            return self
+        return replace(
+            self,
+            time_step=step * self.time_step,
+            excitation=self.excitation[::step],
+            channels={key: values[::step] for key, values in self.channels.items()},
+            provenance={**self.provenance, "points kept": f"one in {step}"},
+        )
+
     def between(self, start: float, end: float) -> Record:
         """The part from ``start`` to ``end`` [s], both included, with its time counted from zero again.
 

@@ -251,3 +251,20 @@ def test_what_a_terminal_would_obey_is_not_kept() -> None:
                     provenance={"by\x1b[2J": "me\x00\x1b[31m"})  # fmt: skip
     assert motion.name == "?]0;mine?A?B?31m".replace("?", "\N{REPLACEMENT CHARACTER}")
     assert "\x1b" not in str(dict(motion.provenance))
+
+
+def test_every_third_point_is_as_if_it_had_been_measured_so() -> None:
+    record = Record(
+        name="cyclic",
+        time_step=0.1,
+        excitation=np.arange(31.0),
+        channels={"force": 2.0 * np.arange(31.0)},
+        excitation_kind="displacement",
+    )
+    kept = record.every(3)
+    np.testing.assert_array_equal(kept.excitation, np.arange(0.0, 31.0, 3.0))
+    np.testing.assert_array_equal(kept.channels["force"], 2.0 * kept.excitation)
+    assert kept.time_step == pytest.approx(0.3)
+    assert kept.duration == pytest.approx(record.duration)
+    assert kept.provenance["points kept"] == "one in 3"
+    assert record.every(1) is record

@@ -107,8 +107,8 @@ def on_one_thread(posterior: Posterior) -> Posterior:
 
 
 def hypotheses_of(present: Explanation, run: Run, most_carried: float) -> tuple[Hypothesis, ...]:
-    """Every hypothesis about the present model."""
-    return hypotheses(
+    """Every hypothesis about the present model; of a specimen under one law, whatever it has of the catalogue."""
+    found = hypotheses(
         present.model,
         scales_of(present.posterior, present.best),
         measured=tuple(present.posterior.record.channels),
@@ -116,6 +116,16 @@ def hypotheses_of(present: Explanation, run: Run, most_carried: float) -> tuple[
         effects=run.settings.effects,
         most_carried=most_carried,
     )
+    if not (present.is_specimen and present.added):
+        return found
+    return tuple(replace(one, carried=all_but((*present.added, one), run)) for one in found)
+
+
+def all_but(added: Sequence[Hypothesis], run: Run) -> tuple[Effect, ...]:
+    """Every form of every effect that was considered but those that are added: with them the law of all effects."""
+    present = {one.symbols for one in added}
+    every = {h.symbols: h.effect for h in run.considered_first if h.effect.level != "observation"}
+    return tuple(effect for symbols, effect in every.items() if symbols not in present)
 
 
 def score_all(present: Explanation, every: Sequence[Hypothesis], run: Run) -> tuple[tuple[Hypothesis, Score], ...]:

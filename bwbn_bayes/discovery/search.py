@@ -21,7 +21,7 @@ from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.probability import POSSIBLE, UNNAMED_SCALE, cost_of_another
 from bwbn_bayes.discovery.race import Fit, race
-from bwbn_bayes.discovery.run import Run, beside, hypotheses_of, on_one_thread, on_threads, score_all
+from bwbn_bayes.discovery.run import Run, all_but, beside, hypotheses_of, on_one_thread, on_threads, score_all
 from bwbn_bayes.discovery.second_look import rescanned, searched, widened
 from bwbn_bayes.discovery.unnamed_storey import first_order_gain, unnamed_hypothesis, with_scale_integrated
 from bwbn_bayes.elements.law import Effect
@@ -235,7 +235,7 @@ def _left_out(pool: Pool, run: Run) -> Iterator[Explanation]:
 
 def rebuilt(given: Explanation, added: Sequence[Hypothesis], run: Run) -> tuple[Hypothesis, ...]:
     """The same hypotheses one upon the other, from the model as given on; a specimen's under the law of all effects."""
-    carried = _all_but(added, run) if given.is_specimen else ()
+    carried = all_but(added, run) if given.is_specimen else ()
     result: list[Hypothesis] = []
     for number, one in enumerate(added, start=1):
         base = result[-1].model if result else given.model
@@ -344,13 +344,6 @@ def _unnamed_hypotheses(one: Explanation, carried: tuple[Effect, ...] = ()) -> I
 
 def _first_order_gains(one: Explanation, run: Run) -> dict[int, float]:
     """What an unnamed force at each storey adds to an explanation, under one law for all, compiled once."""
-    every = _unnamed_hypotheses(one, _all_but(one.added, run))
+    every = _unnamed_hypotheses(one, all_but(one.added, run))
     posterior, best = one.evidence.posterior, one.evidence.modes[0].point
     return {storey: first_order_gain(posterior, own, best) for storey, own in every}
-
-
-def _all_but(added: Sequence[Hypothesis], run: Run) -> tuple[Effect, ...]:
-    """Every form of every effect that was considered but those that are added."""
-    present = {one.symbols for one in added}
-    every = {h.symbols: h.effect for h in run.considered_first if h.effect.level != "observation"}
-    return tuple(effect for symbols, effect in every.items() if symbols not in present)

@@ -96,6 +96,7 @@ def conclude(
         assumptions=tuple(assumptions),
         seed=run.settings.seed,
         elapsed_s=elapsed,
+        stopped=run.stopped,
     )
 
 

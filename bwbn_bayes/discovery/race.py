@@ -128,8 +128,11 @@ def race(
             return _fit_family(present, family, points, n)
 
         done = "fitted {} hypotheses" if number == 0 else "refined {} leading hypotheses"
-        for _, found in pace.each(further, families(kept), n_workers, done, size=lambda family: len(family.members)):
-            fits.update((fit.hypothesis, fit) for fit in found)
+        ended = pace.each(further, families(kept), n_workers, done, size=lambda family: len(family.members))
+        fitted = {fit.hypothesis: fit for _, found in ended for fit in found}
+        if not fitted:
+            break
+        fits.update(fitted)
         kept = sorted((h for h in kept if h in fits), key=lambda hypothesis: -fits[hypothesis].log_likelihood)
         if progress is not None and kept:
             progress(f"best so far: {kept[0].label}")

@@ -73,13 +73,20 @@ def search(given: Explanation, run: Run) -> Pool:
         _unnamed_to_first_order(pool)
         _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
     if run.stopped:
-        after = f"after {n_whole} round{'' if n_whole == 1 else 's'}"
-        midst = ", in the midst of the next" if len(pool.expanded) > n_whole else ""
         run.note(
-            f"The search was stopped by the time limit of {run.settings.time_limit_s:g} s {after}{midst}: what it had "
-            "not tried by then has no part in the probabilities."
+            f"The search was stopped by the time limit of {run.settings.time_limit_s:g} s, "
+            f"{_when_stopped(len(pool.expanded), n_whole)}: what it had not tried by then has no part in the "
+            "probabilities."
         )
     return pool
+
+
+def _when_stopped(n_begun: int, n_whole: int) -> str:
+    """After how many rounds."""
+    if n_whole == 0:
+        return "in its first round" if n_begun else "before its first round"
+    after = f"after {n_whole} round{'' if n_whole == 1 else 's'}"
+    return f"{after} and a part of the next" if n_begun > n_whole else after
 
 
 def _round(parent: Explanation, pool: Pool, run: Run) -> None:
@@ -344,6 +351,8 @@ def _unnamed_at_storeys(pool: Pool, run: Run) -> None:
     laws = [pool.plain[one.effects_key] for one in pool.laws_alone.explanations[:_N_UNNAMED]]
     wanted = {one.effects_key: one for one in (*laws, pool.ranked()[0], pool.plain[frozenset()])}
     waiting = [one for key, one in wanted.items() if not any(other == key for other, _ in pool.unnamed)]
+    if not waiting or run.must_stop():
+        return
     for one in waiting:
         run.say(f"fitting {one.label} with a force of no known law")
     asked = [(one, run) for one in waiting]

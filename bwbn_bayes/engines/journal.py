@@ -28,6 +28,7 @@ from typing import Any, BinaryIO, Self, cast
 
 import numpy as np
 
+from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.base import Engine, NormalEquations, masses
 from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, writing
 from bwbn_bayes.parameters import Booleans, Floats
@@ -212,11 +213,8 @@ def forget(path: Path) -> None:
     UserError
         If another run writes it.
     """
-    with (
-        suppress(FileNotFoundError),
-        writing(f"checkpoint {path}", "choose another place"),
-        _solves(path).open() as file,
-    ):
+    refused = writing(f"checkpoint {path}", "choose another place")
+    with refused, suppress(FileNotFoundError), _solves(path).open("rb") as file:
         _claim(path, file.fileno())
         _solves(path).unlink()
 
@@ -303,6 +301,12 @@ def question_of(kind: str, words: str, *arrays: Floats | Booleans) -> bytes:
     return digest.digest()
 
 
+@cache
+def _law_in_words(law: StoreyLaw) -> str:
+    """Its ``repr``, made once: it takes long beside the hash of the rest."""
+    return repr(law)
+
+
 def about(engine: Any, model: Structure, record: Record) -> str:
     """Hash of all that shapes an answer, but for the draws; threads do not."""
     threaded = any(one.name == "n_threads" for one in fields(engine))
@@ -313,7 +317,7 @@ def about(engine: Any, model: Structure, record: Record) -> str:
         re.sub("^(Kept|Spread)*", "", repr(replace(engine, n_threads=1) if threaded else engine)),
         type(model).__name__,
         repr(model),
-        repr(model.law),
+        _law_in_words(model.law),
         table.fixed.tobytes().hex(),
         table.index.tobytes().hex(),
         masses(model).tobytes().hex(),

@@ -42,7 +42,6 @@ def kept_fit(
     """
     if view.journal is None:
         return fit(view)
-    about = view.about
 
     def solve(_: slice) -> tuple[Floats, ...]:
         own = replace(view, journal=None, solves=SolveCount())
@@ -56,7 +55,7 @@ def kept_fit(
         return np.allclose(again, reached[some], rtol=_TOLERANCE, atol=_TOLERANCE)
 
     asked = [starts] if held is None else [starts, held]
-    question = question_of(f"fit, {options}", about, *asked)
-    *found, n_solves = view.journal.kept(f"fit {about}", question, len(starts), solve, is_right=is_right)
+    question = question_of(f"fit, {options}", view.about, *asked)
+    *found, n_solves = view.journal.kept("fit", question, len(starts), solve, is_right=is_right)
     view.solves.add(int(n_solves[0]))
     return tuple(found)

@@ -313,13 +313,8 @@ class Posterior:
         self.solves.add(len(points))
         if self.journal is None:
             return self._misfit(points)
-        words = self.about
-        (found,) = self.journal.kept(
-            f"misfit {words}",
-            question_of("misfit", words, points),
-            len(points),
-            lambda some: (self._misfit(points[some]),),
-        )
+        question = question_of("misfit", self.about, points)
+        (found,) = self.journal.kept("misfit", question, len(points), lambda some: (self._misfit(points[some]),))
         return found
 
     @property

@@ -218,7 +218,9 @@ def discover(
         )
         tell("writing the report", None)
         write_discovery_files(discovery, directory, model)
-    if not discovery.stopped:
+    if discovery.stopped:
+        notes.print("stopped by the time limit: the same command with --resume goes on from there", soft_wrap=True)
+    else:
         forget(directory / UNFINISHED_SEARCH)
     _warn(file.model, notes)
     console = results_console()

@@ -148,10 +148,13 @@ def test_a_time_limit_concludes_what_was_found(inputs: Path, monkeypatch: pytest
     assert found.result.facts.parameters
 
 
-def test_a_search_that_the_limit_stopped_goes_on(run: Any, command: Command) -> None:
+def test_a_search_that_the_limit_stopped_goes_on(
+    run: Any, command: Command, capsys: pytest.CaptureFixture[str]
+) -> None:
     whole = json.loads((run.directory / "discovery.json").read_text(encoding="utf-8"))
     stopped = command("--time-limit", "0.001")
     assert stopped["stopped_by_time_limit"]
+    assert "the same command with --resume goes on from there" in capsys.readouterr().err
     assert not any(one["effects"] for one in stopped["candidates"])
     assert any("before its first round" in sentence for sentence in stopped["sentences"])
     assert timeless(command("--resume")) == timeless(whole)

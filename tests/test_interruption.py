@@ -89,6 +89,22 @@ def test_ctrl_c_ends_a_run_at_once_in_one_sentence(tmp_path: Path, method: str, 
     assert not (tmp_path / "out").exists()
 
 
+def test_ctrl_c_says_how_a_search_goes_on(tmp_path: Path) -> None:
+    """It wrote nothing and began again."""
+    out = tmp_path / "out"
+    with _started(MAIN, "discover", SDOF, "--out", out) as process:
+        assert process.stderr is not None
+        while "hypotheses" not in process.stderr.readline():  # the model as given is fitted
+            assert process.poll() is None
+        took, said = _interrupted(process)
+    assert said.splitlines()[-1] == (
+        f"stopped: what was fitted is kept in {out}, and the same command with --resume goes on from there"
+    )
+    assert "Traceback" not in said
+    assert (process.returncode, took < 2.0) == (130, True)
+    assert [path.name for path in out.iterdir()] == [".unfinished.solves"]
+
+
 def test_ctrl_c_leaves_no_child_and_asks_no_library(tmp_path: Path) -> None:
     """`precompile` went on compiling; what catches KeyboardInterrupt for its own ends does not get it."""
     options = ("discover", SDOF, "--out", tmp_path / "out")

@@ -110,7 +110,7 @@ def jobs_of(
         taken = (str(model), "--record", str(record)) if model is not None else (str(record),)
         words = (version("bwbn-bayes"), command, *options)
         digest = hashlib.sha256("\n".join(words).encode() + b"\n" + source + b"\n" + record.read_bytes())
-        resumed = () if discover else ("--checkpoint", str(directory / "meanwhile"))
+        resumed = ("--resume",) if discover else ("--checkpoint", str(directory / "meanwhile"))
         jobs.append(
             Job(
                 name=name,

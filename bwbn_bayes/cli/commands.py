@@ -27,6 +27,8 @@ from bwbn_bayes.reproduction.options import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
 
 if TYPE_CHECKING:
+    from bwbn_bayes.discovery.pace import Progress
+    from bwbn_bayes.discovery.run import Listener as DiscoveryListener
     from bwbn_bayes.inference.history import Listener
     from bwbn_bayes.records.record import Record
     from bwbn_bayes.structures.model_file import ModelFile
@@ -34,6 +36,9 @@ if TYPE_CHECKING:
 
 DISCOVERY_PARTICLES = "2000"
 """What help says of the default in DiscoverySettings, which is loaded with all of discovery."""
+
+UNFINISHED_SEARCH = ".unfinished"
+"""Checkpoint of a discovery, in the directory that it writes to."""
 
 app = typer.Typer(
     help="Identify hysteretic structures from measured records, and say what the model is missing.",
@@ -170,29 +175,53 @@ def discover(
             show_default=DISCOVERY_PARTICLES,
         ),
     ] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--time-limit",
+            metavar="SECONDS",
+            help="After it nothing further is tried: what was found by then is weighed and reported.",
+        ),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from a run with the same --out that was stopped.")
+    ] = False,
 ) -> None:
     """Find what MODEL lacks to explain a record, with probabilities, and write the improved model and a report."""
     from bwbn_bayes.cli.files import writable, write_discovery_files
     from bwbn_bayes.discovery.run import DiscoverySettings
     from bwbn_bayes.discovery.workflow import discover as discover_missing
+    from bwbn_bayes.engines.journal import forget
     from bwbn_bayes.report.discovery_text import discovery_in_words
 
     file = _loaded(model, columns, record, None if held_out == "end" else held_out)
     directory = writable(out or Path("reports") / f"{file.name}_discovery")
+    settings = DiscoverySettings(
+        seed=seed,
+        particles=particles or DiscoverySettings.particles,
+        time_limit_s=time_limit,
+        checkpoint=directory / UNFINISHED_SEARCH,
+    )
+    if not resume:
+        forget(directory / UNFINISHED_SEARCH)
     notes = Console(stderr=True)
-    with stopped_with(partial(_goes_on, directory)), told(notes) as tell:
+    with stopped_with(partial(_resumes, directory)), told(notes) as tell:
         apart = _held_out(file, held_out, record)
         discovery = discover_missing(
             file.model,
-            _record(file, record, seed, lambda text, _: tell(text)),
+            _record(file, record, seed, lambda text, _: tell(text, None)),
             held_out=apart,
-            settings=DiscoverySettings(seed=seed, particles=particles or DiscoverySettings.particles),
+            settings=settings,
             name=file.name,
             assumptions=file.assumptions,
-            listener=tell,
+            listener=_writing_steps(tell, directory),
         )
-        tell("writing the report")
+        tell("writing the report", None)
         write_discovery_files(discovery, directory, model)
+    if discovery.stopped:
+        notes.print("stopped by the time limit: the same command with --resume goes on from there", soft_wrap=True)
+    else:
+        forget(directory / UNFINISHED_SEARCH)
     _warn(file.model, notes)
     console = results_console()
     for line in discovery_in_words(discovery):
@@ -418,6 +447,28 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except typer.TyperException as error:
         _refuse(error.format_message())
     sys.exit(code or 0)
+
+
+def _writing_steps(tell: DiscoveryListener, directory: Path) -> DiscoveryListener:
+    """A listener that also writes what a search knows after each step."""
+    from bwbn_bayes.cli.files import write_unfinished
+    from bwbn_bayes.discovery.unfinished import Unfinished
+
+    def hear(text: str, facts: Progress | Unfinished | None) -> None:
+        tell(text, facts)
+        if isinstance(facts, Unfinished):
+            write_unfinished(facts, directory)
+
+    return hear
+
+
+def _resumes(directory: Path) -> str:
+    """What remains of a search that is stopped."""
+    from bwbn_bayes.engines.journal import has_begun
+
+    if has_begun(directory / UNFINISHED_SEARCH):
+        return f"stopped: what was fitted is kept in {directory}, and the same command with --resume goes on from there"
+    return f"stopped: nothing was written to {directory}"
 
 
 def _goes_on(directory: Path, checkpoint: Path | None = None) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,10 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 from rich.text import Text
 
+from bwbn_bayes.discovery import pace
+
 if TYPE_CHECKING:
+    from bwbn_bayes.discovery.run import Listener as DiscoveryListener
     from bwbn_bayes.inference.history import Listener
     from bwbn_bayes.results import ParameterFacts, Result, StageFacts
 
@@ -43,11 +46,11 @@ def progress(console: Console, particles: int) -> Iterator[Listener]:
 
 
 @contextmanager
-def told(console: Console) -> Iterator[Callable[[str], None]]:
-    """One line for each thing done or found; on a terminal also what goes on now, turning."""
+def told(console: Console) -> Iterator[DiscoveryListener]:
+    """One line for each thing done or found; on a terminal also what goes on now, turning, and how far it is."""
     began = time.perf_counter()
 
-    def write(text: str) -> None:
+    def write(text: str, _: object = None) -> None:
         line = f"{time.perf_counter() - began:6.1f} s  {text}"
         console.print(line, markup=False, highlight=False, soft_wrap=True)
 
@@ -56,8 +59,9 @@ def told(console: Console) -> Iterator[Callable[[str], None]]:
         return
     with console.status("starting") as status:
 
-        def tell(text: str) -> None:
-            write(text)
+        def tell(text: str, facts: object = None) -> None:
+            if not isinstance(facts, pace.Progress):
+                write(text)
             status.update(Text(text))
 
         yield tell

@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from bwbn_bayes.cli.interruption import COMMITTING, UNFINISHED
 from bwbn_bayes.discovery.improved_model import improved_model_source
 from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.discovery.unfinished import Unfinished
 from bwbn_bayes.errors import UserError, writing
 from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.report import write_discovery, write_report
@@ -110,8 +111,7 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
     with replacing(directory, report=True) as partial:
         write_discovery(discovery, partial)
         save_result(discovery.result, partial / "identify")
-        text = json.dumps(discovery.as_json(), indent=1, allow_nan=False)
-        (partial / "discovery.json").write_text(text + "\n", encoding="utf-8")
+        _save_discovery(discovery, partial)
         write_record(discovery.record, partial / "record.csv")
         source = improved_model_source(
             discovery.improved,
@@ -122,6 +122,17 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
             assumptions=discovery.assumptions,
         )
         (partial / "improved_model.py").write_text(source, encoding="utf-8")
+
+
+def write_unfinished(search: Unfinished, directory: Path) -> None:
+    """``discovery.json`` of a search that goes on."""
+    with replacing(directory) as partial:
+        _save_discovery(search, partial)
+
+
+def _save_discovery(found: Discovery | Unfinished, directory: Path) -> None:
+    text = json.dumps(found.as_json(), indent=1, allow_nan=False)
+    (directory / "discovery.json").write_text(text + "\n", encoding="utf-8")
 
 
 def write_starting_model(record: Path, path: Path, columns: str | None = None) -> tuple[str, ...]:

@@ -97,6 +97,7 @@ def conclude(
         assumptions=tuple(assumptions),
         seed=run.settings.seed,
         elapsed_s=elapsed,
+        stopped=run.stopped,
     )
 
 

@@ -18,7 +18,7 @@ from bwbn_bayes.results import Result, finite
 from bwbn_bayes.structures.structure import Structure
 
 SCHEMA = 2
-_LEAST_SHOWN = 1e-6
+LEAST_SHOWN = 1e-6
 """Probability of an effect from which it is listed."""
 Grade = Literal["named", "possible", "shape", "weak"]
 """Of an effect that was added: its name is certain, likely, or not deserved (its law helps without its signature)."""
@@ -254,6 +254,8 @@ class Discovery:
     seed : int
     elapsed_s : float
         Without the final posterior.
+    stopped : bool
+        Whether the time limit ended the search before it was done.
     """
 
     verdict: Verdict
@@ -280,6 +282,7 @@ class Discovery:
     assumptions: tuple[str, ...]
     seed: int
     elapsed_s: float
+    stopped: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """``discovery.json``, schema 2; a number that is not finite becomes None, which JSON can hold."""
@@ -304,6 +307,7 @@ class Discovery:
             }
         facts: dict[str, Any] = {
             "schema": SCHEMA,
+            "finished": True,
             "model": self.name,
             "record": self.record.name,
             "verdict": self.verdict,
@@ -311,17 +315,7 @@ class Discovery:
             "sentences": list(self.sentences),
             "unexplained_share": self.unexplained_share,
             "effects": [added.as_json() for added in self.added],
-            "where": [
-                {
-                    "channel": spot.channel,
-                    "start_s": spot.start_s if spot.cycles is None else None,
-                    "end_s": spot.end_s if spot.cycles is None else None,
-                    "cycles": None if spot.cycles is None else list(spot.cycles),
-                    "residual_to_noise": spot.residual_to_noise,
-                    "sentence": spot.sentence,
-                }
-                for spot in self.before.spots
-            ],
+            "where": where_as_json(self.before),
             "gap": gap,
             "best_model": {
                 "effects": [f"{one.hypothesis.name}{list(one.hypothesis.storeys)}" for one in self.added],
@@ -329,14 +323,10 @@ class Discovery:
                 "held_out": None if unseen is None else unseen.after.nrmse,
                 "cross_validated": self.cross_validated,
             },
-            "probabilities": {name: p for name, p in self.probabilities.items() if p >= _LEAST_SHOWN},
+            "probabilities": {name: p for name, p in self.probabilities.items() if p >= LEAST_SHOWN},
             "unnamed_force": None if self.unnamed is None else self.unnamed.as_json(),
             "binding_priors": list(self.binding),
-            "steps": [
-                {"step": step.number, "parent": step.parent, "sentence": step.sentence, "elapsed_s": step.elapsed_s}
-                for step in self.steps
-            ],
-            "candidates": _candidates(self.steps),
+            **steps_as_json(self.steps),
             "detection_limits": [
                 {
                     "effect": limit.name,
@@ -347,10 +337,35 @@ class Discovery:
                 }
                 for limit in self.limits
             ],
+            "stopped_by_time_limit": self.stopped,
             "elapsed_s": self.elapsed_s,
             "seed": self.seed,
         }
         return {key: finite(value) for key, value in facts.items()}
+
+
+def where_as_json(before: Disagreement) -> list[dict[str, Any]]:
+    """``where`` of ``discovery.json``."""
+    return [
+        {
+            "channel": spot.channel,
+            "start_s": spot.start_s if spot.cycles is None else None,
+            "end_s": spot.end_s if spot.cycles is None else None,
+            "cycles": None if spot.cycles is None else list(spot.cycles),
+            "residual_to_noise": spot.residual_to_noise,
+            "sentence": spot.sentence,
+        }
+        for spot in before.spots
+    ]
+
+
+def steps_as_json(steps: tuple[Step, ...]) -> dict[str, Any]:
+    """``steps`` and ``candidates`` of ``discovery.json``."""
+    told = [
+        {"step": step.number, "parent": step.parent, "sentence": step.sentence, "elapsed_s": step.elapsed_s}
+        for step in steps
+    ]
+    return {"steps": told, "candidates": _candidates(steps)}
 
 
 def _candidates(steps: tuple[Step, ...]) -> list[dict[str, Any]]:

@@ -7,7 +7,6 @@ from every combination of its grid and of several fits of the present model. Six
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
+from bwbn_bayes.discovery.pace import UNHURRIED, Pace
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, climb, distinct, polish
 from bwbn_bayes.parameters import Booleans, Floats
@@ -82,10 +82,12 @@ def race(
     n_workers: int,
     guess: bool = True,
     progress: Callable[[str], None] | None = None,
+    pace: Pace = UNHURRIED,
 ) -> tuple[Fit, ...]:
     """Fit hypotheses, best first.
 
-    An effect in every storey alike joins in the second round, if it is among the leading ones at one storey.
+    An effect in every storey alike joins in the second round, if it is among the leading ones at one storey. Where
+    there is no time for all, those that were fitted stand as they are.
 
     Parameters
     ----------
@@ -101,6 +103,8 @@ def race(
         Whether fits start from guessed sizes too; where the residual is noise, the scores' own steps are enough.
     progress : callable, optional
         Told the best hypothesis after each round.
+    pace : Pace
+        Whether there is time, and who is told how far it is.
     """
     fits: dict[Hypothesis, Fit] = {}
     at_one_place = {h.symbols for h in hypotheses if len(h.storeys) < 2}
@@ -109,26 +113,29 @@ def race(
     for hypothesis in hypotheses:
         joins_later = len(hypothesis.storeys) > 1 and hypothesis.symbols in at_one_place
         (everywhere if joins_later else kept).append(hypothesis)
-    with ThreadPoolExecutor(max_workers=n_workers) as pool:
-        for number, (n_iterations, share) in enumerate(ROUNDS):
-            n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(kept))
-            leading = list(dict.fromkeys(h.symbols for h in kept))[:_LEADING_FORMS]
-            joining = [h for h in everywhere if h.symbols in leading] if number == 1 else []
-            kept = [*kept[:n_kept], *joining]
+    for number, (n_iterations, share) in enumerate(ROUNDS):
+        n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(kept))
+        leading = list(dict.fromkeys(h.symbols for h in kept))[:_LEADING_FORMS]
+        joining = [h for h in everywhere if h.symbols in leading] if number == 1 else []
+        kept = [*kept[:n_kept], *joining]
 
-            def further(family: Family, n: int = n_iterations) -> list[Fit]:
-                if all(member in fits for member in family.members):
-                    n_kept_points = max(_BLOCK // len(family.members), _FEWEST)
-                    points = [fits[member].best(n_kept_points) for member in family.members]
-                else:
-                    points = _starts(present, family, base_points, guess=guess)
-                return _fit_family(present, family, points, n)
+        def further(family: Family, n: int = n_iterations) -> list[Fit]:
+            if all(member in fits for member in family.members):
+                n_kept_points = max(_BLOCK // len(family.members), _FEWEST)
+                points = [fits[member].best(n_kept_points) for member in family.members]
+            else:
+                points = _starts(present, family, base_points, guess=guess)
+            return _fit_family(present, family, points, n)
 
-            for found in pool.map(further, families(kept)):
-                fits.update((fit.hypothesis, fit) for fit in found)
-            kept = sorted(kept, key=lambda hypothesis: -fits[hypothesis].log_likelihood)
-            if progress is not None and kept:
-                progress(f"best so far: {kept[0].label}")
+        done = "fitted {} hypotheses" if number == 0 else "refined {} leading hypotheses"
+        ended = pace.each(further, families(kept), n_workers, done, size=lambda family: len(family.members))
+        fitted = {fit.hypothesis: fit for _, found in ended for fit in found}
+        if not fitted:
+            break
+        fits.update(fitted)
+        kept = sorted((h for h in kept if h in fits), key=lambda hypothesis: -fits[hypothesis].log_likelihood)
+        if progress is not None and kept:
+            progress(f"best so far: {kept[0].label}")
     return tuple(sorted(fits.values(), key=lambda fit: -fit.log_likelihood))
 
 

@@ -7,20 +7,25 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.outcome import Step
+from bwbn_bayes.discovery.pace import Pace, Progress
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.discovery.score import Score, scores
+from bwbn_bayes.discovery.unfinished import Unfinished
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.structures.structure import Structure
 
-Listener = Callable[[str], None]
+Listener = Callable[[str, Progress | Unfinished | None], None]
+"""Called with what is being done or was found; with how far it is; after each step with all that is known by then."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +46,15 @@ class DiscoverySettings:
         Hypotheses fitted at once.
     effects : tuple of Effect classes, optional
         Those to consider; the whole catalogue by default.
+    time_limit_s : float, optional
+        Nothing further is tried after it: what was found by then is concluded. [s]
+    checkpoint : Path, optional
+        What was fitted is kept in the file of this name, without suffix; the same search goes on from there.
+
+    Raises
+    ------
+    UserError
+        If the time limit is no positive number.
     """
 
     seed: int = 1
@@ -49,6 +63,13 @@ class DiscoverySettings:
     particles: int = 2000
     n_workers: int = os.cpu_count() or 1
     effects: tuple[type[Effect], ...] | None = None
+    time_limit_s: float | None = None
+    checkpoint: Path | None = None
+
+    def __post_init__(self) -> None:
+        limit = self.time_limit_s
+        if limit is not None and not 0.0 < limit < np.inf:
+            raise UserError(f"time limit: {limit:g} s is no time to search in, give a positive number of seconds")
 
 
 @dataclass
@@ -58,6 +79,8 @@ class Run:
     settings: DiscoverySettings
     rng: np.random.Generator
     listener: Listener | None
+    name: str = "model"
+    """The model's, in reports."""
     began: float = field(default_factory=time.perf_counter)
     steps: list[Step] = field(default_factory=list)
     scored: tuple[Structure | None, tuple[tuple[Hypothesis, Score], ...]] = (None, ())
@@ -70,11 +93,27 @@ class Run:
     """What the first round came to, best first."""
     considered_first: tuple[Hypothesis, ...] = ()
     """Hypotheses of the first round."""
+    binding: tuple[str, ...] = ()
+    """Priors of the model as given that bind, in sentences."""
+    stopped: bool = False
+    """Whether something was left out for want of time."""
 
-    def say(self, text: str) -> None:
+    def say(self, text: str, facts: Progress | Unfinished | None = None) -> None:
         """Tell the listener, if there is one."""
         if self.listener is not None:
-            self.listener(text)
+            self.listener(text, facts)
+
+    def must_stop(self) -> bool:
+        """Whether the time is over, so that what was to come is left out."""
+        limit = self.settings.time_limit_s
+        if limit is not None and self.elapsed >= limit:
+            self.stopped = True
+        return self.stopped
+
+    @property
+    def pace(self) -> Pace:
+        """Of its stages."""
+        return Pace(must_stop=self.must_stop, tell=self.say)
 
     def note(self, text: str) -> None:
         """Keep a sentence for the verdict, and tell the listener."""

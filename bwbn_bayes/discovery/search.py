@@ -21,8 +21,9 @@ from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.probability import POSSIBLE, UNNAMED_SCALE, cost_of_another
 from bwbn_bayes.discovery.race import Fit, race
-from bwbn_bayes.discovery.run import Run, all_but, beside, hypotheses_of, on_one_thread, on_threads, score_all
+from bwbn_bayes.discovery.run import Run, all_but, hypotheses_of, on_one_thread, on_threads, score_all
 from bwbn_bayes.discovery.second_look import rescanned, searched, widened
+from bwbn_bayes.discovery.unfinished import Unfinished
 from bwbn_bayes.discovery.unnamed_storey import first_order_gain, unnamed_hypothesis, with_scale_integrated
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.precompile import precompile
@@ -61,25 +62,47 @@ def search(given: Explanation, run: Run) -> Pool:
     pool = Pool(run=run)
     pool.add([given])
     run.considered = run.considered_first = hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED)
-    for number in range(1, run.settings.most_rounds + 1):
+    n_whole = 0
+    for _ in range(run.settings.most_rounds):
         parent = _next(pool, run)
         if parent is None:
             break
-        pool.expanded.add(parent.effects_key)
-        pool.add(_built_upon(parent, run))
-        if number == 1:
-            pool.add(_together(given, run))
-        pool.weigh()
-        pool.add(_reshaped(pool, run))
-        pool.add(_left_out(pool, run))
-        pool.weigh()
-        if not given.is_specimen and not pool.ranked()[0].is_noise:
-            _unnamed_at_storeys(pool, run)
-        _tell(f"Built upon {parent.label}", parent.label, pool, run)
+        _round(parent, pool, run)
+        n_whole += not run.stopped
     if not given.is_specimen and pool.ranked()[0].is_noise:
         _unnamed_to_first_order(pool)
         _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
+    if run.stopped:
+        run.note(
+            f"The search was stopped by the time limit of {run.settings.time_limit_s:g} s, "
+            f"{_when_stopped(len(pool.expanded), n_whole)}: what it had not tried by then has no part in the "
+            "probabilities."
+        )
     return pool
+
+
+def _when_stopped(n_begun: int, n_whole: int) -> str:
+    """After how many rounds."""
+    if n_whole == 0:
+        return "in its first round" if n_begun else "before its first round"
+    after = f"after {n_whole} round{'' if n_whole == 1 else 's'}"
+    return f"{after} and a part of the next" if n_begun > n_whole else after
+
+
+def _round(parent: Explanation, pool: Pool, run: Run) -> None:
+    """Build upon an explanation, and weigh what came of it; where the time runs out, what was found by then."""
+    pool.expanded.add(parent.effects_key)
+    pool.add(_built_upon(parent, run))
+    if not parent.added:
+        pool.add(_together(parent, run))
+    pool.weigh()
+    if not run.stopped:
+        pool.add(_reshaped(pool, run))
+        pool.add(_left_out(pool, run))
+        pool.weigh()
+    if not parent.is_specimen and not pool.ranked()[0].is_noise:
+        _unnamed_at_storeys(pool, run)
+    _tell(f"Built upon {parent.label}", parent.label, pool, run)
 
 
 def _next(pool: Pool, run: Run) -> Explanation | None:
@@ -95,6 +118,8 @@ def _next(pool: Pool, run: Run) -> Explanation | None:
         key = one.effects_key
         if key in pool.expanded or done[len(key)] >= BEAM or len(key) >= run.settings.most_effects:
             continue
+        if run.must_stop():
+            return None
         plain = pool.plain[key]
         modes = settled(plain.posterior, plain.modes[:N_CANDIDATES], run.rng) if one.added else plain.modes
         if modes[0].log_likelihood > plain.modes[0].log_likelihood + 0.5:
@@ -143,17 +168,18 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
         every = _under_smaller_laws(parent, every)
     run.say(f"fitting {len(every)} hypotheses")
     posterior = on_one_thread(parent.posterior)
-    fits = race(posterior, every, parent.points, n_workers=run.settings.n_workers, guess=first, progress=run.say)
+    n_workers, pace = run.settings.n_workers, run.pace
+    fits = race(posterior, every, parent.points, guess=first, progress=run.say, n_workers=n_workers, pace=pace)
     fits = _solvable(fits, run)
     if not fits:
         return ()
-    fits = widened(fits, n_threads=run.settings.n_workers)
+    fits = widened(fits, n_threads=n_workers, pace=pace)
     run.say("looking closer at the leading hypotheses")
     if not parent.is_quiet:
-        fits = rescanned(fits, n_threads=run.settings.n_workers)
+        fits = rescanned(fits, n_threads=n_workers, pace=pace)
     # A specimen's later laws start near the answer, and what they leave is never noise.
     if (first or not parent.is_specimen) and not leaves_noise(fits[0].posterior, fits[0].best(1)[0]):
-        fits = searched(fits, run.rng, n_threads=run.settings.n_workers)
+        fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
     return fits
 
 
@@ -184,6 +210,8 @@ def _together(given: Explanation, run: Run) -> Iterator[Explanation]:
         return
     for pinch in (every[name] for name in _WITH if name in every):
         added = rebuilt(given, [*(every[name] for name in _TOGETHER), pinch], run)
+        if run.must_stop():
+            return
         run.say(f"fitting {pinch.label} with a loss of strength and stiffness")
         yield from _fitted(given, added, run, whole=True)
 
@@ -201,19 +229,19 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
             continue
         every = [replace(plain, base=base.model, effect=form, carried=()) for form in forms]
         every = [one for one in every if base.effects_key | key_of([one]) not in pool.plain]
-        if every:
+        if every and not run.must_stop():
             found += _in_free_shape(base, every, run)
     return found
 
 
 def _in_free_shape(base: Explanation, every: Sequence[Hypothesis], run: Run) -> list[Explanation]:
     """An explanation with an effect in each of its general forms."""
-    n_workers = run.settings.n_workers
+    n_workers, pace = run.settings.n_workers, run.pace
     run.say(f"fitting {' and '.join(one.label for one in every)}")
-    fits = _solvable(race(on_one_thread(base.posterior), every, base.points, n_workers=n_workers), run)
+    fits = _solvable(race(on_one_thread(base.posterior), every, base.points, n_workers=n_workers, pace=pace), run)
     if not fits:
         return []
-    fits = searched(widened(fits, n_threads=n_workers), run.rng, n_threads=n_workers)
+    fits = searched(widened(fits, n_threads=n_workers, pace=pace), run.rng, n_threads=n_workers, pace=pace)
     return [_explained(base, fit, run) for fit in fits]
 
 
@@ -224,7 +252,7 @@ def _left_out(pool: Pool, run: Run) -> Iterator[Explanation]:
         return
     for left_out in best.added:
         kept = [one for one in best.added if one is not left_out]
-        if key_of(kept) in pool.plain:
+        if key_of(kept) in pool.plain or run.must_stop():
             continue
         added = rebuilt(pool.plain[frozenset()], kept, run)
         names = best.posterior.space.names
@@ -283,7 +311,17 @@ def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:
             elapsed_s=run.elapsed,
         )
     )
-    run.say(sentence)
+    known = Unfinished(
+        name=run.name,
+        given=pool.plain[frozenset()],
+        believed=believed,
+        steps=tuple(run.steps),
+        notes=(*run.binding, *run.notes),
+        binding=run.binding,
+        seed=run.settings.seed,
+        elapsed_s=run.elapsed,
+    )
+    run.say(sentence, known)
 
 
 def _unnamed_to_first_order(pool: Pool) -> None:
@@ -314,9 +352,14 @@ def _unnamed_at_storeys(pool: Pool, run: Run) -> None:
     laws = [pool.plain[one.effects_key] for one in pool.laws_alone.explanations[:_N_UNNAMED]]
     wanted = {one.effects_key: one for one in (*laws, pool.ranked()[0], pool.plain[frozenset()])}
     waiting = [one for key, one in wanted.items() if not any(other == key for other, _ in pool.unnamed)]
+    if not waiting or run.must_stop():
+        return
     for one in waiting:
         run.say(f"fitting {one.label} with a force of no known law")
-    for found in beside(_with_unnamed, [(one, run) for one in waiting], run.settings.n_workers):
+    asked = [(one, run) for one in waiting]
+    for _, found in run.pace.each(
+        _with_unnamed, asked, run.settings.n_workers, "fitted {} models with an unnamed force"
+    ):
         for one in found:
             assert one.unnamed is not None
             pool.unnamed[one.effects_key, one.unnamed] = one

@@ -11,8 +11,9 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
+from bwbn_bayes.discovery.pace import UNHURRIED, Pace
 from bwbn_bayes.discovery.race import Fit
-from bwbn_bayes.discovery.run import beside, on_threads
+from bwbn_bayes.discovery.run import on_threads
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import climb, find_modes, polish
@@ -34,7 +35,7 @@ _SPARSE = 4
 """An effect with so many parameters has a grid too coarse to start from where the model is bent."""
 
 
-def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
+def widened(fits: Sequence[Fit], *, n_threads: int, pace: Pace = UNHURRIED) -> tuple[Fit, ...]:
     """Fits again, best first, the leading ones under wider priors where their sizes lie in a prior's far tail.
 
     So are they at every other place: a size held back there may be why another place leads.
@@ -45,12 +46,14 @@ def widened(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
         Best first, at least one.
     n_threads : int
         Threads for the solves.
+    pace : Pace
+        Those that there is no time for stay as they are.
     """
     everywhere = [fit for form in _leading_forms(fits) for fit in form]
-    return _again(fits, everywhere, lambda fit, _: _widened(fit, n_threads), n_threads)
+    return _again(fits, everywhere, lambda fit, _: _widened(fit, n_threads), n_threads, pace)
 
 
-def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
+def rescanned(fits: Sequence[Fit], *, n_threads: int, pace: Pace = UNHURRIED) -> tuple[Fit, ...]:
     """Fits again, best first, the leading ones after a finer look along what does not switch the effect on.
 
     Parameters
@@ -59,11 +62,15 @@ def rescanned(fits: Sequence[Fit], *, n_threads: int) -> tuple[Fit, ...]:
         Best first.
     n_threads : int
         Threads for the solves.
+    pace : Pace
+        Those that there is no time for stay as they are.
     """
-    return _again(fits, leading(fits), lambda fit, _: _rescanned(fit, n_threads), n_threads)
+    return _again(fits, leading(fits), lambda fit, _: _rescanned(fit, n_threads), n_threads, pace)
 
 
-def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -> tuple[Fit, ...]:
+def searched(
+    fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int, pace: Pace = UNHURRIED
+) -> tuple[Fit, ...]:
     """Fits again, best first, the leading ones from draws of their whole priors on growing windows.
 
     So are those of effects with many parameters at every place: the race may have led none of them anywhere.
@@ -76,9 +83,11 @@ def searched(fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int) -
         Random stream.
     n_threads : int
         Threads for the solves.
+    pace : Pace
+        Those that there is no time for stay as they are.
     """
     many = [fit for fit in fits if len(fit.hypothesis.symbols) >= _SPARSE and len(fit.hypothesis.storeys) < 2]
-    return _again(fits, (*leading(fits), *many), lambda fit, own: _searched(fit, own, n_threads), n_threads, rng)
+    return _again(fits, (*leading(fits), *many), lambda fit, own: _searched(fit, own, n_threads), n_threads, pace, rng)
 
 
 def _again(
@@ -86,13 +95,15 @@ def _again(
     wanted: Sequence[Fit],
     look: Callable[[Fit, np.random.Generator], Fit],
     n_workers: int,
+    pace: Pace,
     rng: np.random.Generator | None = None,
 ) -> tuple[Fit, ...]:
     """Fits, best first, after another look at some of them, once at each, with a random stream of its own."""
     once = list({id(fit): fit for fit in wanted}.values())
     streams = (rng or np.random.default_rng(0)).spawn(len(once))
-    found = beside(lambda pair: look(*pair), list(zip(once, streams, strict=True)), n_workers)
-    seen = {id(fit): new for fit, new in zip(once, found, strict=True)}
+    pairs = list(zip(once, streams, strict=True))
+    found = pace.each(lambda pair: look(*pair), pairs, n_workers, "looked again at {} leading hypotheses")
+    seen = {id(fit): new for (fit, _), new in found}
     return tuple(sorted((seen.get(id(fit), fit) for fit in fits), key=lambda fit: -fit.log_likelihood))
 
 

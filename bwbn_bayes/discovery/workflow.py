@@ -7,6 +7,7 @@ chooses nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from threading import Thread
 from typing import Literal
@@ -24,6 +25,7 @@ from bwbn_bayes.discovery.run import DiscoverySettings, Listener, Run
 from bwbn_bayes.discovery.search import search
 from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.engines.journal import Journal
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER
@@ -68,7 +70,7 @@ def discover(
     assumptions : sequence of str
         What the model takes for granted, for reports and the improved model.
     listener : callable, optional
-        Told what is being done and what was found.
+        Told what is being done and what was found, with how far it is and, after each step, all that is known by then.
 
     Returns
     -------
@@ -83,23 +85,30 @@ def discover(
     require_suitable(model, record, held_out if isinstance(held_out, Record) else None, name)
     record, apart = set_apart(model, record, held_out)
     settings = settings or DiscoverySettings()
-    run = Run(settings, np.random.default_rng(settings.seed), listener)
+    run = Run(settings, np.random.default_rng(settings.seed), listener, name)
     if apart is not None:
         run.say(f"keeping apart the {apart.label}")
     record = _with_noise(_thinned(record, run), run)
+    with nullcontext() if settings.checkpoint is None else Journal.opened(settings.checkpoint) as journal:
+        pool = search(_given(model, record, journal, run), run)
+        return conclude(pool, apart, name, assumptions, run.binding, run)
+
+
+def _given(model: Structure, record: Record, journal: Journal | None, run: Run) -> Explanation:
+    """The model as given, fitted, under wider priors where its own bind; laws are compiled meanwhile."""
     compiling = _compile_ahead(model, record, run)
-    given = _fit_given(model, record, run)
-    binding = binding_sentences(given)
-    wider = with_wider_priors(given) if binding else None
+    given = _fit_given(model, record, journal, run)
+    run.binding = binding_sentences(given)
+    wider = with_wider_priors(given) if run.binding else None
     if wider is not None:
         run.say("a prior of the model binds: fitting with a wider one")
-        given = _fit_given(wider, record, run)
+        given = _fit_given(wider, record, journal, run)
     for spot in given.disagreement.spots[:2]:
         run.say(spot.sentence)
     if compiling is not None:
         run.say("waiting for the law of all effects to be compiled, once for all specimens")
         compiling.join()
-    return conclude(search(given, run), apart, name, assumptions, binding, run)
+    return given
 
 
 def _thinned(record: Record, run: Run) -> Record:
@@ -128,10 +137,10 @@ def _with_noise(record: Record, run: Run) -> Record:
     return record
 
 
-def _fit_given(model: Structure, record: Record, run: Run) -> Explanation:
+def _fit_given(model: Structure, record: Record, journal: Journal | None, run: Run) -> Explanation:
     """Fit the model as given: to the whole record, and to its beginning, where damage has yet to come."""
     engine = replace(LADDER[0], n_threads=run.settings.n_workers)
-    posterior = Posterior(model=model, record=record, engine=engine, noise=default_noise(record))
+    posterior = Posterior(model=model, record=record, engine=engine, noise=default_noise(record), journal=journal)
     run.say("fitting the model as given")
     modes = find_modes(posterior, run.rng)
     energy = np.cumsum(np.square(record.excitation))

@@ -2,7 +2,8 @@
 
 A run is a function of its seed, its model, its record and of what the engine answers. So the answers alone are kept.
 The same command runs again from its beginning, is given what was solved before, and solves the rest: bit for bit what
-it would have come to, whichever method asks, with every count and every random number as it was.
+it would have come to, whichever method asks, with every count and every random number as it was. A discovery, whose
+fits are short and many, keeps whole fits instead (:mod:`~bwbn_bayes.inference.kept`).
 
 A checkpoint ``NAME`` is a file ``NAME.solves``, to which finished solves are appended. A kill in the middle of an entry
 leaves one whose hash does not fit: the file ends before it. Answers are believed after some are solved again.
@@ -20,12 +21,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import field, fields, make_dataclass, replace
 from functools import cache
+from importlib.metadata import version
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Self, cast
 
 import numpy as np
 
+from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.base import Engine, NormalEquations, masses
 from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, writing
 from bwbn_bayes.parameters import Booleans, Floats
@@ -37,11 +40,13 @@ _LENGTH = struct.Struct("<Q")
 _HASH = 32
 _AT_ONCE = 512
 """Draws that each worker solves between two entries, whole blocks of lanes: a kill loses no more."""
-_SOLVED_AGAIN = 4
+N_SOLVED_AGAIN = 4
 """Draws of the first answer of each kind that are solved again before it is believed."""
 
 Solve = Callable[[slice], tuple[Floats, ...]]
 """Arrays over some of the draws, draw by draw."""
+Check = Callable[[tuple[Floats, ...]], bool]
+"""Whether arrays over all draws are what would be solved here."""
 
 
 class Journal:
@@ -77,17 +82,31 @@ class Journal:
             path.parent.mkdir(parents=True, exist_ok=True)
             handle = os.open(_solves(path), os.O_RDWR | os.O_CREAT, 0o666)
         with os.fdopen(handle, "r+b") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise UserError(f"checkpoint {path}: another run writes it; wait, or give another name") from None
+            _claim(path, file.fileno())
             journal = cls(path, file)
             with writing(f"checkpoint {path}", "choose another place"):
                 journal._read()
             yield journal
 
-    def kept(self, kind: str, question: bytes, n_draws: int, solve: Solve) -> tuple[Floats, ...]:
-        """Arrays ``(n_draws, ...)`` that answer a question: as they were kept, or solved and kept."""
+    def kept(
+        self, kind: str, question: bytes, n_draws: int, solve: Solve, *, is_right: Check | None = None
+    ) -> tuple[Floats, ...]:
+        """Arrays ``(n_draws, ...)`` that answer a question: as they were kept, or solved and kept.
+
+        Parameters
+        ----------
+        kind : str
+            The first answer of each kind is believed only after a check.
+        question : bytes
+            Hash of all that shapes the answer, as of :func:`question_of`.
+        n_draws : int
+        solve : callable
+            Solves some of the draws.
+        is_right : callable, optional
+            Checks an answer that was kept; by default some of its draws are solved again.
+        """
+        if self._file.closed:  # the run is over; whoever looks at its result solves for himself
+            return solve(slice(0, n_draws))
         place = self._places.get(question)
         if place is None:
             answer = solve(slice(0, n_draws))
@@ -95,13 +114,8 @@ class Journal:
             return answer
         answer = self._answer(place, n_draws)
         if kind not in self._believed:
-            some = slice(0, min(_SOLVED_AGAIN, n_draws))
-            again = solve(some)
-            same = len(again) == len(answer) and all(
-                one.shape == kept[some].shape and np.allclose(one, kept[some], rtol=1e-9, atol=0.0, equal_nan=True)
-                for one, kept in zip(again, answer, strict=True)
-            )
-            if not same:
+            right = _are_solved_again(answer, solve) if is_right is None else is_right(answer)
+            if not right:
                 raise UserError(f"checkpoint {self._path}: what it holds is not what is solved here; {self._advice}")
             self._believed.add(kind)
         return answer
@@ -174,6 +188,16 @@ class Journal:
         return tuple(arrays)
 
 
+def _are_solved_again(answer: tuple[Floats, ...], solve: Solve) -> bool:
+    """Whether some draws of an answer are what is solved here."""
+    some = slice(0, min(N_SOLVED_AGAIN, len(answer[0])))
+    again = solve(some)
+    return len(again) == len(answer) and all(
+        one.shape == kept[some].shape and np.allclose(one, kept[some], rtol=1e-9, atol=0.0, equal_nan=True)
+        for one, kept in zip(again, answer, strict=True)
+    )
+
+
 def has_begun(path: Path) -> bool:
     """Whether anything solved is kept under a name."""
     with suppress(OSError):
@@ -182,8 +206,25 @@ def has_begun(path: Path) -> bool:
 
 
 def forget(path: Path) -> None:
-    """Delete what is kept under a name: the run is done."""
-    _solves(path).unlink(missing_ok=True)
+    """Delete what is kept under a name: the run is done, or is to begin anew.
+
+    Raises
+    ------
+    UserError
+        If another run writes it.
+    """
+    refused = writing(f"checkpoint {path}", "choose another place")
+    with refused, suppress(FileNotFoundError), _solves(path).open("rb") as file:
+        _claim(path, file.fileno())
+        _solves(path).unlink()
+
+
+def _claim(path: Path, handle: int) -> None:
+    """Lock a journal's file for as long as it is open."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        raise UserError(f"checkpoint {path}: another run writes it; wait, or give another name") from None
 
 
 def _solves(path: Path) -> Path:
@@ -216,7 +257,7 @@ class _Keeping:
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
         """As of the engine; some draws at a time."""
         engine: Any = super()
-        about = _about(self, model, record)
+        asked_about = about(self, model, record)
         result = np.empty((len(draws), len(record.channels)))
         at_once = _AT_ONCE * getattr(self, "n_workers", 1)
         for start in range(0, len(draws), at_once):
@@ -225,8 +266,8 @@ class _Keeping:
             def solve(some: slice, own: Floats = own) -> tuple[Floats, ...]:
                 return (engine.misfit(model, own[some], record),)
 
-            question = _question("misfit", about, own)
-            (result[start : start + at_once],) = self.journal.kept(f"misfit {about}", question, len(own), solve)
+            question = question_of("misfit", asked_about, own)
+            (result[start : start + at_once],) = self.journal.kept(f"misfit {asked_about}", question, len(own), solve)
         return result
 
     def normal_equations(
@@ -241,10 +282,10 @@ class _Keeping:
 
         if len(record.channels) * 8 * (1 + model.space.n_dim) ** 2 > record.n_times or not len(draws):
             return NormalEquations(**dict(zip(_EQUATIONS, solve(slice(None)), strict=True)))
-        about = _about(self, model, record)
+        asked_about = about(self, model, record)
         asked = [draws] if free is None else [draws, free]
         answer = self.journal.kept(
-            f"normal equations {about}", _question("normal equations", about, *asked), len(draws), solve
+            f"normal equations {asked_about}", question_of("normal equations", asked_about, *asked), len(draws), solve
         )
         return NormalEquations(**dict(zip(_EQUATIONS, answer, strict=True)))
 
@@ -252,23 +293,31 @@ class _Keeping:
 _EQUATIONS = tuple(one.name for one in fields(NormalEquations))
 
 
-def _question(kind: str, about: str, *arrays: Floats | Booleans) -> bytes:
-    digest = hashlib.sha256(f"{kind}\n{about}\n{[(a.dtype.str, a.shape) for a in arrays]}\n".encode())
+def question_of(kind: str, words: str, *arrays: Floats | Booleans) -> bytes:
+    """Hash of a question: what is asked, in words, and with which arrays."""
+    digest = hashlib.sha256(f"{kind}\n{words}\n{[(a.dtype.str, a.shape) for a in arrays]}\n".encode())
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.digest()
 
 
-def _about(engine: Any, model: Structure, record: Record) -> str:
+@cache
+def _law_in_words(law: StoreyLaw) -> str:
+    """Its ``repr``, made once: it takes long beside the hash of the rest."""
+    return repr(law)
+
+
+def about(engine: Any, model: Structure, record: Record) -> str:
     """Hash of all that shapes an answer, but for the draws; threads do not."""
     threaded = any(one.name == "n_threads" for one in fields(engine))
     table = model.table
     words = (
+        version("bwbn-bayes"),
         # Who solves does not matter: one process, several, or a cluster.
         re.sub("^(Kept|Spread)*", "", repr(replace(engine, n_threads=1) if threaded else engine)),
         type(model).__name__,
         repr(model),
-        repr(model.law),
+        _law_in_words(model.law),
         table.fixed.tobytes().hex(),
         table.index.tobytes().hex(),
         masses(model).tobytes().hex(),

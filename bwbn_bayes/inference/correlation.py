@@ -71,6 +71,11 @@ class Correlation:
         return replace(self, shared=SharedFunctions.of(basis[:n_times]))
 
     @property
+    def arrays(self) -> tuple[Floats, ...]:
+        """All that it is made of, in numbers."""
+        return (np.array([self.log_prior]), *self.coefficients, *(self.shared or ()))
+
+    @property
     def log_volume(self) -> float:
         """Minus half the log determinant of the correlation matrix, and the cost of its choice, in nat."""
         spread = 0.0 if self.shared is None else 0.5 * float(np.sum(np.log1p(self.shared.variance)))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from bwbn_bayes.engines.base import Engine, NormalEquations
+from bwbn_bayes.engines.journal import Journal, about, question_of
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.parameters import Booleans, Floats, FreeParameter, ParameterSpace, Prior
@@ -250,13 +251,17 @@ class Linearisation:
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior:
-    """The posterior of a model given a record, on the unit cube (a target of TMCMC)."""
+    """The posterior of a model given a record, on the unit cube (a target of TMCMC).
+
+    With a journal, what it is asked is kept there: misfits here, fits by :mod:`~bwbn_bayes.inference.kept`.
+    """
 
     model: Structure
     record: Record
     engine: Engine
     noise: Noise
     solves: SolveCount = field(default_factory=SolveCount)
+    journal: Journal | None = field(default=None, repr=False)
 
     @cached_property
     def space(self) -> ParameterSpace:
@@ -306,6 +311,21 @@ class Posterior:
     def misfit(self, points: Floats) -> Floats:
         """Squared residuals, whitened, ``(n_draws, n_channels)``; infinite where the solve failed."""
         self.solves.add(len(points))
+        if self.journal is None:
+            return self._misfit(points)
+        question = question_of("misfit", self.about, points)
+        (found,) = self.journal.kept("misfit", question, len(points), lambda some: (self._misfit(points[some]),))
+        return found
+
+    @property
+    def about(self) -> str:
+        """Hash of all that shapes what it answers, but for the points."""
+        correlation = self.noise.correlation
+        noise: Noise = self.noise if correlation is None else replace(self.noise, correlation=None)  # type: ignore[type-var]
+        arrays = () if correlation is None else correlation.arrays
+        return question_of(repr(noise), about(self.engine, self.model, self.record), *arrays).hex()
+
+    def _misfit(self, points: Floats) -> Floats:
         values, correlation = self.split(points)[0], self.noise.correlation
         if correlation is None:
             return self.engine.misfit(self.model, values, self.record)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.kept import kept_fit
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Booleans, Floats
@@ -147,8 +148,16 @@ def polish(
     local : Linearisation
         At the returned points.
     """
-    points, _, local, moved = _climb(view, points, n_iterations=n_iterations, held=held, reach=reach)
-    return points, _again(view, points, local, moved, _free(held, points))
+
+    def fit(own: Posterior) -> tuple[Floats, ...]:
+        reached, _, local, moved = _climb(own, points, n_iterations=n_iterations, held=held, reach=reach)
+        local = _again(own, reached, local, moved, _free(held, reached))
+        return reached, local.log_likelihood, local.gradient, local.information
+
+    found, log_likelihood, gradient, information = kept_fit(
+        view, f"polish, {n_iterations} steps, reach {reach!r}", points, held, fit
+    )
+    return found, Linearisation(log_likelihood=log_likelihood, gradient=gradient, information=information)
 
 
 def climb(
@@ -175,8 +184,12 @@ def climb(
     log_likelihood : (n,) array
         There.
     """
-    points, reached, _, _ = _climb(view, points, n_iterations=n_iterations, held=held, reach=reach)
-    return points, reached
+
+    def fit(own: Posterior) -> tuple[Floats, ...]:
+        return _climb(own, points, n_iterations=n_iterations, held=held, reach=reach)[:2]
+
+    found, reached = kept_fit(view, f"climb, {n_iterations} steps, reach {reach!r}", points, held, fit)
+    return found, reached
 
 
 def _climb(

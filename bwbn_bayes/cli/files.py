@@ -112,7 +112,7 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
         save_result(discovery.result, partial / "identify")
         text = json.dumps(discovery.as_json(), indent=1, allow_nan=False)
         (partial / "discovery.json").write_text(text + "\n", encoding="utf-8")
-        write_record(discovery.record, partial / "record.csv")
+        write_record(discovery.measurement, partial / "record.csv")
         source = improved_model_source(
             discovery.improved,
             discovery.added,

@@ -26,6 +26,7 @@ from bwbn_bayes.discovery.family import Family, families
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
 
 _NEAR = 1e-4
 """How far from neutral an amplitude is moved, in prior probability."""
@@ -99,26 +100,26 @@ class Slopes:
     ----------
     noise : (n_channels, 1) array
         Noise standard deviation of each channel.
-    base : (n_channels * n_times, n_dim) array
+    base : (n_channels * n_counted, n_dim) array
         Derivatives in unit coordinates over the noise.
-    measured : (n_channels, n_times) array
+    record : Record
+        Only samples that count take part.
     """
 
     noise: Floats
     base: Floats
-    measured: Floats
+    record: Record
 
     @classmethod
     def at(cls, posterior: Posterior, point: Floats) -> Slopes:
         """At a point ``(n_dim,)`` of the unit cube."""
         record, (values, noise_values) = posterior.record, posterior.split(point[None])
-        measured = record.measured
         response, slopes = posterior.engine.sensitivities(posterior.model, values, record)
-        misfit = np.sum(np.square(measured - response.values), axis=2)
-        noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_times, noise_values)[0][:, None])
+        misfit = np.sum(np.square(record.measured - response.values)[..., record.kept], axis=2)
+        noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_counted, noise_values)[0][:, None])
         scale = posterior.model.space.unit_scale(values)[0]
-        base = (slopes[0] / noise).reshape(len(scale), -1).T * scale
-        return cls(noise=noise, base=base, measured=measured)
+        base = (slopes[0] / noise)[..., record.kept].reshape(len(scale), -1).T * scale
+        return cls(noise=noise, base=base, record=record)
 
     @cached_property
     def factor(self) -> Floats:
@@ -134,7 +135,7 @@ class Slopes:
             Response, and its derivative in that direction.
         """
         gradient, information = self.projected_together(values, slope[None])
-        whole = float(np.sum(np.square(slope / self.noise)))
+        whole = float(np.sum(np.square(slope / self.noise)[:, self.record.kept]))
         # What is left must exceed the rounding of what was taken away.
         if not (np.isfinite(whole) and information[0, 0] >= 1e-9 * whole > 0.0):
             return 0.0, 0.0
@@ -142,8 +143,9 @@ class Slopes:
 
     def projected_together(self, values: Floats, slopes: Floats) -> tuple[Floats, Floats]:
         """The same in several directions ``(n, n_channels, n_times)`` at once: ``(n,)`` and ``(n, n)`` arrays."""
-        n = len(slopes)
-        residual, own = ((self.measured - values) / self.noise).ravel(), (slopes / self.noise).reshape(n, -1)
+        n, kept = len(slopes), self.record.kept
+        residual = ((self.record.measured - values) / self.noise)[:, kept].ravel()
+        own = (slopes / self.noise)[..., kept].reshape(n, -1)
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(own))):  # it cannot be solved there
             return np.zeros(n), np.zeros((n, n))
         weights = cho_solve((self.factor, True), self.base.T @ own.T)

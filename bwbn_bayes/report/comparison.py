@@ -6,13 +6,14 @@ A part is any choice of samples of a record, so that an end, repeat cycles or an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.discovery.predictive import PredictiveInterval
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.cycles import cycle_numbers
 from bwbn_bayes.records.record import Record
@@ -41,6 +42,8 @@ class Part:
     measured, given : (n_channels, n_counted) array
         [unit of the channel]
     improved : (n_channels, n_counted) array or None
+    interval : PredictiveInterval or None
+        Of held-out samples among the fitted ones.
     """
 
     name: str
@@ -51,6 +54,7 @@ class Part:
     measured: Floats
     given: Floats
     improved: Floats | None
+    interval: PredictiveInterval | None = None
 
     @property
     def models(self) -> tuple[tuple[str, Floats], ...]:
@@ -72,13 +76,17 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class CycleLoop:
-    """One cycle of a specimen: displacement [m] and forces [N], ``(n_samples,)`` each; in which part it lies."""
+    """One cycle of a specimen: displacement [m] and forces [N], ``(n_samples,)`` each; in which part it lies.
+
+    ``band`` holds the ends of the predictive intervals, where there are some.
+    """
 
     number: int
     part: Part
     displacement: Floats
     measured: Floats
     models: tuple[Floats, ...]
+    band: tuple[Floats, Floats] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,12 +105,12 @@ def parts_of(discovery: Discovery) -> tuple[Part, ...]:
     """The fitted record and, where there is one, what was held out."""
     gap, apart, changed = discovery.gap, discovery.held_out, bool(discovery.added)
     record = discovery.record
-    every = np.arange(record.n_times)
-    parts = [_part("fitted", "fitted record", record, every, (gap.before, gap.after if changed else None))]
+    fitted = np.arange(record.n_times)[record.kept]
+    parts = [_part("fitted", "fitted record", record, fitted, (gap.before, gap.after if changed else None))]
     if apart is not None and gap.held_out is not None:
-        counted = np.arange(apart.first, apart.record.n_times)
         both = gap.held_out.before, gap.held_out.after if changed else None
-        parts.append(_part("held_out", apart.label, apart.record, counted, both))
+        held_out = _part("held_out", apart.label, apart.record, apart.counted, both)
+        parts.append(replace(held_out, interval=gap.held_out.interval))
     return tuple(parts)
 
 
@@ -140,6 +148,7 @@ def loops_by_cycle(parts: Sequence[Part]) -> tuple[CycleLoop, ...]:
                     displacement=moved[own],
                     measured=part.measured[0, own],
                     models=tuple(values[0, own] for _, values in part.models),
+                    band=None if part.interval is None else (part.interval.low[0, own], part.interval.high[0, own]),
                 )
             )
     return tuple(found)
@@ -151,7 +160,7 @@ def errors_by_cycle(parts: Sequence[Part]) -> tuple[CycleErrors, ...]:
     for part in parts:
         numbers = cycle_numbers(part.record.excitation)[part.counted]
         cycles = np.unique(numbers)
-        signal = float(np.sqrt(np.mean(np.square(part.record.channels[part.channels[0]]))))
+        signal = float(np.sqrt(np.mean(np.square(part.record.channels[part.channels[0]][part.record.kept]))))
         errors = []
         for _, values in part.models:
             with np.errstate(over="ignore", invalid="ignore"):

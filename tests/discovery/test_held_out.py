@@ -147,13 +147,13 @@ def test_only_what_comes_after_counts(posterior: Posterior, clean: Floats) -> No
     measured = 1.1 * clean
     measured[:, :600] = 7.0
     record = replace(UNSEEN, channels=dict(zip(CHANNELS, measured, strict=True)))
-    found = predict(posterior, POINT, record, np.random.default_rng(9), first=600)
+    found = predict(posterior, POINT, record, np.random.default_rng(9), counted=slice(600, None))
     np.testing.assert_array_equal(found.values, clean[:, 600:])
     assert found.nrmse == pytest.approx(0.1 / 1.1, rel=1e-12)
     noisy = clean + 0.01 * np.random.default_rng(10).standard_normal(clean.shape)
     record = replace(UNSEEN, channels=dict(zip(CHANNELS, noisy, strict=True)))
     rms = np.sqrt(np.mean(noisy[:, 600:] ** 2, axis=1))
-    assert floor_of(record, first=600) == pytest.approx(np.sqrt(np.mean((0.01 / rms) ** 2)), rel=0.12)
+    assert floor_of(record, counted=slice(600, None)) == pytest.approx(np.sqrt(np.mean((0.01 / rms) ** 2)), rel=0.12)
 
 
 TIMES = 0.01 * np.arange(1001)

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
 from bwbn_bayes.discovery.candidates import Hypothesis
@@ -26,7 +27,6 @@ from bwbn_bayes.discovery.family import Family, families
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.record import Record
 
 _NEAR = 1e-4
 """How far from neutral an amplitude is moved, in prior probability."""
@@ -102,13 +102,15 @@ class Slopes:
         Noise standard deviation of each channel.
     base : (n_channels * n_counted, n_dim) array
         Derivatives in unit coordinates over the noise.
-    record : Record
-        Only samples that count take part.
+    measured : (n_channels, n_times) array
+    kept : slice or (n_counted,) array
+        Index of the samples that count.
     """
 
     noise: Floats
     base: Floats
-    record: Record
+    measured: Floats
+    kept: slice | NDArray[np.int64] = slice(None)
 
     @classmethod
     def at(cls, posterior: Posterior, point: Floats) -> Slopes:
@@ -119,7 +121,7 @@ class Slopes:
         noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_counted, noise_values)[0][:, None])
         scale = posterior.model.space.unit_scale(values)[0]
         base = (slopes[0] / noise)[..., record.kept].reshape(len(scale), -1).T * scale
-        return cls(noise=noise, base=base, record=record)
+        return cls(noise=noise, base=base, measured=record.measured, kept=record.kept)
 
     @cached_property
     def factor(self) -> Floats:
@@ -135,7 +137,7 @@ class Slopes:
             Response, and its derivative in that direction.
         """
         gradient, information = self.projected_together(values, slope[None])
-        whole = float(np.sum(np.square(slope / self.noise)[:, self.record.kept]))
+        whole = float(np.sum(np.square(slope / self.noise)[:, self.kept]))
         # What is left must exceed the rounding of what was taken away.
         if not (np.isfinite(whole) and information[0, 0] >= 1e-9 * whole > 0.0):
             return 0.0, 0.0
@@ -143,9 +145,9 @@ class Slopes:
 
     def projected_together(self, values: Floats, slopes: Floats) -> tuple[Floats, Floats]:
         """The same in several directions ``(n, n_channels, n_times)`` at once: ``(n,)`` and ``(n, n)`` arrays."""
-        n, kept = len(slopes), self.record.kept
-        residual = ((self.record.measured - values) / self.noise)[:, kept].ravel()
-        own = (slopes / self.noise)[..., kept].reshape(n, -1)
+        n = len(slopes)
+        residual = ((self.measured - values) / self.noise)[:, self.kept].ravel()
+        own = (slopes / self.noise)[..., self.kept].reshape(n, -1)
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(own))):  # it cannot be solved there
             return np.zeros(n), np.zeros((n, n))
         weights = cho_solve((self.factor, True), self.base.T @ own.T)

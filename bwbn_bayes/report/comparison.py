@@ -24,6 +24,8 @@ MAX_CYCLES = 6
 """Loops drawn of each part."""
 LEAST_AMPLITUDE = 0.15
 """Of the largest displacement: smaller cycles are specks in the scale of the largest, and are left out."""
+LEAST_LENGTH = 0.2
+"""Share of a cycle's samples from which a part of it is a branch, not a point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,10 +137,10 @@ def loops_by_cycle(parts: Sequence[Part]) -> tuple[CycleLoop, ...]:
     found = []
     for part in parts:
         displacement = part.record.excitation
-        numbers = cycle_numbers(displacement)[part.counted]
+        numbers, cycles = _cycles_of(part)
         moved = displacement[part.counted]
         least = LEAST_AMPLITUDE * float(np.max(np.abs(displacement)))
-        large = [c for c in np.unique(numbers).tolist() if np.max(np.abs(moved[numbers == c])) >= least]
+        large = [c for c in cycles.tolist() if np.max(np.abs(moved[numbers == c])) >= least]
         for number in _evenly(large, MAX_CYCLES):
             own = numbers == number
             found.append(
@@ -158,8 +160,7 @@ def errors_by_cycle(parts: Sequence[Part]) -> tuple[CycleErrors, ...]:
     """Of every cycle of a specimen's parts; over one and the same force, so that small cycles count little."""
     found = []
     for part in parts:
-        numbers = cycle_numbers(part.record.excitation)[part.counted]
-        cycles = np.unique(numbers)
+        numbers, cycles = _cycles_of(part)
         signal = float(np.sqrt(np.mean(np.square(part.record.channels[part.channels[0]][part.record.kept]))))
         errors = []
         for _, values in part.models:
@@ -168,6 +169,17 @@ def errors_by_cycle(parts: Sequence[Part]) -> tuple[CycleErrors, ...]:
                 errors.append(np.array([np.sqrt(np.mean(square[numbers == c])) for c in cycles]) / signal)
         found.append(CycleErrors(part=part, numbers=cycles, errors=tuple(errors)))
     return tuple(found)
+
+
+def _cycles_of(part: Part) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The cycle of each sample ``(n_counted,)`` of a part, and the cycles of which the part holds some length.
+
+    A turning point counts with the half cycle that it ends, but has the number of the cycle that it begins.
+    """
+    every = cycle_numbers(part.record.excitation)
+    numbers = every[part.counted]
+    cycles, n_own = np.unique(numbers, return_counts=True)
+    return numbers, cycles[n_own >= LEAST_LENGTH * np.bincount(every)[cycles]]
 
 
 def _evenly(numbers: Sequence[int], most: int) -> list[int]:

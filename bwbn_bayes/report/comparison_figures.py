@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -102,9 +103,7 @@ def _loops(loops: tuple[CycleLoop, ...]) -> Drawing:
 def _loop(axis: Axes, loop: CycleLoop, length: Scale, strength: Scale) -> None:
     x = length.factor * loop.displacement
     if loop.band is not None:
-        low, high = (strength.factor * end for end in loop.band)
-        there, back = np.append(x, x[::-1]), np.append(low, high[::-1])
-        axis.fill(there, back, color=IDENTIFIED, alpha=0.2, linewidth=0.0, label="90 % interval", zorder=0)
+        _band(axis, x, *(strength.factor * end for end in loop.band))
     axis.plot(x, strength.factor * loop.measured, color=MEASURED, linewidth=2.4, label="measured")
     names = [name for name, _ in loop.part.models]
     for name, values, colour in zip(names, loop.models, _COLOURS, strict=False):
@@ -113,6 +112,16 @@ def _loop(axis: Axes, loop: CycleLoop, length: Scale, strength: Scale) -> None:
     axis.xaxis.set_major_locator(MaxNLocator(3))
     axis.yaxis.set_major_locator(MaxNLocator(4))
     axis.set_title(_cycle_title(loop), color=INK if loop.part.name == "fitted" else SERIES[3], fontsize=8.5)
+
+
+def _band(axis: Axes, x: Floats, low: Floats, high: Floats) -> None:
+    """The intervals of each branch by itself: where branches overlap one outline around both would be hollow."""
+    steps = np.sign(np.diff(x))
+    turns = np.flatnonzero(steps[1:] * steps[:-1] < 0.0) + 1
+    for first, last in pairwise([0, *turns.tolist(), len(x) - 1]):
+        run = slice(first, last + 1)
+        label = "90 % interval" if first == 0 else None
+        axis.fill_between(x[run], low[run], high[run], color=IDENTIFIED, alpha=0.2, linewidth=0.0, label=label)
 
 
 def _cycle_title(loop: CycleLoop) -> str:

@@ -1,11 +1,14 @@
 """Measured tests: ``discover`` beside laws that engineers fit to them, on the same split.
 
-``python -m benchmarks.measured --json FILE [--only NAME ...] [--competitors] [--discover] [--whole] [--gallery DIR]``
+``python -m benchmarks.measured --json FILE [--only NAME ...] [--competitors] [--discover] [--whole] [--repeats]
+[--gallery DIR]``
 
 The competitors are fitted in the same run: the 13-parameter BWBN with Foliente's pinch, OpenSees' Pinching4 (21
 parameters), and a linear chain for the frames. ``--whole`` fits the whole records of the reinforced-concrete columns,
-for which labels hold. What is finished is kept in ``.jsonl`` files beside the JSON, competitors and discoveries apart,
-with the version of the code, and is not run again; tables and figures come from what is filed.
+for which labels hold; ``--repeats`` fits the first cycle at each amplitude of the cyclic tests that repeat some,
+predicts the others, and tells how many of their points lie inside their 90 % intervals. What is finished is kept in
+``.jsonl`` files beside the JSON, competitors and discoveries apart, with the version of the code, and is not run again;
+tables and figures come from what is filed.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from rich.table import Table
 from rich.text import Text
 
 from benchmarks.measured_tests import bouc_wen_baber_noori, discovering, fitting, linear_chain, pinching4
-from benchmarks.measured_tests.discovering import discover_first_part, discover_whole
+from benchmarks.measured_tests.discovering import discover_first_cycles, discover_first_part, discover_whole
 from benchmarks.measured_tests.filing import (
     ROOT,
     code_version,
@@ -45,11 +48,14 @@ from benchmarks.measured_tests.tables import (
     COMPETITORS,
     KNOWN,
     LabelRow,
+    RepeatRow,
     Row,
     in_per_cent,
     in_words,
     label_row,
     label_sums,
+    repeat_row,
+    repeat_sums,
     row,
     sums,
 )
@@ -59,6 +65,9 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import finite
 
 Entries = dict[tuple[str, str], dict[str, Any]]
+APART = ("whole", "repeats")
+"""Kinds of trials with tables of their own."""
+_NONE = {"error": "not run"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,6 +161,7 @@ def trials(json_path: Path, seed: int) -> dict[str, Trial]:
         "linear_chain": law("linear_chain", linear_chain, run_linear_chain),
         "discover": discovery("discover", discover_first_part),
         "whole": discovery("whole", discover_whole),
+        "repeats": discovery("repeats", discover_first_cycles),
     }
 
 
@@ -161,6 +171,8 @@ def concerns(what: str, test: MeasuredTest) -> bool:
         return test.is_frame
     if what in ("bwbn", "pinching4"):
         return not test.is_frame
+    if what == "repeats":
+        return test.repeats is not None
     return what != "whole" or test.label is not None
 
 
@@ -237,15 +249,32 @@ def print_labels(console: Console, rows: Sequence[LabelRow]) -> None:
         console.print(f"{total['what']}: {total['count']} of {total['total']}", highlight=False, markup=False)
 
 
-def gather(tests: Sequence[MeasuredTest], entries: Entries) -> tuple[list[Row], list[LabelRow], dict[str, Any]]:
-    """Rows of both tables, and the JSON."""
+def print_repeats(console: Console, rows: Sequence[RepeatRow]) -> None:
+    """Print errors on the repeat cycles and how many points their intervals hold."""
+    table = Table(title="repeat cycles held out", title_justify="left", box=None, pad_edge=False)
+    for name in ("test", "points", "held out", "as given %", "fitted / held out %", "inside 90 % interval", ""):
+        table.add_column(name, justify="left" if name in ("test", "") else "right", no_wrap=name != "")
+    for one in rows:
+        given, errors = in_per_cent((one.given,)), in_per_cent(one.errors)
+        counts = str(one.n_points), str(one.n_held_out)
+        table.add_row(one.name, *counts, given, errors, f"{100.0 * one.coverage:.0f} %", Text(in_words(one.answer)))
+    console.print(table)
+    for total in repeat_sums(rows):
+        console.print(f"{total['what']}: {total['count']} of {total['total']} specimens", highlight=False, markup=False)
+
+
+def gather(
+    tests: Sequence[MeasuredTest], entries: Entries
+) -> tuple[list[Row], list[LabelRow], list[RepeatRow], dict[str, Any]]:
+    """Rows of all tables, and the JSON."""
     by_test = {test.name: {what: e for (name, what), e in entries.items() if name == test.name} for test in tests}
-    rows = [row(test, {w: e for w, e in by_test[test.name].items() if w != "whole"}) for test in tests]
-    labels = [
-        label_row(test, by_test[test.name]["whole"])
-        for test in tests
-        if "error" not in by_test[test.name].get("whole", {"error": ""})
-    ]
+    rows = [row(test, {w: e for w, e in by_test[test.name].items() if w not in APART}) for test in tests]
+    good = {
+        what: [(test, by_test[test.name][what]) for test in tests if "error" not in by_test[test.name].get(what, _NONE)]
+        for what in APART
+    }
+    labels = [label_row(test, entry) for test, entry in good["whole"]]
+    repeated = [repeat_row(test, entry) for test, entry in good["repeats"]]
     made = {what: sorted({e["identity"]["code"] for (_, w), e in entries.items() if w == what}) for _, what in entries}
     facts = {
         "processor": processor_name(),
@@ -257,12 +286,29 @@ def gather(tests: Sequence[MeasuredTest], entries: Entries) -> tuple[list[Row], 
         ],
         "label_sums": label_sums(labels) if labels else [],
         "labels": [asdict(one) for one in labels],
+        "repeat_sums": repeat_sums(repeated) if repeated else [],
+        "repeats": [{**asdict(one), "is_covered": one.is_covered} for one in repeated],
         "results": {
             test.name: {what: {k: v for k, v in e.items() if k != "shown"} for what, e in by_test[test.name].items()}
             for test in tests
         },
     }
-    return rows, labels, finite(facts)
+    return rows, labels, repeated, finite(facts)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, required=True, help="results; what is finished is filed beside it")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="these measured tests; all by default")
+    parser.add_argument("--data", type=Path, default=DATA, help="folder of the measured tests")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--competitors", action="store_true", help="fit the competitors")
+    parser.add_argument("--discover", action="store_true", help="discover on the fitted part of each test")
+    parser.add_argument("--whole", action="store_true", help="discover on the whole records of the columns")
+    parser.add_argument("--repeats", action="store_true", help="discover with the repeat cycles held out")
+    parser.add_argument("--gallery", type=Path, metavar="DIR", help="draw the loops into this folder")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the page, with figures where drawn")
+    return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -278,17 +324,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         0, or 2 where the user can mend it.
     """
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, required=True, help="results; what is finished is filed beside it")
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="these measured tests; all by default")
-    parser.add_argument("--data", type=Path, default=DATA, help="folder of the measured tests")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--competitors", action="store_true", help="fit the competitors")
-    parser.add_argument("--discover", action="store_true", help="discover on the fitted part of each test")
-    parser.add_argument("--whole", action="store_true", help="discover on the whole records of the columns")
-    parser.add_argument("--gallery", type=Path, metavar="DIR", help="draw the loops into this folder")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="write the page, with figures where drawn")
-    options = parser.parse_args(arguments)
+    options = _parser().parse_args(arguments)
     console = Console(width=None if Console().is_terminal else 200)
     try:
         tests = [load(name, options.data) for name in options.only or names(options.data)]
@@ -298,13 +334,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     known = trials(options.json, options.seed)
     asked = {
         **dict.fromkeys(COMPETITORS, options.competitors), "discover": options.discover, "whole": options.whole,
+        "repeats": options.repeats,
     }  # fmt: skip
     run_trials([known[what] for what, wanted in asked.items() if wanted], tests, console)
     entries = {key: entry for log in {one.log for one in known.values()} for key, entry in filed(log).items()}
-    rows, labels, facts = gather(tests, entries)
+    rows, labels, repeated, facts = gather(tests, entries)
     print_rows(console, rows)
     if labels:
         print_labels(console, labels)
+    if repeated:
+        print_repeats(console, repeated)
     for what, versions in facts["code"].items():
         if len(versions) > 1:
             console.print(f"{what}: filed by {len(versions)} versions of the code; run it again to have one")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from bwbn_bayes import Discovery, DiscoverySettings, discover, starting_model
 from bwbn_bayes.elements.loops import pinching_index, strength_lost_per_cycle
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.cycles import repeated_samples
 from bwbn_bayes.records.record import Record
 
 PINCHES = ("slip_lock", "foliente_pinching")
@@ -150,6 +151,30 @@ def discover_whole(test: MeasuredTest, seed: int) -> tuple[dict[str, Any], Float
         for name, measure in (("pinching_index", pinching_index), ("strength_lost", strength_lost_per_cycle))
     }
     return {**discovery.as_json(), "errors": (nrmse(test.record.measured, response), None), "loops": loops}, response
+
+
+def discover_first_cycles(test: MeasuredTest, seed: int) -> tuple[dict[str, Any], Floats]:
+    """Discover on the first cycle at each amplitude of a test and predict those that repeat it.
+
+    Returns
+    -------
+    facts : dict
+        ``discovery.json``, and ``errors``: those of its best model, fitted and held out.
+    response : (n_channels, n_times) array
+        Of the whole record.
+
+    Raises
+    ------
+    UserError
+        If the test has no repeat cycles.
+    """
+    fitted = replace(test.record, counted=~repeated_samples(test.record.excitation))
+    discovery = discover(
+        starting_model(fitted), test.record, held_out="repeats", settings=DiscoverySettings(seed=seed), name=test.name
+    )
+    facts = discovery.as_json()
+    answer = read_answer(facts)
+    return {**facts, "errors": (answer.fit, answer.held_out)}, identified_response(discovery, test.record)
 
 
 def says_pinched(answer: Answer, identified_index: float | None) -> bool:

@@ -15,7 +15,7 @@ _OPENING = """\
 Written by `benchmarks/measured.py` from its JSON; do not edit by hand.
 
 ```sh
-uv run python -m benchmarks.measured --json measured.json --competitors --discover --whole \\
+uv run python -m benchmarks.measured --json measured.json --competitors --discover --whole --repeats \\
     --gallery docs/measured_tests --page docs/measured_tests.md
 ```
 
@@ -40,7 +40,14 @@ def write_page(facts: Mapping[str, Any], figures: Mapping[str, Path], path: Path
     path : Path
         The Markdown file.
     """
-    parts = [_OPENING, *_rows(facts), *_labels(facts), *_gallery(facts["rows"], figures, path.parent), ""]
+    parts = [
+        _OPENING,
+        *_rows(facts),
+        *_labels(facts),
+        *_repeats(facts),
+        *_gallery(facts["rows"], figures, path.parent),
+        "",
+    ]
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("\n".join(parts), encoding="utf-8")
 
@@ -66,6 +73,23 @@ def _labels(facts: Mapping[str, Any]) -> list[str]:
         said = "pinched" if one["says_pinched"] else ""
         lines.append(_line(one["name"], one["loops"], said, *numbers, f"{_number(one['fit'], 1)} %"))
     return [*lines, "", *_sums(facts["label_sums"])]
+
+
+def _repeats(facts: Mapping[str, Any]) -> list[str]:
+    if not facts["repeats"]:
+        return []
+    lines = [
+        "## Repeat cycles held out",
+        "",
+        "Fitted: the first cycle at each amplitude. Inside: held-out points within their 90 % predictive intervals.",
+        "",
+        *_head("test", "points", "held out", "as given", "fitted / held out", "inside"),
+    ]
+    for one in facts["repeats"]:
+        errors = in_per_cent((one["given"],)), in_per_cent(one["errors"])
+        inside = f"{_number(100.0 * one['coverage'], 0)} %"
+        lines.append(_line(one["name"], one["n_points"], one["n_held_out"], *errors, inside))
+    return [*lines, "", *_sums(facts["repeat_sums"])]
 
 
 def _gallery(rows: Sequence[Mapping[str, Any]], figures: Mapping[str, Path], folder: Path) -> list[str]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from bwbn_bayes import Record, UserError, read_record, starting_model
-from bwbn_bayes.discovery.held_out import parting_time
+from bwbn_bayes.discovery.held_out import HeldOut, parting_time, repeat_cycles
 from bwbn_bayes.parameters import Floats
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -78,6 +79,14 @@ class MeasuredTest:
     def is_frame(self) -> bool:
         """Whether a ground motion drives it."""
         return self.record.excitation_kind == "ground_acceleration"
+
+    @cached_property
+    def repeats(self) -> HeldOut | None:
+        """Its repeat cycles; None where there are too few to hold out."""
+        try:
+            return repeat_cycles(self.record)
+        except UserError:
+            return None
 
     @property
     def training(self) -> Record:

@@ -17,6 +17,8 @@ KNOWN = {"bwbn": (30.4, 50.9), "pinching4": (16.7, 31.0)}
 HELD_OUT_FACTOR = 1.1
 """By how much the held-out error may exceed the better competitor's."""
 INDEX_WITHIN, STRENGTH_WITHIN = 0.15, 1.0 / 3.0
+COVERED = 0.8, 0.97
+"""Share of held-out points inside their 90 % intervals that counts as covered."""
 HOPELESS = 100.0
 """Error [%] above which a prediction is worse than none."""
 
@@ -109,6 +111,37 @@ class LabelRow:
         return abs(self.strength_lost[1] - self.strength_lost[0]) <= STRENGTH_WITHIN * abs(self.strength_lost[0])
 
 
+@dataclass(frozen=True, kw_only=True)
+class RepeatRow:
+    """A cyclic test whose repeat cycles were held out.
+
+    Attributes
+    ----------
+    name : str
+    n_points, n_held_out : int
+    given : float
+        Held-out error of the model as given [%]; infinite where it runs away.
+    errors : (float, float)
+        Of the improved model, fitted and held out. [%]
+    coverage : float
+        Share of the held-out points inside their 90 % intervals.
+    answer : Answer
+    """
+
+    name: str
+    n_points: int
+    n_held_out: int
+    given: float
+    errors: Errors
+    coverage: float
+    answer: Answer
+
+    @property
+    def is_covered(self) -> bool:
+        """Whether the intervals hold 80 to 97 % of the points."""
+        return COVERED[0] <= self.coverage <= COVERED[1]
+
+
 def row(test: MeasuredTest, entries: Mapping[str, Json]) -> Row:
     """One row from the filed results of a test, by kind."""
     good = {what: entry["result"] for what, entry in entries.items() if "error" not in entry}
@@ -146,6 +179,42 @@ def label_row(test: MeasuredTest, entry: Json) -> LabelRow:
         strength_lost=_pair(loops["strength_lost"]),
         fit=_errors(facts["errors"])[0] if answer.fit is None else answer.fit,
     )
+
+
+def repeat_row(test: MeasuredTest, entry: Json) -> RepeatRow:
+    """One row of the repeat cycles' table from the filed result of a test.
+
+    Raises
+    ------
+    ValueError
+        If the test has no repeat cycles.
+    """
+    if test.repeats is None:
+        raise ValueError(f"{test.name} has no repeat cycles")
+    facts = entry["result"]["facts"]
+    held_out = facts["gap"]["held_out"]
+    given = held_out["before"]
+    return RepeatRow(
+        name=test.name,
+        n_points=test.record.n_times,
+        n_held_out=len(test.repeats.counted),
+        given=float("inf") if given is None else 100.0 * given,
+        errors=_errors(facts["errors"]),
+        coverage=held_out["coverage_90"],
+        answer=read_answer(facts),
+    )
+
+
+def repeat_sums(rows: Sequence[RepeatRow]) -> list[dict[str, Any]]:
+    """Over the tests with repeat cycles: whose intervals cover what they should."""
+    low, high = (100.0 * end for end in COVERED)
+    return [
+        {
+            "what": f"coverage within {low:.0f} to {high:.0f} %",
+            "count": sum(one.is_covered for one in rows),
+            "total": len(rows),
+        }
+    ]
 
 
 def sums(rows: Sequence[Row]) -> list[dict[str, Any]]:

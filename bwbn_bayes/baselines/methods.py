@@ -20,7 +20,7 @@ from bwbn_bayes.inference.identify import identify as identify_by_sampling
 from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import provenance_of
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Record, require_whole
 from bwbn_bayes.results import Result, StageFacts
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
@@ -95,6 +95,7 @@ def _by_search(
 ) -> Result:
     require_parameters(model, name)
     require_usable(model, record)
+    require_whole(record)
     began = time.perf_counter()
     stages: list[StageFacts] = []
 
@@ -148,6 +149,7 @@ def _by_networks(
     if not isinstance(model, ShearBuilding):
         raise UserError("IPV needs a ShearBuilding: in a specimen the force is measured, there is none to learn")
     require_usable(model, record)
+    require_whole(record)
     if listener is not None:
         listener("training a radial basis network for each storey", None)
     began = time.perf_counter()

@@ -156,9 +156,10 @@ def discover(
         str | None,
         typer.Option(
             "--held-out",
-            metavar="FILE|end",
-            help="A second measurement, or `end` for the end of this one. Fit, selection and names never see it: it is "
-            "predicted once, at the end, and shown.",
+            metavar="FILE|end|repeats",
+            help="A second measurement, `end` for the end of this one, or `repeats` for the cycles of a cyclic test "
+            "that repeat an amplitude. Fit, selection and names never see it: it is predicted once, at the end, and "
+            "shown.",
         ),
     ] = None,
     out: Annotated[
@@ -194,7 +195,7 @@ def discover(
     from bwbn_bayes.engines.journal import forget
     from bwbn_bayes.report.discovery_text import discovery_in_words
 
-    file = _loaded(model, columns, record, None if held_out == "end" else held_out)
+    file = _loaded(model, columns, record, None if held_out in ("end", "repeats") else held_out)
     directory = writable(out or Path("reports") / f"{file.name}_discovery")
     settings = DiscoverySettings(
         seed=seed,
@@ -518,10 +519,11 @@ def _record(file: ModelFile, path: Path | None, seed: int, listener: Listener) -
     return simulate_record(file.model, file.excitation, file.truth, snr_db=file.snr_db, seed=seed)
 
 
-def _held_out(file: ModelFile, asked: str | None, record: Path | None) -> Record | Literal["end"] | None:
+def _held_out(file: ModelFile, asked: str | None, record: Path | None) -> Record | Literal["end", "repeats"] | None:
     from bwbn_bayes.records.readers import read_record
 
     if asked is None:
         # A record named on the command line is another test: the file's held-out one may not belong to it.
         return file.held_out if record is None else None
-    return "end" if asked == "end" else read_record(asked, file.columns)
+    words: dict[str, Literal["end", "repeats"]] = {"end": "end", "repeats": "repeats"}
+    return words.get(asked) or read_record(asked, file.columns)

@@ -112,7 +112,7 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
         write_discovery(discovery, partial)
         save_result(discovery.result, partial / "identify")
         _save_discovery(discovery, partial)
-        write_record(discovery.record, partial / "record.csv")
+        write_record(discovery.measurement, partial / "record.csv")
         source = improved_model_source(
             discovery.improved,
             discovery.added,

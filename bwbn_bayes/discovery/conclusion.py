@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap
 from bwbn_bayes.discovery.pool import Pool
+from bwbn_bayes.discovery.predictive import predictive_interval
 from bwbn_bayes.discovery.probability import NAMED, Beliefs
 from bwbn_bayes.discovery.run import Run, hypotheses_of, score_all
 from bwbn_bayes.discovery.sentences import sentences
@@ -55,9 +57,9 @@ def conclude(
     run.say("looking for the smallest effects that this record could have shown")
     limits = _limits(present, run)
     record = present.posterior.record
-    gap = _gap(given, present, record, 0, run)
+    gap = _gap(given, present, record, record.kept, run)
     if held_out is not None:
-        gap = replace(gap, held_out=_gap(given, present, held_out.record, held_out.first, run))
+        gap = replace(gap, held_out=_gap_held_out(given, present, held_out, believed, run))
     elapsed = run.elapsed
     run.say("sampling the posterior of the final model")
     result = identify_from(
@@ -175,11 +177,20 @@ def badly_sampled(facts: Facts) -> tuple[str, ...]:
     return (sentence,)
 
 
-def _gap(given: Explanation, present: Explanation, record: Record, first: int, run: Run) -> Gap:
-    """Before and after on a record, from its sample ``first`` on."""
-    before = predict(given.posterior, given.best, record, run.rng, first=first)
-    after = before if present is given else predict(present.posterior, present.best, record, run.rng, first=first)
-    return Gap(noise_floor=floor_of(record, first=first), before=before, after=after)
+def _gap(given: Explanation, present: Explanation, record: Record, counted: slice | NDArray[np.int64], run: Run) -> Gap:
+    """Before and after on a record, at the samples that count."""
+    before = predict(given.posterior, given.best, record, run.rng, counted=counted)
+    after = before if present is given else predict(present.posterior, present.best, record, run.rng, counted=counted)
+    return Gap(noise_floor=floor_of(record, counted=counted), before=before, after=after)
+
+
+def _gap_held_out(given: Explanation, present: Explanation, held_out: HeldOut, believed: Beliefs, run: Run) -> Gap:
+    """Before and after on what was held out; of samples among the fitted ones with predictive intervals."""
+    gap = _gap(given, present, held_out.record, held_out.counted, run)
+    if not held_out.repeats:
+        return gap
+    run.say("predicting the held-out repeat cycles with all explanations")
+    return replace(gap, interval=predictive_interval(believed, held_out.record, held_out.counted, run.rng))
 
 
 def _limits(present: Explanation, run: Run) -> tuple[DetectionLimit, ...]:

@@ -64,32 +64,31 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
         Minus infinity and infinity where the model cannot be solved without a block.
     """
     record, slopes = posterior.record, Slopes.at(posterior, point)
-    blocks = np.array_split(np.arange(record.n_times), N_BLOCKS)
-    points = _without_each(slopes, residual_of(posterior, point), point, blocks)
+    blocks = np.array_split(np.arange(record.n_counted), N_BLOCKS)
+    points = _without_each(slopes, slopes.scaled(residual_of(posterior, point)), point, blocks)
     posterior.solves.add(len(points))
     predicted = posterior.engine.simulate(posterior.model, posterior.split(points)[0], record).values
     with np.errstate(over="ignore", invalid="ignore"):
         error = record.measured - predicted
-        squared, scaled = np.square(error), np.square(slopes.scaled(error))
+        squared, scaled = np.square(error[..., record.kept]), np.square(slopes.scaled(error))
     log_score, missed = 0.0, np.zeros(len(record.channels))
     for number, block in enumerate(blocks):
         inside = np.sum(scaled[number][:, block], axis=1)
-        level = (np.sum(scaled[number], axis=1) - inside) / (record.n_times - len(block))
+        level = (np.sum(scaled[number], axis=1) - inside) / (record.n_counted - len(block))
         density = inside / level + len(block) * np.log(2.0 * np.pi * level * slopes.noise[:, 0] ** 2)
         log_score -= 0.5 * float(np.sum(density))
         missed += np.sum(squared[number][:, block], axis=1)
     if not np.isfinite(log_score):
         return CrossValidation(log_score=-np.inf, nrmse=np.inf)
-    shares = missed / np.sum(np.square(record.measured), axis=1)
+    shares = missed / np.sum(np.square(record.measured[:, record.kept]), axis=1)
     as_one = posterior.noise.correlation_samples if isinstance(posterior.noise, IntegratedNoise) else 1.0
     return CrossValidation(log_score=log_score / as_one, nrmse=float(np.sqrt(np.mean(shares))))
 
 
-def _without_each(slopes: Slopes, residual: Floats, point: Floats, blocks: Sequence[NDArray[np.int64]]) -> Floats:
+def _without_each(slopes: Slopes, scaled: Floats, point: Floats, blocks: Sequence[NDArray[np.int64]]) -> Floats:
     """Optima ``(n_blocks, n_dim)`` without each block, to first order and within the priors' bounds."""
     free = (point > _EDGE) & (point < 1.0 - _EDGE)
-    base = slopes.base[:, free].reshape(*residual.shape, -1)
-    scaled = slopes.scaled(residual)
+    base = slopes.base[:, free].reshape(*scaled.shape, -1)
     whole = np.einsum("cti,ctj->ij", base, base) + PRIOR_PRECISION * np.eye(base.shape[2])
     points = np.tile(point, (len(blocks), 1))
     for number, block in enumerate(blocks):

@@ -164,7 +164,7 @@ def with_shared(
     """
     noise = posterior.noise
     assert isinstance(noise, IntegratedNoise)
-    n_times = posterior.record.n_times
+    n_times = posterior.record.n_counted
 
     def account(residual: Floats) -> Correlation:
         found: list[tuple[float, Correlation]] = []

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.runaway import RUNAWAY, moment_in_words, runaway_sample
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.cycles import half_cycles, repeated_samples, repeats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
@@ -23,11 +26,16 @@ EARLIEST, LATEST = 0.5, 0.85
 """Shares of a record between which it is parted."""
 LEAST_PEAK = 0.6
 """Of the whole record's peak, what each part must reach."""
+LEAST_REPEATS, LEAST_FITTED = 2, 4
+"""Half cycles that must be there to hold out, and to fit."""
+
+Indices = NDArray[np.int64]
+_ALL = slice(None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOut:
-    """Held-out data: a record of its own, or the end of the record whose beginning is fitted.
+    """Held-out data: a record of its own, or the end or the repeat cycles of the record whose other samples are fitted.
 
     Parameters
     ----------
@@ -35,10 +43,20 @@ class HeldOut:
         The model is run over all of it, from rest.
     after_s : float
         What was measured up to then does not count; zero where all of it counts. [s]
+    repeats : bool
+        Whether nothing counts but the half cycles that repeat an amplitude.
     """
 
     record: Record
     after_s: float = 0.0
+    repeats: bool = False
+
+    @cached_property
+    def counted(self) -> Indices:
+        """Indices of the samples that count, in order."""
+        if self.repeats:
+            return np.flatnonzero(repeated_samples(self.record.excitation))
+        return np.arange(self.first, self.record.n_times)
 
     @property
     def first(self) -> int:
@@ -48,6 +66,8 @@ class HeldOut:
     @property
     def label(self) -> str:
         """What reports call it."""
+        if self.repeats:
+            return "held-out repeat cycles"
         if self.after_s == 0.0:
             return "held-out record"
         instant = f"{self.after_s:.3g} s" if self.record.has_time else moment_in_words(self.record, self.first)
@@ -55,7 +75,7 @@ class HeldOut:
 
 
 def set_apart(
-    model: Structure, record: Record, held_out: Record | Literal["end"] | None
+    model: Structure, record: Record, held_out: Record | Literal["end", "repeats"] | None
 ) -> tuple[Record, HeldOut | None]:
     """Part what is fitted from what is held out.
 
@@ -65,8 +85,8 @@ def set_apart(
         Tells the masses.
     record : Record
         The measurement.
-    held_out : Record, "end" or None
-        Another measurement, the end of this one, or nothing.
+    held_out : Record, "end", "repeats" or None
+        Another measurement, the end of this one or its repeat cycles, or nothing.
 
     Returns
     -------
@@ -77,16 +97,48 @@ def set_apart(
     Raises
     ------
     UserError
-        If ``held_out`` is another word, or the record has no end to hold out.
+        If ``held_out`` is another word, or the record has no end or no repeat cycles to hold out.
     """
     if isinstance(held_out, Record):
         return record, HeldOut(record=held_out)
     if held_out is None:
         return record, None
+    if held_out == "repeats":
+        apart = repeat_cycles(record)
+        return replace(record, counted=~repeated_samples(record.excitation)), apart
     if held_out != "end":
-        raise UserError(f"held_out is {held_out!r}: give a Record, such as read_record(...) returns, or 'end'")
+        raise UserError(
+            f"held_out is {held_out!r}: give a Record, such as read_record(...) returns, or 'end' or 'repeats'"
+        )
     time = parting_time(model, record)
     return record.until(time), HeldOut(record=record, after_s=time)
+
+
+def repeat_cycles(record: Record) -> HeldOut:
+    """The half cycles of a cyclic test that repeat an amplitude, see :func:`~bwbn_bayes.records.cycles.repeats`.
+
+    An amplitude is repeated where the next half cycle of one direction comes within 10 % of the first of its row,
+    above it or below: loading protocols step by 25 % and more, and machines do not hit an amplitude exactly.
+
+    Raises
+    ------
+    UserError
+        If the record is no cyclic test, repeats nothing, or does nothing but repeat.
+    """
+    if record.excitation_kind != "displacement":
+        raise UserError(
+            f"record {record.name!r} is a ground motion, which repeats no cycles: hold out its end with "
+            "--held-out end, or another measurement with --held-out FILE"
+        )
+    counts = repeats(half_cycles(record.excitation))
+    n_repeats = sum(count > 0 for count in counts)
+    if n_repeats < LEAST_REPEATS or len(counts) - n_repeats < LEAST_FITTED:
+        raise UserError(
+            f"record {record.name!r} has no repeat cycles to hold out: {n_repeats} of its {len(counts)} half cycles "
+            f"repeat an amplitude, at least {LEAST_REPEATS} must and {LEAST_FITTED} must not; hold out its end with "
+            "--held-out end"
+        )
+    return HeldOut(record=record, repeats=True)
 
 
 def parting_time(model: Structure, record: Record) -> float:
@@ -175,11 +227,16 @@ class Prediction:
 
 
 def predict(
-    posterior: Posterior, point: Floats, record: Record, rng: np.random.Generator, *, first: int = 0
+    posterior: Posterior,
+    point: Floats,
+    record: Record,
+    rng: np.random.Generator,
+    *,
+    counted: slice | Indices = _ALL,
 ) -> Prediction:
     """Predict a record with the parameters at a point ``(n_dim,)`` of the unit cube.
 
-    The model runs from rest through the whole record and is compared from the sample ``first`` on.
+    The model runs from rest through the whole record and is compared at the samples that count.
 
     Raises
     ------
@@ -190,9 +247,9 @@ def predict(
     if not channels:
         raise UserError(f"record {record.name!r} measures nothing: held-out data need a channel such as acceleration_1")
     values, _ = posterior.split(point[None])
-    predicted = posterior.engine.simulate(posterior.model, values, record).values[0][:, first:]
-    measured = record.measured[:, first:]
-    trained = np.sqrt(posterior.misfit(point[None])[0] / posterior.record.n_times)
+    predicted = posterior.engine.simulate(posterior.model, values, record).values[0][:, counted]
+    measured = record.measured[:, counted]
+    trained = np.sqrt(posterior.misfit(point[None])[0] / posterior.record.n_counted)
     level = dict(zip(posterior.record.channels, trained, strict=True))
     sd = np.array([level.get(name, floor) for name, floor in zip(channels, noise_floors(record), strict=True)])
     error = (measured - predicted) ** 2
@@ -207,13 +264,13 @@ def predict(
         channels=channels,
         values=predicted,
         nrmse=nrmse,
-        runs_away_after="" if lost is None else moment_in_words(record, first + lost),
+        runs_away_after="" if lost is None else moment_in_words(record, int(np.arange(record.n_times)[counted][lost])),
         nrmse_se=float(np.std(np.sqrt(np.mean(resampled, axis=(1, 2))))),
         log_density=float(np.mean(-0.5 * error / sd[:, None] ** 2 - np.log(sd)[:, None] - 0.5 * np.log(2.0 * np.pi))),
     )
 
 
-def floor_of(record: Record, *, first: int = 0) -> float:
-    """The same error for a perfect model: each channel's model-free noise level over its rms from ``first`` on."""
-    mean_square = np.mean(np.square(record.measured[:, first:]), axis=1)
+def floor_of(record: Record, *, counted: slice | Indices = _ALL) -> float:
+    """The same error for a perfect model: each channel's model-free noise level over its rms where it counts."""
+    mean_square = np.mean(np.square(record.measured[:, counted]), axis=1)
     return float(np.sqrt(np.mean(np.square(noise_floors(record)) / mean_square)))

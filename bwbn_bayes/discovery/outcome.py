@@ -9,6 +9,7 @@ from typing import Any, Literal
 from bwbn_bayes.discovery.candidates import Hypothesis, place_in_words
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, Prediction
+from bwbn_bayes.discovery.predictive import PredictiveInterval
 from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Verdict
 from bwbn_bayes.discovery.where import Disagreement
 from bwbn_bayes.elements.catalogue import title_of
@@ -191,12 +192,16 @@ class UnnamedForce:
 
 @dataclass(frozen=True, kw_only=True)
 class Gap:
-    """The gap between model and record, before and after; with the one on data that the fit did not see, if any."""
+    """The gap between model and record, before and after; with the one on data that the fit did not see, if any.
+
+    Held-out samples among the fitted ones have predictive intervals too.
+    """
 
     noise_floor: float
     before: Prediction
     after: Prediction
     held_out: Gap | None = None
+    interval: PredictiveInterval | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,6 +289,11 @@ class Discovery:
     elapsed_s: float
     stopped: bool = False
 
+    @property
+    def measurement(self) -> Record:
+        """The record as a file can hold it: what fit and selection saw, or all of it where not every sample counted."""
+        return self.record if self.held_out is None or self.record.counted is None else self.held_out.record
+
     def as_json(self) -> dict[str, Any]:
         """``discovery.json``, schema 2; a number that is not finite becomes None, which JSON can hold."""
         gap: dict[str, Any] = {
@@ -296,6 +306,7 @@ class Discovery:
             before, after = unseen.before, unseen.after
             gap["held_out"] = {
                 "record": apart.record.name,
+                "repeats": apart.repeats,
                 "after_s": apart.after_s,
                 "before": before.nrmse,
                 "after": after.nrmse,
@@ -304,6 +315,7 @@ class Discovery:
                 "log_density_before": before.log_density,
                 "log_density_after": after.log_density,
                 "noise_floor": unseen.noise_floor,
+                "coverage_90": None if unseen.interval is None else unseen.interval.coverage,
             }
         facts: dict[str, Any] = {
             "schema": SCHEMA,

@@ -21,7 +21,7 @@ from bwbn_bayes.discovery.evidence import (
 from bwbn_bayes.discovery.explanation import Explanation, Key, key_of
 from bwbn_bayes.discovery.probability import UNNAMED_SCALE, Beliefs, beliefs
 from bwbn_bayes.discovery.run import Run, beside
-from bwbn_bayes.discovery.unnamed import unnamed_basis
+from bwbn_bayes.discovery.unnamed import fitted_basis
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
@@ -80,7 +80,7 @@ class Pool:
         """Functions of a specimen's unnamed force."""
         record = next(iter(self.plain.values())).posterior.record
         is_specimen = record.excitation_kind == "displacement" and "force" in record.channels
-        return SharedFunctions.of(unnamed_basis(record)) if is_specimen else None
+        return SharedFunctions.of(fitted_basis(record)) if is_specimen else None
 
     @property
     def beliefs(self) -> Beliefs:
@@ -111,8 +111,9 @@ class Pool:
 
     @property
     def _has_time(self) -> bool:
-        """Whether errors can have a past: a filter in time means nothing where there is no time."""
-        return next(iter(self.plain.values())).posterior.record.has_time
+        """Whether errors can have a past: a filter in time means nothing without time, or across gaps."""
+        record = next(iter(self.plain.values())).posterior.record
+        return record.has_time and record.counted is None
 
     def _colour(self) -> None:
         """Refit under autoregressive errors what could gain by them."""

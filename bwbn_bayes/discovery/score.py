@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
 from bwbn_bayes.discovery.candidates import Hypothesis
@@ -100,9 +101,11 @@ class Slopes:
     ----------
     noise : (n_channels, 1) array
         Noise standard deviation of each channel.
-    base : (n_channels * n_times, n_dim) array
+    base : (n_channels * n_counted, n_dim) array
         Derivatives in unit coordinates, whitened, over the noise.
     measured : (n_channels, n_times) array
+    kept : slice or (n_counted,) array
+        Index of the samples that count.
     correlation : Correlation, optional
         Of the errors.
     """
@@ -110,6 +113,7 @@ class Slopes:
     noise: Floats
     base: Floats
     measured: Floats
+    kept: slice | NDArray[np.int64] = slice(None)
     correlation: Correlation | None = None
 
     @classmethod
@@ -118,15 +122,15 @@ class Slopes:
         record, (values, noise_values) = posterior.record, posterior.split(point[None])
         correlation, measured = posterior.noise.correlation, record.measured
         response, slopes = posterior.engine.sensitivities(posterior.model, values, record)
-        misfit = np.sum(np.square(_whitened(correlation, measured - response.values)), axis=2)
-        noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_times, noise_values)[0][:, None])
+        misfit = np.sum(np.square(_whitened(correlation, (measured - response.values)[..., record.kept])), axis=2)
+        noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_counted, noise_values)[0][:, None])
         scale = posterior.model.space.unit_scale(values)[0]
-        base = (_whitened(correlation, slopes[0]) / noise).reshape(len(scale), -1).T * scale
-        return cls(noise=noise, base=base, measured=measured, correlation=correlation)
+        base = (_whitened(correlation, slopes[0][..., record.kept]) / noise).reshape(len(scale), -1).T * scale
+        return cls(noise=noise, base=base, measured=measured, kept=record.kept, correlation=correlation)
 
     def scaled(self, rows: Floats) -> Floats:
-        """Rows ``(..., n_channels, n_times)`` as the likelihood sees them: whitened, over the noise."""
-        return _whitened(self.correlation, rows) / self.noise
+        """Rows ``(..., n_channels, n_times)`` as the likelihood sees them, ``n_counted`` long: whitened, over noise."""
+        return _whitened(self.correlation, rows[..., self.kept]) / self.noise
 
     @cached_property
     def factor(self) -> Floats:

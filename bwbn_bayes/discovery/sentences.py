@@ -138,6 +138,8 @@ def _gap(gap: Gap, *, changed: bool) -> tuple[str, ...]:
             goes = "falls" if one.after.nrmse < one.before.nrmse else "grows"
             ends = f"from {one.before.error_in_words} to {one.after.error_in_words}"
             told.append(f"On the {what} the error {goes} {ends}; {noise}.")
+    if gap.held_out is not None and gap.held_out.interval is not None:
+        told.append(gap.held_out.interval.in_words)
     return tuple(told)
 
 

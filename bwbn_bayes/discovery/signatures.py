@@ -100,6 +100,8 @@ def _measured(
 ) -> float | None:
     """The measure of the record: of a specimen's loop, or of the measured storey force against the identified drift."""
     model, record = present.model, present.posterior.record
+    if record.counted is not None:  # a measure reads whole cycles, one after the other
+        return None
     if not isinstance(model, ShearBuilding):
         force = record.channels.get("force")
         return None if force is None else signature.of_measured(record.excitation, force)

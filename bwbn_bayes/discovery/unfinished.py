@@ -68,6 +68,7 @@ class Unfinished:
                 "effects": [f"{one.name}{list(one.storeys)}" for one in best.added],
                 "fit": fit["after"],
                 "held_out": None,
+                "cross_validated": best.cross_validation.nrmse,
             },
             "probabilities": {name: p for name, p in self.believed.names.items() if p >= LEAST_SHOWN},
             "unnamed_force": None,
@@ -83,6 +84,5 @@ class Unfinished:
 
 def _nrmse(one: Explanation) -> float:
     """Root mean square over the channels of each one's rms error over its rms, at the best fit."""
-    measured = one.posterior.record.measured
-    error = np.mean(np.square(residual_of(one.posterior, one.best)), axis=1)
-    return float(np.sqrt(np.mean(error / np.mean(np.square(measured), axis=1))))
+    left, measured = residual_of(one.posterior, one.best), one.posterior.record.measured
+    return float(np.sqrt(np.mean(np.sum(np.square(left), axis=1) / np.sum(np.square(measured), axis=1))))

@@ -52,6 +52,12 @@ def unnamed_basis(record: Record) -> Floats:
     return np.hstack(halves)
 
 
+def fitted_basis(record: Record) -> Floats:
+    """The same with zeros at samples that do not count: of them the likelihood knows nothing."""
+    basis = unnamed_basis(record)
+    return basis if record.counted is None else basis * record.counted[:, None]
+
+
 def _functions(place: Floats, n: int, length: float) -> Floats:
     """Eigenfunctions ``(n_times, n)`` on the interval, times the root of a Gaussian kernel's spectral density."""
     frequency = 0.5 * np.pi * np.arange(1, n + 1) / _BEYOND

@@ -28,13 +28,14 @@ def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
     evidence, record = one.evidence, one.posterior.record
     assert evidence.correlation is not None
     residual = residual_of(evidence.posterior, evidence.modes[0].point)[0]
-    force = evidence.correlation.shared_part(residual)
+    force = evidence.correlation.shared_part(residual)[record.kept]
+    measured = record.channels["force"][record.kept]
     return UnnamedForce(
         storey=1,
         place=storey_in_words(one.model, 1),
         probability=probability,
-        share=float(np.std(force) / np.sqrt(np.mean(np.square(record.channels["force"])))),
-        drift=record.excitation,
+        share=float(np.std(force) / np.sqrt(np.mean(np.square(measured)))),
+        drift=record.excitation[record.kept],
         force=force,
     )
 

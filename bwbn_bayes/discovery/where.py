@@ -135,17 +135,20 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
     record = posterior.record
     channels = tuple(record.channels)
     residual = residual_of(posterior, point)
+    n_white = counted(record, residual).shape[1]
+    residual = residual[:, record.kept]
     noise = noise_floors(record)
-    edges = np.linspace(0.0, record.duration, N_WINDOWS + 1)
+    edges = _edges(record.times[record.kept])
     by_window = _windowed(residual / noise[:, None])
     values, _ = posterior.split(point[None])
     rows = {k: h[0] for k, h in observe(posterior.engine, posterior.model, values, record).items()}
-    force = np.full((posterior.model.n_storeys, record.n_times), np.nan)
+    force = np.full((posterior.model.n_storeys, record.n_counted), np.nan)
     for storey, missing, sd in missing_forces(posterior, residual, noise):
         force[storey - 1] = missing / sd
     by_storey = _windowed(force)
     conditions = _conditions(rows, record)
-    by_condition = {name: _concentration(force, mask) for name, mask in conditions.items()}
+    by_condition = {name: _concentration(force, mask[:, record.kept]) for name, mask in conditions.items()}
+    rows = {kind: history[:, record.kept] for kind, history in rows.items()}
     seen = Disagreement(
         channels=channels,
         noise=noise,
@@ -156,7 +159,7 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
         by_condition=by_condition,
         spots=(),
     )
-    return replace(seen, spots=_spots(seen, posterior, counted(record, residual).shape[1] // N_WINDOWS))
+    return replace(seen, spots=_spots(seen, posterior, n_white // N_WINDOWS))
 
 
 def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> list[tuple[int, Floats, float]]:
@@ -165,7 +168,7 @@ def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> lis
     Parameters
     ----------
     posterior : Posterior
-    residual : (n_channels, n_times) array
+    residual : (n_channels, n_counted) array
         Of its record's channels.
     noise : (n_channels,) array
         Noise level of each.
@@ -174,7 +177,7 @@ def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> lis
     if not isinstance(model, ShearBuilding):
         return [(1, residual[i], float(noise[i])) for i, name in enumerate(channels) if name == "force"]
     found: list[tuple[int, Floats, float]] = []
-    force, variance = np.zeros(posterior.record.n_times), 0.0
+    force, variance = np.zeros(residual.shape[1]), 0.0
     for floor in range(model.n_storeys, 0, -1):
         name = f"acceleration_{floor}"
         if name not in channels:
@@ -283,6 +286,12 @@ def _cycles(record: Record, start: float, end: float) -> tuple[int, int]:
 def cycles_in_words(first: int, last: int) -> str:
     """``cycle 7``, or ``cycles 7 to 9``."""
     return f"cycle {first}" if first == last else f"cycles {first} to {last}"
+
+
+def _edges(times: Floats) -> Floats:
+    """Of windows of equally many samples that count, which lie at ``times (n_counted,)`` [s]."""
+    places = np.linspace(0.0, len(times) - 1.0, N_WINDOWS + 1)
+    return np.asarray(np.interp(places, np.arange(len(times)), times))
 
 
 def _windowed(scaled: Floats) -> Floats:

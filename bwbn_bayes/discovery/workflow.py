@@ -46,7 +46,7 @@ def discover(
     model: Structure,
     record: Record,
     *,
-    held_out: Record | Literal["end"] | None = None,
+    held_out: Record | Literal["end", "repeats"] | None = None,
     settings: DiscoverySettings | None = None,
     name: str = "model",
     assumptions: Sequence[str] = (),
@@ -60,10 +60,11 @@ def discover(
         With priors on the parameters to identify.
     record : Record
         Fit and selection see this one alone.
-    held_out : Record or "end", optional
-        Predicted once, at the end, by the model as given and as improved: another measurement, or the end of this one,
+    held_out : Record, "end" or "repeats", optional
+        Predicted once, at the end, by the model as given and as improved: another measurement, the end of this one,
         of which fit and selection then see what comes before
-        (:func:`~bwbn_bayes.discovery.held_out.parting_time`).
+        (:func:`~bwbn_bayes.discovery.held_out.parting_time`), or the half cycles of a cyclic test that repeat an
+        amplitude (:func:`~bwbn_bayes.discovery.held_out.repeat_cycles`).
     settings : DiscoverySettings, optional
     name : str
         The model's name in reports.
@@ -80,7 +81,7 @@ def discover(
     ------
     UserError
         If the model identifies nothing, the record measures nothing, they do not belong together, or the record has
-        no end to hold out.
+        no end or no repeat cycles to hold out.
     """
     require_suitable(model, record, held_out if isinstance(held_out, Record) else None, name)
     record, apart = set_apart(model, record, held_out)

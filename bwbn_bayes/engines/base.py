@@ -125,7 +125,10 @@ class Engine(Protocol):
         ...
 
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
-        """Sum of squared residuals ``(n_draws, n_channels)`` over the measured channels; infinite where it failed."""
+        """Sum of squared residuals ``(n_draws, n_channels)`` over the measured channels; infinite where it failed.
+
+        Here and in :meth:`normal_equations` only samples that count take part.
+        """
         ...
 
     def normal_equations(
@@ -251,11 +254,11 @@ def require_usable(model: Structure, record: Record) -> None:
     if not record.channels:
         raise UserError(f"{where} measures nothing: it needs at least one channel such as acceleration_1")
     channel_map(model, tuple(record.channels))
-    if record.n_times < MIN_SAMPLES:
-        raise UserError(f"{where} has {record.n_times} samples: at least {MIN_SAMPLES} are needed to tell its noise")
+    if record.n_counted < MIN_SAMPLES:
+        raise UserError(f"{where} has {record.n_counted} samples: at least {MIN_SAMPLES} are needed to tell its noise")
     if np.ptp(record.excitation) == 0.0:
         raise UserError(f"{where} has no excitation: its {record.excitation_kind} never changes")
-    still = [channel for channel, signal in record.channels.items() if np.ptp(signal) == 0.0]
+    still = [channel for channel, signal in record.channels.items() if np.ptp(signal[record.kept]) == 0.0]
     if still:
         raise UserError(f"{where}: {', '.join(still)} never changes: leave it out")
     for channel, others, known in _same_by_definition(model.n_storeys, record):

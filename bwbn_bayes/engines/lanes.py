@@ -107,10 +107,10 @@ class Lanes:
         result = np.empty((len(draws), len(record.channels)))
 
         def solve(block: _Block) -> None:
-            if problem.sensors is not None:
+            if problem.is_summed_outside:
                 values, _ = problem.solve(self, block)
                 with np.errstate(over="ignore"):  # a draw that runs away misses by infinity
-                    result[block.rows] = np.sum((problem.measured - values) ** 2, axis=2)
+                    result[block.rows] = np.sum((problem.measured - values)[..., problem.kept] ** 2, axis=2)
                 return
             outcome = problem.run(self, block, store=False)
             result[block.rows] = outcome.misfit.reshape(-1, LANES).T[: block.n_draws]
@@ -123,14 +123,15 @@ class Lanes:
     ) -> NormalEquations:
         """Least squares in summary over the measured channels, summed inside the kernel; zero for those not free.
 
-        Sensors that distort stand after the kernel: then the response of one block at a time is stored and summed.
+        Sensors that distort stand after the kernel, which knows of no samples that do not count either: then the
+        response of one block at a time is stored and summed.
         """
         problem = _Problem.build(model, record, tuple(record.channels), wanted=_wanted(model, draws, free))
         n, c, d = len(draws), len(record.channels), model.space.n_dim
         misfit, gradient, information = np.empty((n, c)), np.empty((n, c, d)), np.empty((n, c, d, d))
 
         def solve(block: _Block) -> None:
-            summed = problem.summed if problem.sensors is not None else problem.reduced
+            summed = problem.summed if problem.is_summed_outside else problem.reduced
             misfit[block.rows], gradient[block.rows], information[block.rows] = summed(self, block)
 
         self._over_blocks(problem, model, draws, solve)
@@ -259,7 +260,13 @@ class _Problem:
     inverse_masses: Floats
     channels: ChannelMap
     measured: Floats
+    kept: slice | NDArray[np.int64]
     sensors: Sensors | None
+
+    @property
+    def is_summed_outside(self) -> bool:
+        """Whether stored responses are summed: the kernel knows of every sample alike, and of no sensors."""
+        return self.sensors is not None or not isinstance(self.kept, slice)
 
     @classmethod
     def build(cls, model: Structure, record: Record, names: tuple[str, ...], *, wanted: Booleans) -> _Problem:
@@ -280,6 +287,7 @@ class _Problem:
             inverse_masses=1.0 / masses(model),
             channels=channel_map(model, names),
             measured=measured_matrix(record, names) if known else np.zeros((len(names), record.n_times)),
+            kept=record.kept,
             sensors=sensors_of(model, record, names),
         )
 
@@ -300,8 +308,8 @@ class _Problem:
     def summed(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats, Floats]:
         """Misfit, gradient and information of a block from its stored response."""
         values, slopes = self.solve(engine, block)
-        residual = self.measured - values
-        by_channel = np.moveaxis(slopes, 1, 2)
+        residual = (self.measured - values)[..., self.kept]
+        by_channel = np.moveaxis(slopes, 1, 2)[..., self.kept]
         return (
             np.sum(residual**2, axis=2),
             np.matmul(by_channel, residual[..., None])[..., 0],

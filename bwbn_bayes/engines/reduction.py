@@ -39,11 +39,11 @@ class Reduction:
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
         """Sum of squared residuals ``(n_draws, n_channels)`` over the measured channels; infinite where it failed."""
         names = tuple(record.channels)
-        measured = measured_matrix(record, names)
+        measured = measured_matrix(record, names)[:, record.kept]
         result = np.empty((len(draws), len(names)))
         for i in range(len(draws)):
             values = self.simulate(model, draws[i : i + 1], record, names).values[0]
-            result[i] = np.sum((measured - values) ** 2, axis=1)
+            result[i] = np.sum((measured - values[:, record.kept]) ** 2, axis=1)
         return np.where(np.isfinite(result), result, np.inf)
 
     def normal_equations(
@@ -51,13 +51,13 @@ class Reduction:
     ) -> NormalEquations:
         """Least squares in summary over the measured channels; NaN slopes where the solve failed."""
         names = tuple(record.channels)
-        measured = measured_matrix(record, names)
+        measured = measured_matrix(record, names)[:, record.kept]
         n, c, d = len(draws), len(names), model.space.n_dim
         misfit, gradient, information = np.empty((n, c)), np.empty((n, c, d)), np.empty((n, c, d, d))
         for i in range(n):
             own = None if free is None else free[i : i + 1]
             response, slopes = self.sensitivities(model, draws[i : i + 1], record, names, free=own)
-            residual, slope = measured - response.values[0], slopes[0]
+            residual, slope = measured - response.values[0][:, record.kept], slopes[0][..., record.kept]
             misfit[i] = np.sum(residual**2, axis=1)
             gradient[i] = np.einsum("dct,ct->cd", slope, residual)
             information[i] = np.einsum("act,bct->cab", slope, slope)

@@ -95,10 +95,10 @@ class Judge:
         _, slopes = posterior.engine.sensitivities(model, values, record)
         exact = finest.simulate(model, values, record).values[0]
         posterior.solves.add(2)
-        misfit = np.sum(np.square(record.measured - exact), axis=1)[None]
-        weight = np.sqrt(posterior.noise.precision(misfit, record.n_times, noise_values)[0])[:, None]
+        misfit = np.sum(np.square(record.measured - exact)[:, record.kept], axis=1)[None]
+        weight = np.sqrt(posterior.noise.precision(misfit, record.n_counted, noise_values)[0])[:, None]
         scale = model.space.unit_scale(values)[0]
-        jacobian = (slopes[0] * scale[:, None, None] * weight).reshape(model.space.n_dim, -1)
+        jacobian = (slopes[0] * scale[:, None, None] * weight)[..., record.kept].reshape(model.space.n_dim, -1)
         return cls(posterior=posterior, values=values, exact=exact, jacobian=jacobian, weight=weight)
 
     def __call__(self, engine: Engine) -> Discretisation:
@@ -106,12 +106,12 @@ class Judge:
         record = self.posterior.record
         response = engine.simulate(self.posterior.model, self.values, record).values[0]
         self.posterior.solves.add(1)
-        whitened = ((self.exact - response) * self.weight).ravel()
-        residual = ((record.measured - self.exact) * self.weight).ravel()
+        whitened = ((self.exact - response) * self.weight)[:, record.kept].ravel()
+        residual = ((record.measured - self.exact) * self.weight)[:, record.kept].ravel()
         information = self.jacobian @ self.jacobian.T
         shift = np.linalg.solve(information + 12.0 * np.eye(len(information)), self.jacobian @ whitened)
         left = whitened - shift @ self.jacobian
-        size = np.mean(np.square(record.measured), axis=1)
+        size = np.mean(np.square(record.measured[:, record.kept]), axis=1)
         return Discretisation(
             scheme=engine.scheme,
             joint_shift_sd=float(np.sqrt(shift @ information @ shift)),

@@ -38,7 +38,7 @@ def noise_scales(posterior: Posterior, points: Floats, rng: np.random.Generator)
     """Noise standard deviations ``(n_draws, n_channels)``, one from each draw's own posterior of them."""
     different, place = np.unique(points, axis=0, return_inverse=True)
     misfit = posterior.misfit(different)[place]
-    return np.array(posterior.noise.draw_sd(rng, misfit, posterior.record.n_times, posterior.split(points)[1]))
+    return np.array(posterior.noise.draw_sd(rng, misfit, posterior.record.n_counted, posterior.split(points)[1]))
 
 
 def posterior_tree(
@@ -83,7 +83,9 @@ def posterior_tree(
         "prior": _draws(model, record, prior[:, :n_own], prior[:, n_own:]),
         "sample_stats": _numbered(xr.Dataset({"lp": (("chain", "draw"), lp[None])})),
         "log_likelihood": _pointwise(posterior, points, noise_sd),
-        "observed_data": _histories(record, {name: ("time", np.array(s)) for name, s in record.channels.items()}),
+        "observed_data": _histories(
+            record, {name: ("time", _or_nothing(record, s)) for name, s in record.channels.items()}
+        ),
         "constant_data": constant_dataset(model, record, storeys),
         "posterior_predictive": _predicted(record, responses.predicted[None], ("chain", "draw")).assign_coords(
             {"chain": [0], **whole}
@@ -126,6 +128,11 @@ def _histories(record: Record, variables: Mapping[str, tuple[Any, Any]]) -> xr.D
     )
 
 
+def _or_nothing(record: Record, rows: Floats) -> Floats:
+    """A copy of measured rows ``(..., n_times)``, not a number where samples do not count."""
+    return np.array(rows) if record.counted is None else np.where(record.counted, rows, np.nan)
+
+
 def _predicted(record: Record, values: Singles, dims: tuple[str, ...]) -> xr.Dataset:
     """Channels of values ``(..., n_channels, n_times)``."""
     return _histories(record, {name: ((*dims, "time"), values[..., i, :]) for i, name in enumerate(record.channels)})
@@ -140,13 +147,13 @@ def _pointwise(posterior: Posterior, points: Floats, noise_sd: Floats) -> xr.Dat
     most = _POINTWISE_NUMBERS // record.measured.size
     chosen = evenly(len(points), min(max(most, _FEWEST_POINTWISE), _MOST_POINTWISE))
     together = max(1, -(-record.measured.size * _FEWEST_POINTWISE // _POINTWISE_NUMBERS))
-    begins = np.arange(0, record.n_times, together)
+    begins, times = np.arange(0, record.n_counted, together), record.times[record.kept]
     values, _ = posterior.split(points[chosen])
     posterior.solves.add(len(chosen))
     density = np.empty((len(chosen), len(record.channels), len(begins)), dtype=np.float32)
     for rows in batches(len(chosen), record.measured.size):
-        residual = posterior.engine.simulate(posterior.model, values[rows], record).values
-        residual -= record.measured
+        residual = posterior.engine.simulate(posterior.model, values[rows], record).values[..., record.kept]
+        residual -= record.measured[:, record.kept]
         sd = noise_sd[chosen[rows]][:, :, None]
         residual /= sd
         np.square(residual, out=residual)
@@ -156,7 +163,7 @@ def _pointwise(posterior: Posterior, points: Floats, noise_sd: Floats) -> xr.Dat
         del residual  # before the next is made
     return xr.Dataset(
         {"measured": (("chain", "draw", "channel", "time"), density[None])},
-        coords={"chain": [0], "draw": chosen, "channel": list(record.channels), "time": record.times[begins]},
+        coords={"chain": [0], "draw": chosen, "channel": list(record.channels), "time": times[begins]},
     )
 
 
@@ -212,9 +219,9 @@ def constant_dataset(model: Structure, record: Record, storeys: list[int]) -> xr
         own |= {"height": ("storey", list(model.heights), {"units": "m"})} if model.heights is not None else {}
         dataset = dataset.assign(own).assign_coords(floor=storeys)
     if isinstance(model, ShearBuilding) and set(storeys) <= set(record.floors):
-        forces = record.storey_forces(masses(model))
+        forces = _or_nothing(record, record.storey_forces(masses(model)))
     elif "force" in record.channels:
-        forces = np.array(record.channels["force"])[None]
+        forces = _or_nothing(record, record.channels["force"])[None]
     else:
         return dataset
     measured = (("storey", "time"), forces, {"units": "N"})

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_toeplitz
 from scipy.signal import lfilter
 
 from bwbn_bayes.parameters import Floats
@@ -32,6 +33,8 @@ class SharedFunctions(NamedTuple):
     """``(n_times, n_functions)``."""
     variance: Floats
     """Prior variance ``(n_functions,)`` of each one's weight, in that of the white part."""
+    scale: float = 1.0
+    """Of the weights, over that of the basis they were made of."""
 
     @classmethod
     def of(cls, basis: Floats) -> SharedFunctions:
@@ -42,7 +45,7 @@ class SharedFunctions(NamedTuple):
 
     def times(self, scale: float) -> SharedFunctions:
         """With weights so many times as large."""
-        return self._replace(variance=scale**2 * self.variance)
+        return self._replace(variance=scale**2 * self.variance, scale=scale * self.scale)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,7 +71,7 @@ class Correlation:
         if self.shared is None:
             return self
         basis = self.shared.functions * np.sqrt(self.shared.variance)
-        return replace(self, shared=SharedFunctions.of(basis[:n_times]))
+        return replace(self, shared=SharedFunctions.of(basis[:n_times])._replace(scale=self.shared.scale))
 
     @property
     def arrays(self) -> tuple[Floats, ...]:
@@ -114,6 +117,34 @@ class Correlation:
             return np.zeros_like(residual)
         known = self.shared.variance / (1.0 + self.shared.variance)
         return np.asarray(((residual @ self.shared.functions) * known) @ self.shared.functions.T)
+
+
+def conditioned(
+    basis: Floats, scale: float, fitted: NDArray[np.int64], wanted: NDArray[np.int64], residual: Floats
+) -> tuple[Floats, Floats]:
+    """What errors share at some samples, given what is left at others.
+
+    Parameters
+    ----------
+    basis : (n_times, n_functions) array
+        Each function times the standard deviation of its weight.
+    scale : float
+        Of the weights, over the white part.
+    fitted, wanted : (n_fitted,), (n_wanted,) array
+        Samples at which the residual is known, and others.
+    residual : (n_draws, n_fitted) array
+
+    Returns
+    -------
+    mean : (n_draws, n_wanted) array
+        [unit of the residual]
+    variance : (n_wanted,) array
+        In that of the white part.
+    """
+    known, asked = basis[fitted], basis[wanted]
+    factor = cho_factor(known.T @ known + np.eye(basis.shape[1]) / scale**2)
+    mean = (asked @ cho_solve(factor, known.T @ residual.T)).T
+    return mean, np.sum(asked * cho_solve(factor, asked.T).T, axis=1)
 
 
 def autoregression(residual: Floats) -> tuple[Floats, float]:

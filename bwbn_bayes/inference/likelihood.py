@@ -197,7 +197,7 @@ def default_noise(record: Record) -> IntegratedNoise:
     """
     scales = []
     for (name, signal), level in zip(record.channels.items(), noise_sds(record).tolist(), strict=True):
-        rms = float(np.sqrt(np.mean(np.square(signal))))
+        rms = float(np.sqrt(np.mean(np.square(signal[record.kept]))))
         if rms == 0.0:
             raise UserError(f"channel {name} of record {record.name!r} is zero throughout: drop it or mend the record")
         scales.append(max(level, _LEAST_LEVEL * rms) ** 2)
@@ -331,8 +331,12 @@ class Posterior:
             return self.engine.misfit(self.model, values, self.record)
         response = self.engine.simulate(self.model, values, self.record).values
         with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away misses by infinity
-            misfit = correlation.products((self.record.measured - response)[:, None])[:, :, 0, 0]
+            misfit = correlation.products(self._kept(self.record.measured - response)[:, None])[:, :, 0, 0]
         return np.where(np.isfinite(misfit), misfit, np.inf)
+
+    def _kept(self, rows: Floats) -> Floats:
+        """Rows ``(..., n_times)`` with zeros where samples do not count; shared functions are zero there too."""
+        return rows if self.record.counted is None else np.where(self.record.counted, rows, 0.0)
 
     def _equations(self, values: Floats, free: Booleans | None) -> NormalEquations:
         """Least squares of whitened residuals and derivatives."""
@@ -343,7 +347,7 @@ class Posterior:
         slopes = slopes if free is None else np.where(free[:, :, None, None], slopes, 0.0)
         with np.errstate(over="ignore", invalid="ignore"):
             rows = np.concatenate([(self.record.measured - response.values)[:, None], slopes], axis=1)
-            products = correlation.products(rows)
+            products = correlation.products(self._kept(rows))
             misfit = products[:, :, 0, 0]
             return NormalEquations(
                 misfit=np.where(np.isfinite(misfit), misfit, np.inf),
@@ -360,7 +364,7 @@ class Posterior:
         ok = np.all(np.isfinite(misfit), axis=1)
         result = np.full(len(points), -np.inf)
         noise_values = self.split(points[ok])[1]
-        result[ok] = self.noise.log_likelihood(misfit[ok], self.record.n_times, noise_values)
+        result[ok] = self.noise.log_likelihood(misfit[ok], self.record.n_counted, noise_values)
         return result
 
     def linearise(self, points: Floats, free: Booleans | None = None) -> Linearisation:
@@ -375,13 +379,13 @@ class Posterior:
         equations = self._equations(values, own)
         ok = np.all(np.isfinite(equations.misfit), axis=1)
         misfit = np.where(ok[:, None], equations.misfit, 1.0)
-        weight = self.noise.precision(misfit, self.record.n_times, noise_values) * ok[:, None]
+        weight = self.noise.precision(misfit, self.record.n_counted, noise_values) * ok[:, None]
         scale = self.space.unit_scale(np.hstack([values, noise_values]))
         scale = scale if free is None else np.where(free, scale, 0.0)
         gradient, information = np.zeros((len(points), self.n_dim)), np.zeros((len(points), self.n_dim, self.n_dim))
         gradient[:, :d] = np.einsum("nc,ncp->np", weight, np.nan_to_num(equations.gradient))
         information[:, :d, :d] = np.einsum("nc,ncpq->npq", weight, np.nan_to_num(equations.information))
-        n_times = self.record.n_times
+        n_times = self.record.n_counted
         for c in range(self.n_dim - d):
             sd = noise_values[:, c]
             gradient[:, d + c] = ok * (misfit[:, c] / sd**3 - n_times / sd)

@@ -139,19 +139,23 @@ def _steadiness(residual: Floats, correlation_samples: float = 1.0) -> float:
 
 
 def residual_of(posterior: Posterior, point: Floats) -> Floats:
-    """Measured minus modelled channels ``(n_channels, n_times)`` at a point ``(n_dim,)`` of the unit cube."""
+    """Measured minus modelled channels ``(n_channels, n_times)`` at a point ``(n_dim,)`` of the unit cube.
+
+    Zero where samples do not count.
+    """
     record = posterior.record
-    return np.asarray(record.measured - _modelled(posterior, point))
+    residual = record.measured - _modelled(posterior, point)
+    return np.asarray(residual if record.counted is None else np.where(record.counted, residual, 0.0))
 
 
 def counted(record: Record, residual: Floats) -> Floats:
     """Residuals ``(n_channels, n_times)`` at a rate at which the record's noise is white, ``(n_channels, n_counted)``.
 
     Where a filter ends the noise that is twice its band (:func:`~bwbn_bayes.records.band.noise_band`), else the
-    record's own.
+    record's own; without the samples that do not count.
     """
     band = noise_band(record)
-    return residual if band is None else band.thinned(residual)
+    return residual[:, record.kept] if band is None else band.thinned(residual)
 
 
 def leaves_quiet(posterior: Posterior, point: Floats) -> bool:
@@ -179,7 +183,7 @@ def leaves_noise(posterior: Posterior, point: Floats) -> bool:
     rows = observe(posterior.engine, posterior.model, values, record)
     motions = np.concatenate([modelled, *(rows[kind][0] for kind in _MOTIONS)])
     band = noise_band(record)
-    motions = motions if band is None else band.at_thinned(motions)
+    motions = motions[:, record.kept] if band is None else band.at_thinned(motions)
     return all(is_noise(rest, motions) for rest in counted(record, record.measured - modelled))
 
 
@@ -197,12 +201,13 @@ def _level(residual: Floats) -> float:
 
 def noise_floors(record: Record) -> Floats:
     """Model-free noise level of each channel ``(n_channels,)``; at least a thousandth of its rms, were it less."""
-    return np.maximum(noise_sds(record), LEAST_NOISE * np.std(record.measured, axis=1))
+    return np.maximum(noise_sds(record), LEAST_NOISE * np.std(record.measured[:, record.kept], axis=1))
 
 
 def _to_noise(record: Record, residual: Floats) -> list[float]:
     """Level of each channel's residual ``(n_channels, n_times)`` over its model-free noise level."""
-    return [_level(rest) / floor for rest, floor in zip(residual, noise_floors(record).tolist(), strict=True)]
+    kept = residual[:, record.kept]
+    return [_level(rest) / floor for rest, floor in zip(kept, noise_floors(record).tolist(), strict=True)]
 
 
 def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
@@ -216,8 +221,10 @@ def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     residual = residual_of(posterior, point)
     ratios = dict(zip(record.channels, _to_noise(record, residual), strict=True))
     white = {
-        name: whiteness_probability(rest) if _level(rest) > LEAST_NOISE * np.std(record.channels[name]) else 1.0
-        for name, rest in zip(record.channels, counted(record, residual), strict=True)
+        name: whiteness_probability(rest) if _level(rest) > LEAST_NOISE * np.std(signal) else 1.0
+        for name, rest, signal in zip(
+            record.channels, counted(record, residual), record.measured[:, record.kept], strict=True
+        )
     }
     loudest, reddest = max(ratios, key=lambda name: ratios[name]), min(white, key=lambda name: white[name])
     is_white = white[reddest] > LEAST_PROBABILITY

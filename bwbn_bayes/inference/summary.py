@@ -223,8 +223,10 @@ def densest_interval(draws: Floats, support: tuple[float, float], prob: float = 
 def fit_error(record: Record, signals: Floats) -> dict[str, float]:
     """Rms of measured minus mean predicted channels ``(n_channels, n_times)`` over the measured rms."""
     return {
-        name: float(np.sqrt(np.mean(np.square(signal - signals[i])) / np.mean(np.square(signal))))
-        for i, (name, signal) in enumerate(record.channels.items())
+        name: float(np.sqrt(np.mean(np.square(signal - mean)) / np.mean(np.square(signal))))
+        for name, signal, mean in zip(
+            record.channels, record.measured[:, record.kept], signals[:, record.kept], strict=True
+        )
     }
 
 

@@ -78,7 +78,7 @@ def noise_band(record: Record) -> NoiseBand | None:
     Parameters
     ----------
     record : Record
-        With channels; too short to tell below some 500 samples.
+        With channels; too short to tell below some 500 samples, and with gaps where not all samples count: none then.
 
     References
     ----------
@@ -88,7 +88,7 @@ def noise_band(record: Record) -> NoiseBand | None:
        Transactions on Speech and Audio Processing 9(5), 2001, doi:10.1109/89.928915 (the idea, for quiet times).
     """
     n = _segment(record.n_times)
-    if n == 0:
+    if n == 0 or record.counted is not None:
         return None
     powers = [
         spectrogram(signal, nperseg=n, noverlap=n // 2, window="hann", detrend="linear")[2]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 
 TURNING_SHARE = 0.005
 """Of the largest displacement: a smaller return is no turn. Loading protocols start at 2 % of it and more; the
@@ -168,3 +168,15 @@ def repeats(cycles: Sequence[HalfCycle], tolerance: float = SAME_AMPLITUDE) -> t
         row[cycle.direction] = (amplitude, count + 1) if again else (cycle.amplitude, 0)
         counts.append(row[cycle.direction][1])
     return tuple(counts)
+
+
+def repeated_samples(displacement: Floats) -> Booleans:
+    """Which samples ``(n_times,)`` of a history [m] lie in half cycles that repeat an amplitude, see :func:`repeats`.
+
+    A half cycle's turning point at its end is its own, that at its start belongs to the one before.
+    """
+    cycles = half_cycles(displacement)
+    found = np.zeros(len(displacement), dtype=np.bool_)
+    for cycle, count in zip(cycles, repeats(cycles), strict=True):
+        found[cycle.first + 1 : cycle.last + 1] = count > 0
+    return found

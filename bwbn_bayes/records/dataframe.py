@@ -22,7 +22,7 @@ def as_dataframe(record: Record) -> pd.DataFrame:
     What is known beside the numbers stands in ``attrs["record"]``, so that :func:`record_from_dataframe` gives an equal
     record.
     """
-    arrays = {record.excitation_kind: record.excitation, **record.channels}
+    arrays = record.columns
     frame = pd.DataFrame(
         {f"{name} [{si_unit(name)}]": values for name, values in arrays.items()},
         index=pd.Index(record.times, name="time [s]"),

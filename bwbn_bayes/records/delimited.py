@@ -74,13 +74,13 @@ def write_csv(record: Record, path: Path | str) -> None:
     Raises
     ------
     UserError
-        If the file cannot be written.
+        If the file cannot be written, or some samples of the record do not count.
     """
     stated = {"name": record.name, "time_step": repr(record.time_step), **record.provenance}
     stated |= {f"true {label}": repr(value) for label, value in record.truth.items()}
     stated |= {f"noise_sd {channel}": repr(value) for channel, value in record.noise_sd.items()}
     times = {"time": record.times} if record.has_time else {}
-    columns = {**times, record.excitation_kind: record.excitation, **record.channels}
+    columns = {**times, **record.columns}
     lines = [f"# {key}: {value}" for key, value in stated.items()]
     lines.append(",".join(f"{name} [{si_unit(name)}]" for name in columns))
     table = np.column_stack(list(columns.values()))

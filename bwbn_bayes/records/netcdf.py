@@ -18,7 +18,7 @@ from bwbn_bayes.records.time_base import Source
 
 def as_dataset(record: Record) -> xr.Dataset:
     """The record as an xarray dataset over ``time`` with units; what :func:`write_netcdf` stores."""
-    arrays = {record.excitation_kind: record.excitation, **record.channels}
+    arrays = record.columns
     return xr.Dataset(
         {name: ("time", values, {"units": si_unit(name)}) for name, values in arrays.items()},
         coords={"time": ("time", record.times, {"units": "s"})},

@@ -88,7 +88,8 @@ def with_least_noise(record: Record, rng: np.random.Generator) -> Record:
     Record
         The same record where no channel needs it.
     """
-    least = {name: LEAST_NOISE * float(np.sqrt(np.mean(np.square(y)))) for name, y in record.channels.items()}
+    sizes = np.sqrt(np.mean(np.square(record.measured[:, record.kept]), axis=1)).tolist()
+    least = {name: LEAST_NOISE * size for name, size in zip(record.channels, sizes, strict=True)}
     silent = [name for name, sd in zip(record.channels, noise_sds(record), strict=True) if sd < least[name]]
     if not silent:
         return record
@@ -104,12 +105,13 @@ def with_least_noise(record: Record, rng: np.random.Generator) -> Record:
 def noise_sds(record: Record) -> Floats:
     """Noise level of each channel ``(n_channels,)`` without a model: that of its band where a filter ends the noise.
 
-    See :func:`~bwbn_bayes.records.band.noise_band`, and :func:`model_free_noise_sd` for white noise.
+    See :func:`~bwbn_bayes.records.band.noise_band`, and :func:`model_free_noise_sd` for white noise. What counts of a
+    record of which not all does is taken in one piece: the few differences across a gap drop out like those of a kink.
     """
     band = noise_band(record)
     if band is not None:
         return band.sds
-    return np.array([model_free_noise_sd(signal) for signal in record.channels.values()])
+    return np.array([model_free_noise_sd(signal) for signal in record.measured[:, record.kept]])
 
 
 def model_free_noise_sd(signal: Floats) -> float:

@@ -14,10 +14,10 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Booleans, Floats
 
 ExcitationKind = Literal["ground_acceleration", "displacement"]
 
@@ -95,12 +95,15 @@ class Record:
     has_time : bool
         Whether ``time_step`` was measured. A cyclic test without a time column is a path: its points are taken one
         after the other, and nothing that depends on a rate can be told from it.
+    counted : (n_times,) boolean array, optional
+        Samples at which the channels were measured; all of them where left out. Elsewhere the channels hold zeros,
+        whatever was given, so that nobody can read what is held out; the excitation is known throughout.
 
     Raises
     ------
     UserError
         If a number is not finite, lengths differ, ``time_step`` is not positive, there are fewer than 8 points, a
-        channel or label is not understood, or a ground motion has no time.
+        channel or label is not understood, a ground motion has no time, or fewer than 8 points count.
     """
 
     name: str
@@ -112,14 +115,18 @@ class Record:
     truth: Mapping[str, float] = field(default_factory=dict)
     noise_sd: Mapping[str, float] = field(default_factory=dict)
     has_time: bool = True
+    counted: Booleans | None = None
 
     def __post_init__(self) -> None:
         labels = {_label(k): one_line(v) for k, v in self.provenance.items()}
+        counted = _mask(self.counted, np.size(self.excitation))
+        channels = {key: _frozen_array(value, key, counted) for key, value in self.channels.items()}
         frozen = {
             "name": one_line(self.name),
             "time_step": float(self.time_step),
             "excitation": _frozen_array(self.excitation, self.excitation_kind),
-            "channels": MappingProxyType({key: _frozen_array(value, key) for key, value in self.channels.items()}),
+            "channels": MappingProxyType(channels),
+            "counted": counted,
             "provenance": MappingProxyType({**self._told_of_time, **labels}),
             "truth": MappingProxyType({_label(k): float(v) for k, v in self.truth.items()}),
             "noise_sd": MappingProxyType({k: float(v) for k, v in self.noise_sd.items()}),
@@ -184,6 +191,28 @@ class Record:
         return len(self.excitation)
 
     @cached_property
+    def kept(self) -> slice | NDArray[np.int64]:
+        """Index of the samples that count, along time."""
+        return slice(None) if self.counted is None else np.flatnonzero(self.counted)
+
+    @property
+    def n_counted(self) -> int:
+        """Number of samples that count."""
+        return self.n_times if self.counted is None else int(np.count_nonzero(self.counted))
+
+    @property
+    def columns(self) -> dict[str, Floats]:
+        """Excitation and channels by name, ``(n_times,)`` each, for files and tables.
+
+        Raises
+        ------
+        UserError
+            If some samples do not count, see :func:`require_whole`.
+        """
+        require_whole(self)
+        return {self.excitation_kind: self.excitation, **self.channels}
+
+    @cached_property
     def measured(self) -> Floats:
         """Measured channels ``(n_channels, n_times)`` in their order, read-only."""
         rows = np.array(list(self.channels.values()), dtype=np.float64).reshape(len(self.channels), self.n_times)
@@ -206,13 +235,16 @@ class Record:
     def content_hash(self) -> str:
         """SHA-256 of the data: time step, kind and values of the excitation, names and values of the channels.
 
-        The record's name, provenance, truth and noise level do not enter: the same data give the same hash.
+        Which samples count enters where not all do. The record's name, provenance, truth and noise level do not enter:
+        the same data give the same hash.
         """
         digest = hashlib.sha256()
         header = [repr(self.time_step), str(self.n_times), self.excitation_kind, *self.channels]
         digest.update("\n".join(header).encode())
         for values in (self.excitation, *self.channels.values()):
             digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
+        if self.counted is not None:
+            digest.update(np.packbits(self.counted).tobytes())
         return digest.hexdigest()
 
     @property
@@ -224,12 +256,12 @@ class Record:
     def equals(self, other: Record) -> bool:
         """Whether two records agree in every number, name and label, order of the channels included."""
         own, others = self._plain_fields(), other._plain_fields()
-        arrays_agree = np.array_equal(self.excitation, other.excitation) and all(
-            np.array_equal(mine, theirs)
-            for mine, theirs in zip(self.channels.values(), other.channels.values(), strict=False)
+        arrays, of_other = (
+            [one.excitation, np.arange(one.n_times)[one.kept], *one.channels.values()] for one in (self, other)
         )
+        arrays_agree = all(np.array_equal(mine, theirs) for mine, theirs in zip(arrays, of_other, strict=False))
         for plain in (own, others):
-            del plain["excitation"], plain["channels"]
+            del plain["excitation"], plain["channels"], plain["counted"]
         return bool(arrays_agree and list(self.channels) == list(other.channels) and own == others)
 
     def until(self, time: float) -> Record:
@@ -245,6 +277,7 @@ class Record:
             time_step=step * self.time_step,
             excitation=self.excitation[::step],
             channels={key: values[::step] for key, values in self.channels.items()},
+            counted=None if self.counted is None else self.counted[::step],
             provenance={**self.provenance, "points kept": f"one in {step}"},
         )
 
@@ -272,6 +305,7 @@ class Record:
             self,
             excitation=self.excitation[first : last + 1],
             channels={key: values[first : last + 1] for key, values in self.channels.items()},
+            counted=None if self.counted is None else self.counted[first : last + 1],
             provenance={**self.provenance, "part": f"{part} of ({earlier})" if earlier else part},
         )
 
@@ -368,10 +402,32 @@ def _rebuilt(plain_fields: Mapping[str, object]) -> Record:
     return Record(**plain_fields)  # type: ignore[arg-type]
 
 
-def _frozen_array(values: ArrayLike, column: str) -> Floats:
+def require_whole(record: Record) -> None:
+    """Raise :class:`UserError` unless every sample counts: files and some methods know of no others."""
+    if record.counted is not None:
+        left_out = record.n_times - record.n_counted
+        raise UserError(f"{left_out} samples of record {record.name!r} do not count: give the whole record instead")
+
+
+def _mask(counted: Booleans | None, n_times: int) -> Booleans | None:
+    """A read-only copy; None where every sample counts."""
+    if counted is None or np.all(counted):
+        return None
+    mask = np.array(counted, dtype=np.bool_)
+    if mask.shape != (n_times,):
+        raise UserError(f"counted has shape {mask.shape} where the excitation has {n_times} points: give one for each")
+    if np.count_nonzero(mask) < MIN_TIMES:
+        raise UserError(f"{np.count_nonzero(mask)} points of the record count: at least {MIN_TIMES} are needed")
+    mask.flags.writeable = False
+    return mask
+
+
+def _frozen_array(values: ArrayLike, column: str, counted: Booleans | None = None) -> Floats:
     array = np.array(values, dtype=np.float64)
     if array.ndim != 1:
         raise UserError(f"{column} has {array.ndim} dimensions: it must be a list of numbers, one for each time")
+    if counted is not None and array.shape == counted.shape:
+        array[~counted] = 0.0
     bad = np.flatnonzero(~np.isfinite(array))
     if bad.size:
         raise UserError(f"{column} is {array[bad[0]]} at point {bad[0] + 1}: every value must be a finite number")

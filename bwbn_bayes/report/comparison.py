@@ -6,13 +6,14 @@ A part is any choice of samples of a record, so that an end, repeat cycles or an
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.discovery.predictive import PredictiveInterval
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.cycles import cycle_numbers
 from bwbn_bayes.records.record import Record
@@ -23,6 +24,8 @@ MAX_CYCLES = 6
 """Loops drawn of each part."""
 LEAST_AMPLITUDE = 0.15
 """Of the largest displacement: smaller cycles are specks in the scale of the largest, and are left out."""
+LEAST_LENGTH = 0.2
+"""Share of a cycle's samples from which a part of it is a branch, not a point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +44,8 @@ class Part:
     measured, given : (n_channels, n_counted) array
         [unit of the channel]
     improved : (n_channels, n_counted) array or None
+    interval : PredictiveInterval or None
+        Of held-out samples among the fitted ones.
     """
 
     name: str
@@ -51,6 +56,7 @@ class Part:
     measured: Floats
     given: Floats
     improved: Floats | None
+    interval: PredictiveInterval | None = None
 
     @property
     def models(self) -> tuple[tuple[str, Floats], ...]:
@@ -72,13 +78,17 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class CycleLoop:
-    """One cycle of a specimen: displacement [m] and forces [N], ``(n_samples,)`` each; in which part it lies."""
+    """One cycle of a specimen: displacement [m] and forces [N], ``(n_samples,)`` each; in which part it lies.
+
+    ``band`` holds the ends of the predictive intervals, where there are some.
+    """
 
     number: int
     part: Part
     displacement: Floats
     measured: Floats
     models: tuple[Floats, ...]
+    band: tuple[Floats, Floats] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,12 +107,12 @@ def parts_of(discovery: Discovery) -> tuple[Part, ...]:
     """The fitted record and, where there is one, what was held out."""
     gap, apart, changed = discovery.gap, discovery.held_out, bool(discovery.added)
     record = discovery.record
-    every = np.arange(record.n_times)
-    parts = [_part("fitted", "fitted record", record, every, (gap.before, gap.after if changed else None))]
+    fitted = np.arange(record.n_times)[record.kept]
+    parts = [_part("fitted", "fitted record", record, fitted, (gap.before, gap.after if changed else None))]
     if apart is not None and gap.held_out is not None:
-        counted = np.arange(apart.first, apart.record.n_times)
         both = gap.held_out.before, gap.held_out.after if changed else None
-        parts.append(_part("held_out", apart.label, apart.record, counted, both))
+        held_out = _part("held_out", apart.label, apart.record, apart.counted, both)
+        parts.append(replace(held_out, interval=gap.held_out.interval))
     return tuple(parts)
 
 
@@ -127,10 +137,10 @@ def loops_by_cycle(parts: Sequence[Part]) -> tuple[CycleLoop, ...]:
     found = []
     for part in parts:
         displacement = part.record.excitation
-        numbers = cycle_numbers(displacement)[part.counted]
+        numbers, cycles = _cycles_of(part)
         moved = displacement[part.counted]
         least = LEAST_AMPLITUDE * float(np.max(np.abs(displacement)))
-        large = [c for c in np.unique(numbers).tolist() if np.max(np.abs(moved[numbers == c])) >= least]
+        large = [c for c in cycles.tolist() if np.max(np.abs(moved[numbers == c])) >= least]
         for number in _evenly(large, MAX_CYCLES):
             own = numbers == number
             found.append(
@@ -140,6 +150,7 @@ def loops_by_cycle(parts: Sequence[Part]) -> tuple[CycleLoop, ...]:
                     displacement=moved[own],
                     measured=part.measured[0, own],
                     models=tuple(values[0, own] for _, values in part.models),
+                    band=None if part.interval is None else (part.interval.low[0, own], part.interval.high[0, own]),
                 )
             )
     return tuple(found)
@@ -149,9 +160,8 @@ def errors_by_cycle(parts: Sequence[Part]) -> tuple[CycleErrors, ...]:
     """Of every cycle of a specimen's parts; over one and the same force, so that small cycles count little."""
     found = []
     for part in parts:
-        numbers = cycle_numbers(part.record.excitation)[part.counted]
-        cycles = np.unique(numbers)
-        signal = float(np.sqrt(np.mean(np.square(part.record.channels[part.channels[0]]))))
+        numbers, cycles = _cycles_of(part)
+        signal = float(np.sqrt(np.mean(np.square(part.record.channels[part.channels[0]][part.record.kept]))))
         errors = []
         for _, values in part.models:
             with np.errstate(over="ignore", invalid="ignore"):
@@ -159,6 +169,17 @@ def errors_by_cycle(parts: Sequence[Part]) -> tuple[CycleErrors, ...]:
                 errors.append(np.array([np.sqrt(np.mean(square[numbers == c])) for c in cycles]) / signal)
         found.append(CycleErrors(part=part, numbers=cycles, errors=tuple(errors)))
     return tuple(found)
+
+
+def _cycles_of(part: Part) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The cycle of each sample ``(n_counted,)`` of a part, and the cycles of which the part holds some length.
+
+    A turning point counts with the half cycle that it ends, but has the number of the cycle that it begins.
+    """
+    every = cycle_numbers(part.record.excitation)
+    numbers = every[part.counted]
+    cycles, n_own = np.unique(numbers, return_counts=True)
+    return numbers, cycles[n_own >= LEAST_LENGTH * np.bincount(every)[cycles]]
 
 
 def _evenly(numbers: Sequence[int], most: int) -> list[int]:

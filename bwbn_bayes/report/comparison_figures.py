@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -89,17 +90,20 @@ def _loops(loops: tuple[CycleLoop, ...]) -> Drawing:
     for axis in axes[: len(loops)][::_N_COLUMNS]:
         axis.set_ylabel(f"force [{strength.unit}]")
     figure.supxlabel(f"displacement [{length.unit}]", fontsize=9.5)
-    legend(figure, axes[0])
+    legend(figure, next((axis for axis, loop in zip(axes, loops, strict=False) if loop.band), axes[0]))
     return finished(
         figure,
         "loops_by_cycle.png",
-        "Force against displacement, cycle by cycle, each in its own scale; fitted where nothing else is said.",
+        "Force against displacement, cycle by cycle, each in its own scale; fitted where nothing else is said."
+        + (" Shaded: 90 % predictive intervals, over all explanations." if any(loop.band for loop in loops) else ""),
         "Loops of single cycles, measured and modelled: " + ", ".join(_cycle_title(loop) for loop in loops) + ".",
     )
 
 
 def _loop(axis: Axes, loop: CycleLoop, length: Scale, strength: Scale) -> None:
     x = length.factor * loop.displacement
+    if loop.band is not None:
+        _band(axis, x, *(strength.factor * end for end in loop.band))
     axis.plot(x, strength.factor * loop.measured, color=MEASURED, linewidth=2.4, label="measured")
     names = [name for name, _ in loop.part.models]
     for name, values, colour in zip(names, loop.models, _COLOURS, strict=False):
@@ -108,6 +112,16 @@ def _loop(axis: Axes, loop: CycleLoop, length: Scale, strength: Scale) -> None:
     axis.xaxis.set_major_locator(MaxNLocator(3))
     axis.yaxis.set_major_locator(MaxNLocator(4))
     axis.set_title(_cycle_title(loop), color=INK if loop.part.name == "fitted" else SERIES[3], fontsize=8.5)
+
+
+def _band(axis: Axes, x: Floats, low: Floats, high: Floats) -> None:
+    """The intervals of each branch by itself: where branches overlap one outline around both would be hollow."""
+    steps = np.sign(np.diff(x))
+    turns = np.flatnonzero(steps[1:] * steps[:-1] < 0.0) + 1
+    for first, last in pairwise([0, *turns.tolist(), len(x) - 1]):
+        run = slice(first, last + 1)
+        label = "90 % interval" if first == 0 else None
+        axis.fill_between(x[run], low[run], high[run], color=IDENTIFIED, alpha=0.2, linewidth=0.0, label=label)
 
 
 def _cycle_title(loop: CycleLoop) -> str:
@@ -119,11 +133,14 @@ def _errors(found: tuple[CycleErrors, ...]) -> Drawing:
     top = 0.0
     for one in found:
         if one.part.name != "fitted":
-            axis.axvspan(float(one.numbers[0]) - 0.5, float(one.numbers[-1]) + 0.5, color="#f1eee7", zorder=0)
+            for number in one.numbers.tolist():
+                axis.axvspan(number - 0.5, number + 0.5, color="#f1eee7", linewidth=0.0, zorder=0)
         for (name, _), errors, colour in zip(one.part.models, one.errors, _COLOURS, strict=False):
             drawn = np.minimum(np.nan_to_num(errors, nan=np.inf), _MOST_ERROR)
             label = name if one.part.name == "fitted" else None
-            axis.plot(one.numbers, 100.0 * drawn, "o-", color=colour, markersize=3.0, linewidth=1.0, label=label)
+            for run in np.split(np.arange(len(drawn)), np.flatnonzero(np.diff(one.numbers) > 1) + 1):
+                axis.plot(one.numbers[run], 100.0 * drawn[run], "o-", color=colour, markersize=3.0, linewidth=1.0,
+                          label=label if run[0] == 0 else None)  # fmt: skip
             top = max(top, float(np.max(drawn)))
     axis.set_ylim(0.0, 110.0 * top)
     axis.xaxis.set_major_locator(MaxNLocator(8, integer=True))

@@ -208,7 +208,11 @@ def thinned(values: Floats, n_points: int = MAX_POINTS) -> Indices:
 
 
 def strongest_window(time: Floats, signals: Sequence[Floats], length_s: float = ZOOM_S) -> tuple[float, float]:
-    """Start and end [s] of the part of a record with the most signal energy, channels weighted alike."""
+    """Start and end [s] of the part of a record with the most signal energy, channels weighted alike.
+
+    What was not measured is not a number, and adds nothing.
+    """
+    signals = [np.nan_to_num(signal) for signal in signals]
     if time[-1] - time[0] <= length_s:
         return float(time[0]), float(time[-1])
     energy = sum((signal / max(float(np.std(signal)), 1e-300)) ** 2 for signal in signals)

@@ -267,7 +267,7 @@ def _unnamed(found: UnnamedForce | None, record: Record) -> Drawing | None:
     length = display_scale("m", float(np.abs(found.drift).max()))
     strength = display_scale("N", float(np.abs(found.force).max()))
     of_specimen = record.excitation_kind == "displacement"
-    order = cycle_numbers(record.excitation).astype(float) if of_specimen else record.times
+    order = (cycle_numbers(record.excitation).astype(float) if of_specimen else record.times)[record.kept]
     norm = Normalize(vmin=float(order[0]), vmax=float(order[-1]))
     drift, force = length.factor * found.drift, strength.factor * found.force
     axis.plot(drift, force, color=NEVER, linewidth=0.6, zorder=1)

@@ -54,6 +54,9 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
     figures.append(_error_figure("fitted record", gap, changed=changed))
     if apart is not None and gap.held_out is not None:
         figures.append(_error_figure(apart.label, gap.held_out, changed=changed))
+        if gap.held_out.interval is not None:
+            inside = percent(gap.held_out.interval.coverage)
+            figures.append(KeyFigure(value=inside, label="of the held-out points lie inside their 90 % intervals"))
     if discovery.unnamed is not None:
         share = percent(discovery.unnamed.share)
         figures.append(KeyFigure(value=share, label="of the force follows no known law"))

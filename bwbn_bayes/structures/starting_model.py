@@ -90,12 +90,16 @@ def initial_stiffness(record: Record) -> float:
 
     Each half cycle has a secant from its reversal to where the force has changed by 30 % of what it changes in all;
     the initial stiffness is their 90 % quantile. Repeated points, standstill and noise well below a tenth of a half
-    cycle's force do not matter.
+    cycle's force do not matter. Samples that do not count are left out.
     """
     displacement, force = record.excitation, record.channels["force"]
+    every = np.arange(record.n_times)[record.kept]
     secants = []
     for cycle in half_cycles(displacement):
-        u, f = displacement[cycle.samples], force[cycle.samples]
+        own = every[(every >= cycle.first) & (every <= cycle.last)]
+        if not len(own):
+            continue
+        u, f = displacement[own], force[own]
         reached = int(np.argmax(np.abs(f - f[0]) >= _FIRST_PART * np.ptp(f)))
         if (u[reached] - u[0]) * (f[reached] - f[0]) > 0.0:
             secants.append((f[reached] - f[0]) / (u[reached] - u[0]))

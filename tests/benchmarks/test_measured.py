@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,16 @@ from benchmarks.measured_tests.filing import code_version, file_result, filed, i
 from benchmarks.measured_tests.gallery import draw_gallery
 from benchmarks.measured_tests.page import write_page
 from benchmarks.measured_tests.specimens import DATA, Label, MeasuredTest, load, names, nrmse, parted, read_frame
-from benchmarks.measured_tests.tables import in_per_cent, in_words, label_row, label_sums, row, sums
+from benchmarks.measured_tests.tables import (
+    in_per_cent,
+    in_words,
+    label_row,
+    label_sums,
+    repeat_row,
+    repeat_sums,
+    row,
+    sums,
+)
 from bwbn_bayes import Record, UserError
 
 FRAME = """\
@@ -285,11 +295,11 @@ def test_a_run_is_filed_resumed_drawn_and_written(tmp_path):
         measured.run_trials([trial], tests, console)
     assert runs == ["loops", "bad", "bad"]
     entries = filed(log)
-    rows, labels, facts = measured.gather(tests, entries)
+    rows, labels, repeated, facts = measured.gather(tests, entries)
     measured.print_rows(console, rows)
     assert "1.0 / 2.0" in console.file.getvalue()
     assert "ValueError: no" in console.file.getvalue()
-    assert labels == []
+    assert labels == repeated == []
     facts = json.loads(json.dumps(facts))
     assert "shown" not in facts["results"]["loops"]["bwbn"]
     figures = draw_gallery(tests, entries, tmp_path / "figures")
@@ -314,3 +324,32 @@ def test_every_kind_of_trial_concerns_its_tests():
     kinds = measured.trials(Path("out.json"), 1)
     assert {what for what in kinds if measured.concerns(what, frame)} == {"linear_chain", "discover"}
     assert {what for what in kinds if measured.concerns(what, measured_test())} == {"bwbn", "pinching4", "discover"}
+
+
+def test_repeat_cycles_are_tabulated_with_what_their_intervals_hold(tmp_path):
+    targets = [0.0, *np.repeat([1.0, 2.0, 3.0], 4) * np.tile([1.0, -1.0], 6)]
+    ways = [np.linspace(a, b, 11)[1:] for a, b in pairwise(targets)]
+    path = np.concatenate([[0.0], *ways])
+    record = Record(name="twice", time_step=1.0, excitation=path, excitation_kind="displacement", has_time=False,
+                    channels={"force": path})  # fmt: skip
+    test = MeasuredTest(name="twice", record=record, n_fitted=80, rule="path")
+    assert measured.concerns("repeats", test)
+
+    def filed_with(coverage):
+        held_out = {"before": 0.3, "after": 0.08, "coverage_90": coverage}
+        facts = {"verdict": "effects_found", "effects": [], "elapsed_s": 1.0, "errors": [5.0, 8.0],
+                 "gap": {"fit": {"before": 0.2, "after": 0.05}, "held_out": held_out}}  # fmt: skip
+        return {"result": {"facts": facts}, "identity": {"code": "a"}}
+
+    rows = [repeat_row(test, filed_with(coverage)) for coverage in (0.79, 0.8, 0.97, 0.98)]
+    assert [one.is_covered for one in rows] == [False, True, True, False]
+    assert (rows[0].n_points, rows[0].n_held_out, rows[0].given, rows[0].errors) == (121, 60, 30.0, (5.0, 8.0))
+    (total,) = repeat_sums(rows)
+    assert total == {"what": "coverage within 80 to 97 %", "count": 2, "total": 4}
+    console = Console(file=io.StringIO(), width=160)
+    measured.print_repeats(console, rows[:2])
+    assert "coverage within 80 to 97 %: 1 of 2 specimens" in console.file.getvalue()
+    *_, repeated, facts = measured.gather([test], {("twice", "repeats"): filed_with(0.9)})
+    assert [one.coverage for one in repeated] == [0.9]
+    write_page(facts, {}, tmp_path / "page.md")
+    assert "| twice | 121 | 60 | 30.0 | 5.0 / 8.0 | 90 % |" in (tmp_path / "page.md").read_text()

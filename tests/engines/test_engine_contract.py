@@ -292,3 +292,22 @@ def test_threads_are_those_that_this_process_may_use() -> None:
     lent = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})"
     code = f"{lent}; from bwbn_bayes.engines.lanes import Lanes; print(Lanes().n_threads)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "1\n"
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_only_samples_that_count_are_summed(name: str) -> None:
+    model = building(2, CASES["bouc_wen"])
+    engine, record = ENGINES[name], record_of(model, 3.0)
+    masked = replace(record, counted=np.arange(record.n_times) % 10 < 6)
+    draws = model.space.from_unit(np.array([[0.4], [0.6]]) * np.ones(model.space.n_dim))
+    response, slopes = engine.sensitivities(model, draws, record)
+    residual = (record.measured - response.values)[..., masked.kept]
+    expected = np.sum(residual**2, axis=2)
+    np.testing.assert_allclose(engine.misfit(model, draws, masked), expected, rtol=1e-6)
+    found = engine.normal_equations(model, draws, masked)
+    np.testing.assert_allclose(found.misfit, expected, rtol=1e-6)
+    kept = slopes[..., masked.kept]
+    gradient = np.einsum("nact,nct->nca", kept, residual)
+    information = np.einsum("nact,nbct->ncab", kept, kept)
+    np.testing.assert_allclose(found.gradient, gradient, rtol=1e-6, atol=1e-6 * np.max(np.abs(gradient)))
+    np.testing.assert_allclose(found.information, information, rtol=1e-6, atol=1e-6 * np.max(np.abs(information)))

@@ -12,6 +12,7 @@ from scipy import integrate, signal, stats
 
 from bwbn_bayes import BoucWen, HalfNormal, IntegratedNoise, KnownNoise, LogNormal, Record, SampledNoise, UserError
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.correlation import Correlation, SharedFunctions
 from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
 from bwbn_bayes.parameters import Floats, Uniform
 
@@ -272,3 +273,31 @@ def test_no_solve_is_lost_between_threads() -> None:
         list(pool.map(posterior.misfit, [points, points]))
     assert posterior.solves.total == 14
     assert pickle.loads(pickle.dumps(posterior.solves)).total == 14
+
+
+def test_the_likelihood_is_that_of_the_samples_that_count() -> None:
+    """Whatever was measured elsewhere; with shared functions it is the normal density of those samples alone."""
+    model, record = sdof_model(), recorded(1)
+    counted = np.arange(record.n_times) % 50 < 30
+    changed = {name: np.where(counted, signal, 1e6) for name, signal in record.channels.items()}
+    masked = replace(record, counted=counted)
+    points = true_point(model, record)[None] * np.array([[1.0], [1.01]])
+    noise = default_noise(masked)
+    posterior = posterior_of(model, masked, noise)
+    residual = record.measured - posterior.engine.simulate(model, posterior.split(points)[0], record).values
+    expected = noise.log_likelihood(np.sum(residual[..., counted] ** 2, axis=2), int(np.sum(counted)), np.empty((2, 0)))
+    np.testing.assert_allclose(posterior.log_likelihood(points), expected, rtol=1e-12)
+    other = posterior_of(model, replace(record, counted=counted, channels=changed))
+    assert other.noise == noise
+    np.testing.assert_array_equal(other.log_likelihood(points), posterior.log_likelihood(points))
+    for one, two in zip(
+        vars(other.linearise(points)).values(), vars(posterior.linearise(points)).values(), strict=True
+    ):
+        np.testing.assert_array_equal(one, two)
+
+    basis = np.cos(np.outer(np.arange(record.n_times), [0.01, 0.03, 0.1])) * counted[:, None]
+    shared = replace(noise, correlation=Correlation(shared=SharedFunctions.of(basis).times(2.0)))
+    covariance = np.eye(np.sum(counted)) + 4.0 * basis[counted] @ basis[counted].T
+    for row, found in zip(residual[:, 0, counted], posterior.with_noise(shared).log_likelihood(points), strict=True):
+        t = stats.multivariate_t(shape=noise.scale[0] / noise.shape * covariance, df=2.0 * noise.shape)
+        assert found == pytest.approx(t.logpdf(row), rel=1e-9)

@@ -10,7 +10,7 @@ import pytest
 
 from bwbn_bayes import UserError
 from bwbn_bayes.records import HalfCycle, half_cycles, read_record, repeats
-from bwbn_bayes.records.cycles import cycle_numbers, path_length
+from bwbn_bayes.records.cycles import cycle_numbers, path_length, repeated_samples
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 
@@ -90,6 +90,14 @@ def test_slowly_growing_amplitudes_are_compared_with_the_first_of_their_row():
     peaks = 1.06 ** np.arange(6)
     cycles = half_cycles(through(*(sign * peak for peak in peaks for sign in (1.0, -1.0))))
     assert repeats(cycles)[::2] == (0, 1, 0, 1, 0, 1)
+
+
+def test_samples_of_three_cycles_at_each_amplitude():
+    """Of three cycles at 1 and at 2 the second and third repeat; a turning point belongs to the half cycle it ends."""
+    targets = [1.0, -1.0] * 3 + [2.0, -2.0] * 3
+    ways = [np.linspace(a, b, 11)[1:] for a, b in pairwise([0.0, *targets])]
+    expected = np.repeat([False, False, True, True, True, True] * 2, 10)
+    np.testing.assert_array_equal(repeated_samples(np.concatenate([[0.0], *ways])), [False, *expected])
 
 
 def test_directions_repeat_apart():

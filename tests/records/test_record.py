@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import pickle
 from dataclasses import FrozenInstanceError, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.records import Record, si_unit
+from bwbn_bayes.records import Record, si_unit, write_record
 
 
 def building(**changes: object) -> Record:
@@ -268,3 +269,46 @@ def test_every_third_point_is_as_if_it_had_been_measured_so() -> None:
     assert kept.duration == pytest.approx(record.duration)
     assert kept.provenance["points kept"] == "one in 3"
     assert record.every(1) is record
+
+
+COUNTED = np.arange(101) % 10 < 7
+
+
+def test_samples_that_do_not_count_are_forgotten() -> None:
+    whole = building()
+    masked = replace(whole, counted=COUNTED)
+    assert (masked.n_times, masked.n_counted) == (101, np.count_nonzero(COUNTED))
+    for before, after in zip(whole.measured, masked.measured, strict=True):
+        np.testing.assert_array_equal(after[masked.kept], before[COUNTED])
+        assert not np.any(after[~COUNTED])
+    np.testing.assert_array_equal(masked.excitation, whole.excitation)
+    other = replace(whole, counted=COUNTED, channels={k: np.where(COUNTED, v, 7.0) for k, v in whole.channels.items()})
+    assert masked.equals(other)
+    assert masked.content_hash == other.content_hash != whole.content_hash
+    assert not masked.equals(whole)
+    assert pickle.loads(pickle.dumps(masked)).equals(masked)
+
+
+def test_parts_know_which_samples_count() -> None:
+    masked = building(counted=COUNTED)
+    np.testing.assert_array_equal(masked.between(0.2, 0.6).counted, COUNTED[10:31])
+    assert replace(masked, counted=np.arange(101) < 60).until(1.0).counted is None
+    assert building(counted=np.ones(101, dtype=bool)).counted is None
+
+
+@pytest.mark.parametrize(
+    ("counted", "sentence"),
+    [
+        (COUNTED[:50], "counted has shape \\(50,\\) where the excitation has 101 points"),
+        (np.arange(101) < 7, "7 points of the record count: at least 8 are needed"),
+    ],
+)
+def test_a_wrong_mask_is_told(counted: np.ndarray, sentence: str) -> None:
+    with pytest.raises(UserError, match=sentence):
+        building(counted=counted)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".nc"])
+def test_no_file_says_which_samples_count(tmp_path: Path, suffix: str) -> None:
+    with pytest.raises(UserError, match="30 samples of record 'shake table' do not count: give the whole record"):
+        write_record(building(counted=COUNTED), tmp_path / f"masked{suffix}")

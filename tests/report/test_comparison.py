@@ -1,9 +1,12 @@
 """Measured, as given and improved: any samples of a record, loops by cycle, errors by cycle, figures."""
 
+from dataclasses import replace
+
 import matplotlib as mpl
 import numpy as np
 import pytest
 
+from bwbn_bayes.discovery.predictive import PredictiveInterval
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report.canvas import STYLE
 from bwbn_bayes.report.comparison import MAX_CYCLES, Part, errors_by_cycle, loops_by_cycle
@@ -38,6 +41,29 @@ def test_loops_are_single_cycles_of_the_samples_that_count():
         np.testing.assert_allclose(loop.displacement, PUSHED[own], atol=0.01)
         np.testing.assert_allclose(loop.models[0], 1.2e6 * loop.displacement)
     assert len(loops_by_cycle([specimen_part(np.arange(len(PUSHED)))])) == MAX_CYCLES
+
+
+def test_a_turning_point_alone_is_no_loop():
+    """Half cycles end with their turning point, which the cycle's number counts with the next."""
+    held_out = np.arange(PER_CYCLE + 1, 2 * PER_CYCLE + 1)
+    part = specimen_part(held_out, name="held_out")
+    assert [loop.number for loop in loops_by_cycle([part])] == [2]
+    assert errors_by_cycle([part])[0].numbers.tolist() == [2]
+
+
+def test_predictive_intervals_are_drawn_where_they_are_known():
+    counted = np.arange(len(PUSHED))
+    held_out = specimen_part(counted[300:], name="held_out")
+    interval = PredictiveInterval(low=held_out.measured - 1e3, high=held_out.measured + 1e3, coverage=0.9)
+    held_out = replace(held_out, interval=interval)
+    loops = loops_by_cycle([specimen_part(counted[:300]), held_out])
+    for loop in loops:
+        assert (loop.band is None) == (loop.part.name == "fitted")
+        if loop.band is not None:
+            np.testing.assert_allclose(loop.band[1] - loop.band[0], 2e3)
+    with mpl.rc_context(STYLE):
+        drawings = draw_comparison([specimen_part(counted[:300]), held_out])
+    assert "90 % predictive intervals" in drawings[0].caption
 
 
 def test_errors_by_cycle_are_over_one_force():

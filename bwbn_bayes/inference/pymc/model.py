@@ -35,7 +35,7 @@ from bwbn_bayes.inference.pymc.operators import ChannelResponse, LogAdmissible, 
 from bwbn_bayes.inference.pymc.priors import prior_twin
 from bwbn_bayes.inference.pymc.scheme import fine_enough, require_fine_enough
 from bwbn_bayes.parameters import Floats, FreeParameter
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Record, require_whole
 from bwbn_bayes.structures.structure import Structure
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -157,6 +157,7 @@ def to_pymc(
     require_parameters(model, name or "model")
     for record, own in zip(several, noises, strict=True):
         require_usable(model, record)
+        require_whole(record)
         require_noise(own, record)
     solver, discretisations = fine_enough(model, several, noises, solver, fixed=not isinstance(engine, str))
     problems = [forward_problem(model, record, solver) for record in several]

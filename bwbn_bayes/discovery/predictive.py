@@ -1,0 +1,103 @@
+"""Predictive intervals of held-out samples that lie among the fitted ones, over all explanations.
+
+A predicted sample is the response of a draw from the posterior, plus what the force of no known law is expected to be
+there given what the fitted samples leave, plus that force's remaining spread and the noise. Explanations give draws by
+their probabilities. Held-out measurements enter only where the share of them inside is counted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.probability import Beliefs
+from bwbn_bayes.discovery.unnamed import unnamed_basis
+from bwbn_bayes.inference.correlation import conditioned
+from bwbn_bayes.inference.importance import laplace_mixture, sample_importance
+from bwbn_bayes.inference.tmcmc.resampling import systematic
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+
+LEVEL = 0.9
+"""Probability of an interval, half of the rest on each side."""
+N_DRAWS = 400
+"""Of all explanations together."""
+_LEAST_EFFECTIVE, _MOST = 100, 4
+"""Effective draws wanted of an explanation, and how many times as many draws are worth the trouble."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictiveInterval:
+    """Where held-out samples are expected with a probability of 0.9, each by itself.
+
+    Attributes
+    ----------
+    low, high : (n_channels, n_counted) array
+        [unit of the channel]
+    coverage : float
+        Share of the measured samples inside.
+    """
+
+    low: Floats
+    high: Floats
+    coverage: float
+
+    @property
+    def in_words(self) -> str:
+        """How many of the held-out points lie inside, in a sentence."""
+        inside, level = 100.0 * self.coverage, 100.0 * LEVEL
+        return f"Of the held-out points {inside:.0f} % lie inside their {level:.0f} % predictive intervals."
+
+
+def predictive_interval(
+    believed: Beliefs, record: Record, counted: NDArray[np.int64], rng: np.random.Generator
+) -> PredictiveInterval:
+    """Intervals at samples of a cyclic test whose other samples were fitted, and how many measured ones lie inside.
+
+    Parameters
+    ----------
+    believed : Beliefs
+        Explanations of the fitted samples.
+    record : Record
+        All of it.
+    counted : (n_counted,) array
+        Samples that were held out.
+    rng : numpy.random.Generator
+    """
+    shares = np.bincount(systematic(believed.probabilities, N_DRAWS, rng), minlength=len(believed.explanations))
+    chosen = [(one, n) for one, n in zip(believed.explanations, shares.tolist(), strict=True) if n > 0]
+    predicted = np.concatenate([_predicted(one, n, counted, rng) for one, n in chosen])
+    solved = predicted[np.all(np.isfinite(predicted), axis=(1, 2))]
+    low, high = np.quantile(solved, (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL), axis=0)
+    measured = record.measured[:, counted]
+    return PredictiveInterval(low=low, high=high, coverage=float(np.mean((measured >= low) & (measured <= high))))
+
+
+def _predicted(one: Explanation, n: int, counted: NDArray[np.int64], rng: np.random.Generator) -> Floats:
+    """Draws ``(n, n_channels, n_counted)`` of what an explanation predicts, noise included."""
+    posterior = one.evidence.posterior
+    record, noise = posterior.record, posterior.noise
+    points = _draws(one, n, rng)
+    values, noise_values = posterior.split(points)
+    response = posterior.engine.simulate(posterior.model, values, record).values
+    sd = noise.draw_sd(rng, posterior.misfit(points), record.n_counted, noise_values)[:, :, None]
+    mean, variance = response[:, :, counted], np.zeros(len(counted))
+    if noise.correlation is not None and noise.correlation.shared is not None:
+        fitted = np.arange(record.n_times)[record.kept]
+        left = (record.measured - response)[:, 0, fitted]
+        expected, variance = conditioned(unnamed_basis(record), noise.correlation.shared.scale, fitted, counted, left)
+        mean = mean + expected[:, None]
+    return np.asarray(mean + sd * np.sqrt(1.0 + variance) * rng.standard_normal(mean.shape))
+
+
+def _draws(one: Explanation, n: int, rng: np.random.Generator) -> Floats:
+    """Points ``(n, n_dim)`` of the posterior under an explanation's own account of the errors."""
+    wanted = max(n, _LEAST_EFFECTIVE)
+    proposal = laplace_mixture(one.evidence.modes)
+    weighted = sample_importance(one.evidence.posterior, proposal, rng, effective=wanted, most=_MOST * wanted)
+    if not np.any(np.isfinite(weighted.log_weights)):
+        return np.repeat(one.evidence.modes[0].point[None], n, axis=0)
+    return weighted.resampled(rng, n)[0]

@@ -58,8 +58,18 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
         low=float(low),
         high=float(high),
         without=signature.of_response(without[0]),
-        deserved=float(np.mean([signature.is_engineering(one) for one in responses])),
+        deserved=_deserved(signature, present, responses),
     )
+
+
+def _deserved(signature: Signature, present: Explanation, responses: list[PlaceResponse]) -> float:
+    """Share of the responses in which an effect has its size; none where the loop that a test measured has it not."""
+    record = present.posterior.record
+    # A measure reads whole cycles, one after the other.
+    is_measured = present.is_specimen and "force" in record.channels and record.counted is None
+    if is_measured and not signature.is_in_loop(record.excitation, record.channels["force"]):
+        return 0.0
+    return float(np.mean([signature.is_engineering(one) for one in responses]))
 
 
 def place_of(hypothesis: Hypothesis, histories: Mapping[str, Floats]) -> int | None:

@@ -94,6 +94,9 @@ class Signature:
         which no record shows without a model.
     is_genuine : callable, optional
         What else the response must show.
+    is_shown : callable, optional
+        What a measured loop, drift [m] and force [N], must show: where a test measures the loop itself, a name says
+        what is in the record, not what a law makes of it.
     """
 
     measure: str = ""
@@ -104,6 +107,7 @@ class Signature:
     least: float = 0.0
     of_loop: Callable[[Floats, Floats], float] | None = None
     is_genuine: Callable[[PlaceResponse], bool] | None = None
+    is_shown: Callable[[Floats, Floats], bool] | None = None
 
     def of_response(self, response: PlaceResponse) -> float:
         """The measure of a model's response, with the effect or without; NaN where it cannot be told."""
@@ -115,6 +119,10 @@ class Signature:
         """The measure of a record's drift [m] and storey force [N]; None where only a model has it, or none is told."""
         found = np.nan if self.of_loop is None else self.of_loop(drift, force)
         return float(found) if np.isfinite(found) else None
+
+    def is_in_loop(self, drift: Floats, force: Floats) -> bool:
+        """Whether a measured loop ``(n_times,)`` [m], [N] shows the effect, or cannot tell."""
+        return self.is_shown is None or self.is_shown(drift, force)
 
     def is_engineering(self, response: PlaceResponse) -> bool:
         """Whether the effect has the size that its name stands for, in a response of the model that holds it."""

@@ -91,6 +91,16 @@ def test_a_law_that_hardly_slips_does_not_deserve_the_name(
     assert found.mean == pytest.approx(found.without, abs=0.01)
 
 
+def test_a_name_is_not_deserved_where_the_measured_loop_does_not_show_it(present: Explanation) -> None:
+    """The law pinches as before, and the record is that of a fat loop: the name would be the law's, not the loop's."""
+    (hypothesis,) = present.added
+    record = present.posterior.record
+    fat = ENGINE.simulate(Specimen(storey=STOREY), np.array([[10.0]]), record, ("force",)).values[0, 0]
+    assert signature_of(hypothesis, present, np.random.default_rng(2)).deserved == 1.0  # type: ignore[union-attr]
+    other = replace(present, posterior=replace(present.posterior, record=record.with_channels({"force": fat})))
+    assert signature_of(hypothesis, other, np.random.default_rng(2)).deserved == 0.0  # type: ignore[union-attr]
+
+
 def test_an_effect_that_measures_nothing_has_no_signature(present: Explanation) -> None:
     nameless: Any = SimpleNamespace(effect=SimpleNamespace(signature=NO_SIGNATURE))
     assert signature_of(nameless, present, np.random.default_rng(4)) is None

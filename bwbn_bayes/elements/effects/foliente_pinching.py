@@ -84,6 +84,7 @@ class FolientePinching(Effect):
         least=0.1,
         of_loop=pinching_index,
         is_genuine=lambda at: not is_full(*at.loop, index=0.25),
+        is_shown=lambda drift, force: not is_full(drift, force, index=0.25),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         _parameter("zeta_s", "", 0.0, 0.0, "total slip", 1.0),

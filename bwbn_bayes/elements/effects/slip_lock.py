@@ -60,6 +60,7 @@ class SlipLock(Effect):
         least=0.005,
         of_loop=pinching_index,
         is_genuine=lambda at: not is_full(*at.loop, index=0.5),
+        is_shown=lambda drift, force: not is_full(drift, force, index=0.5),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(

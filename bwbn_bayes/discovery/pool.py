@@ -27,7 +27,7 @@ from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.parameters import Floats
 
-_MOST_COLOURED, _COLOURED_REACH = 8, 400.0
+_MOST_COLOURED, _COLOURED_REACH = 4, 400.0
 """Explanations that are refitted under autoregressive errors in each round, and how far below the best: a law has been
 seen 379 nats below the one that it contains where its optimum was that of white errors. [nat]"""
 _MOST_SHARED = 6

@@ -148,13 +148,16 @@ class Beliefs:
     def predictive(self) -> Explanation:
         """The effects to deliver, as an explanation without an unnamed force: those that predict best.
 
-        What is likely is among them. Of these explanations the one with the largest log score over blocks of the
-        training record that were left out, the prior added, which keeps chance out where many were tried.
+        What is likely is among them, and nothing that could be named as absent. Of these explanations the one with the
+        largest log score over blocks of the training record that were left out, the prior added, which keeps chance out
+        where many were tried.
         """
         pairs = list(zip(self.explanations, self.log_prior.tolist(), strict=True))
         plain = [pair for pair in pairs if not pair[0].has_unnamed]
         holding = [pair for pair in plain if self.likely <= pair[0].placed] or plain
-        return max(holding[:_MOST_VALIDATED], key=lambda pair: pair[0].cross_validation.log_score + pair[1])[0]
+        absent = {name for name, p in self.names.items() if p < 1.0 - NAMED}
+        tried = [pair for pair in holding if not absent & pair[0].names] or holding
+        return max(tried[:_MOST_VALIDATED], key=lambda pair: pair[0].cross_validation.log_score + pair[1])[0]
 
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
         own = [p for one, p in self._pairs if wanted(one)]

@@ -32,7 +32,7 @@ from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polis
 from bwbn_bayes.inference.residuals import leaves_noise
 from bwbn_bayes.parameters import Floats
 
-MOST_LATER = 24
+MOST_LATER = 12
 """Hypotheses with the largest scores that are fitted in a later round."""
 REACH = 6.0
 """Explanations this far below the best are built upon. [nat]"""

@@ -116,11 +116,15 @@ def test_nothing_is_named_where_evidences_are_equal() -> None:
 
 def test_of_explanations_with_what_is_named_the_one_that_predicts_best_is_delivered() -> None:
     """By log scores over blocks that were left out, the prior added: a gain that chance gives is no gain."""
-    one, both = explanation(40.0, SLIP), explanation(35.0, SLIP, CUBIC, log_score=20.0)
+    one, both = explanation(40.0, SLIP), explanation(45.5, SLIP, CUBIC, log_score=20.0)
     found = beliefs((explanation(0.0), one, both), N_EFFECTS, VARIANTS)
     assert found.likely == {("slip_lock", (2,))}
+    assert 0.1 < found.names["cubic_stiffness"] < 0.5
     assert found.best is one
     assert found.predictive is both
+    # What is improbable enough to be named as absent is not delivered, however well it predicts.
+    improbable = explanation(40.0, SLIP, CUBIC, log_score=20.0)
+    assert beliefs((explanation(0.0), one, improbable), N_EFFECTS, VARIANTS).predictive is one
     cost = log_prior(one, N_EFFECTS, VARIANTS) - log_prior(both, N_EFFECTS, VARIANTS)
     for gain, expected in ((cost - 0.1, one), (cost + 0.1, both)):
         both.__dict__["cross_validation"] = CrossValidation(log_score=gain, nrmse=0.1)

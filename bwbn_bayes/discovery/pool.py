@@ -30,8 +30,8 @@ from bwbn_bayes.parameters import Floats
 _MOST_COLOURED, _COLOURED_REACH = 4, 400.0
 """Explanations that are refitted under autoregressive errors in each round, and how far below the best: a law has been
 seen 379 nats below the one that it contains where its optimum was that of white errors. [nat]"""
-_MOST_SHARED = 6
-"""Explanations of a specimen that get an unnamed force in each round, beside those of one effect."""
+_MOST_SHARED = 8
+"""Explanations of a specimen that get an unnamed force in each round, beside the model as given."""
 _MOST_SAMPLED, _SAMPLED_REACH, _N_SAMPLED = 6, 10.0, 400
 """The best of them whose evidence is sampled, how far below the best, and with how many effective draws."""
 _NEAR = 1e-3
@@ -138,11 +138,7 @@ class Pool:
         """Give a specimen's explanations an unnamed force."""
         waiting = [key for key in self.plain if (key, (1,)) not in self.unnamed]
         ranked = sorted(waiting, key=lambda key: -self.white[key])
-        by_name: dict[frozenset[str], Key] = {}
-        for key in ranked:
-            by_name.setdefault(self.plain[key].names, key)
-        few = [key for names, key in by_name.items() if len(names) < 2]
-        wanted = dict.fromkeys((*few, *ranked[:_MOST_SHARED]))
+        wanted = dict.fromkeys((*(key for key in waiting if not key), *ranked[:_MOST_SHARED]))
         for _, same in groupby(sorted(wanted, key=len), key=len):  # each may start from one with an effect less
             found = [self.plain[key] for key in same]
             evidences = beside(self._with_shared, found, self.run.settings.n_workers)

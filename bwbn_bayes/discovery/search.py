@@ -177,8 +177,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     run.say("looking closer at the leading hypotheses")
     if not parent.is_quiet:
         fits = rescanned(fits, n_threads=n_workers, pace=pace)
-    # A specimen's later laws start near the answer, and what they leave is never noise.
-    if (first or not parent.is_specimen) and not leaves_noise(fits[0].posterior, fits[0].best(1)[0]):
+    if first and not leaves_noise(fits[0].posterior, fits[0].best(1)[0]):  # later laws start near the answer
         fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
     return fits
 

@@ -76,7 +76,9 @@ class Correlation:
     @property
     def arrays(self) -> tuple[Floats, ...]:
         """All that it is made of, in numbers."""
-        return (np.array([self.log_prior]), *self.coefficients, *(self.shared or ()))
+        shared = self.shared
+        basis = () if shared is None else (shared.functions, shared.variance, np.array([shared.scale]))
+        return (np.array([self.log_prior]), *self.coefficients, *basis)
 
     @property
     def log_volume(self) -> float:

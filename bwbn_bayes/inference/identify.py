@@ -43,6 +43,8 @@ _LEAST_EFFICIENCY = 0.5
 _PILOT_LIMIT = 0.5
 _LEAST_EFFECTIVE = 2000
 """Weighed draws are worth so many at least, whatever was asked for: from fewer, Pareto's k can miss a heavy tail."""
+_MOST_DRAWS, _MOST_UNFOLLOWED = 60_000, 6_000
+"""Draws at most, and where the posterior of a model that leaves more than noise is not followed."""
 _N_REFINED = 3
 """Times that a proposal whose weights turn out to have a heavy tail is bettered and drawn from anew."""
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
@@ -347,7 +349,8 @@ def _importance(
         _lay(sheet, history)
     history.say("sampling the posterior by importance")
     tell = partial(history.tell_draws, posterior, effective)
-    weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, progress=tell)
+    most = _MOST_DRAWS if follows else _MOST_UNFOLLOWED
+    weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, most=most, progress=tell)
     for _ in range(n_refined):
         if weighted.pareto_k <= PARETO_LIMIT:
             break
@@ -355,7 +358,7 @@ def _importance(
             _lay(sheet, history)
         else:
             sheet.refine(weighted)
-        weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, progress=tell)
+        weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, most=most, progress=tell)
     return weighted, sheet.nested
 
 

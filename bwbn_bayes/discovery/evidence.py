@@ -29,7 +29,7 @@ LAPLACE_SE = 2.0
 """Error allowed for Laplace's approximation where it was not checked by sampling. [nat]"""
 SCALES = tuple(2.0**exponent for exponent in range(10))
 """Of the unnamed force, over the noise level: one of them is within a factor of 1.4 of the best."""
-_N_POLISHED, _N_ITERATIONS, _N_TURNS = 6, 12, 2
+_N_POLISHED, _N_ITERATIONS, _N_TURNS = 6, 8, 2
 _REACH = 20.0
 """Starts further below the best do not keep it waiting. [nat]"""
 

@@ -30,7 +30,7 @@ from bwbn_bayes.parameters import Floats
 _MOST_COLOURED, _COLOURED_REACH = 4, 400.0
 """Explanations that are refitted under autoregressive errors in each round, and how far below the best: a law has been
 seen 379 nats below the one that it contains where its optimum was that of white errors. [nat]"""
-_MOST_SHARED = 8
+_MOST_SHARED = 4
 """Explanations of a specimen that get an unnamed force in each round, beside the model as given."""
 _MOST_SAMPLED, _SAMPLED_REACH, _N_SAMPLED = 6, 10.0, 400
 """The best of them whose evidence is sampled, how far below the best, and with how many effective draws."""

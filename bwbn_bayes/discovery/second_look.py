@@ -19,8 +19,9 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import climb, find_modes, polish
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
 
-_LEADING = 6
-"""Forms of effects that are looked at again, each at its best place, the first at every place."""
+_LEADING, _SEARCHED = 6, 3
+"""Forms of effects that are looked at again, and from draws of their whole priors, each at its best place, the first
+at every place."""
 _BEYOND = 1e-2
 """Prior probability beyond a size so far out that the prior, not the record, may hold it there."""
 _WIDER, _MOST_TIMES = 4.0, 3
@@ -87,7 +88,9 @@ def searched(
         Those that there is no time for stay as they are.
     """
     many = [fit for fit in fits if len(fit.hypothesis.symbols) >= _SPARSE and len(fit.hypothesis.storeys) < 2]
-    return _again(fits, (*leading(fits), *many), lambda fit, own: _searched(fit, own, n_threads), n_threads, pace, rng)
+    return _again(
+        fits, (*leading(fits, _SEARCHED), *many), lambda fit, own: _searched(fit, own, n_threads), n_threads, pace, rng
+    )
 
 
 def _again(
@@ -107,9 +110,9 @@ def _again(
     return tuple(sorted((seen.get(id(fit), fit) for fit in fits), key=lambda fit: -fit.log_likelihood))
 
 
-def leading(fits: Sequence[Fit]) -> tuple[Fit, ...]:
+def leading(fits: Sequence[Fit], n_forms: int | None = None) -> tuple[Fit, ...]:
     """The best fit of each of the leading forms, and of the first of them the fits at every place."""
-    first, *others = _leading_forms(fits)
+    first, *others = _leading_forms(fits)[:n_forms]
     return (*first, *(other[0] for other in others))
 
 

@@ -82,11 +82,11 @@ def test_the_hidden_effect_is_named_at_its_place(name: str) -> None:
 DOUBLED: dict[str, dict[str, Any]] = {
     "search": {"MOST_LATER": 24, "REACH": 12.0, "BEAM": 4, "_N_KEPT": 80, "_N_UNNAMED": 4, "_N_TOGETHER": 1024},
     "pool": {
-        "_MOST_COLOURED": 8, "_COLOURED_REACH": 800.0, "_MOST_SHARED": 16, "_MOST_SAMPLED": 12,
+        "_MOST_COLOURED": 8, "_COLOURED_REACH": 800.0, "_MOST_SHARED": 8, "_MOST_SAMPLED": 12,
         "_SAMPLED_REACH": 20.0, "_N_SAMPLED": 800,
     },
     "race": {"ROUNDS": ((4, 1.0), (8, 0.8), (50, 0.24)), "_LEAST": 16, "_LEADING_FORMS": 16, "_FEWEST": 10},
-    "second_look": {"_LEADING": 12, "_N_SCANNED": 64, "_N_POINTS": 16, "_N_STARTS": 2048, "_N_FIRST": 128},
+    "second_look": {"_LEADING": 12, "_SEARCHED": 6, "_N_SCANNED": 64, "_N_POINTS": 16, "_N_STARTS": 2048, "_N_FIRST": 128},
 }  # fmt: skip
 """Budgets of the search, by module, twice what they are: iterations, draws, shares, reaches and numbers kept."""
 

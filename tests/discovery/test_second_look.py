@@ -145,7 +145,7 @@ def test_effects_of_many_parameters_are_searched_for_wherever_they_stand(monkeyp
     monkeypatch.setattr(second_look, "_searched", lambda own, *_: (looked.append(own), own)[1])
     found = searched([*ahead, *behind, everywhere], np.random.default_rng(1), n_threads=1)
     assert list(found) == [*ahead, *behind, everywhere]
-    assert looked == [*ahead[:6], *behind]
+    assert looked == [*ahead[: second_look._SEARCHED], *behind]
 
 
 def test_the_leading_fits_are_the_best_of_each_form(present: Posterior, base_points: Floats) -> None:

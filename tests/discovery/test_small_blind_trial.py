@@ -86,7 +86,9 @@ DOUBLED: dict[str, dict[str, Any]] = {
         "_SAMPLED_REACH": 20.0, "_N_SAMPLED": 800,
     },
     "race": {"ROUNDS": ((4, 1.0), (8, 0.8), (50, 0.24)), "_LEAST": 16, "_LEADING_FORMS": 16, "_FEWEST": 10},
-    "second_look": {"_LEADING": 12, "_SEARCHED": 6, "_N_SCANNED": 64, "_N_POINTS": 16, "_N_STARTS": 2048, "_N_FIRST": 128},
+    "second_look": {
+        "_LEADING": 12, "_SEARCHED": 6, "_N_SCANNED": 64, "_N_POINTS": 16, "_N_STARTS": 2048, "_N_FIRST": 128,
+    },
 }  # fmt: skip
 """Budgets of the search, by module, twice what they are: iterations, draws, shares, reaches and numbers kept."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 import matplotlib as mpl
@@ -47,6 +48,8 @@ _LEAST_TOP = 3.0
 """The darkest colour is at least this many times the noise, so that noise looks pale."""
 _LEAST_PROBABILITY = 0.001
 """Less probable explanations are told by how far they are behind."""
+_LABEL_WIDTH = 72
+"""Characters of a line above a bar."""
 _LINEAR_TO = 10.0
 """Nats are drawn linearly up to this, logarithmically beyond."""
 
@@ -231,17 +234,21 @@ def _explanations(bars: tuple[ExplanationBar, ...], n_weighed: int) -> Drawing |
     """How far each is behind the best, with what it consists of above its bar."""
     if not bars:
         return None
-    figure, (axis,) = canvas(1, 0.7 + 0.44 * len(bars))
+    labels = [textwrap.wrap(bar.label, _LABEL_WIDTH) for bar in bars]
+    # One row for a bar with its label's last line above it, and a third for every other line.
+    rows = np.cumsum([1.0 + (len(lines) - 1) / 3.0 for lines in labels]) - 1.0
+    figure, (axis,) = canvas(1, 0.7 + 0.44 * (rows[-1] + 1.0))
     behind = [-bar.log_odds for bar in bars]
     axis.set_xscale("symlog", linthresh=_LINEAR_TO, linscale=1.0)
     end = max(behind[-1], _LINEAR_TO)
-    for row, (bar, nats) in enumerate(zip(bars, behind, strict=True)):
+    for row, lines, bar, nats in zip(rows, labels, bars, behind, strict=True):
         axis.barh(row + 0.16, nats, height=0.3, color=IDENTIFIED if bar.chosen else GIVEN)
         told = f"{bar.probability:.3f}" if bar.probability >= _LEAST_PROBABILITY else f"{nats:.0f} nats behind"
         axis.annotate(told, (nats, row + 0.16), xytext=(3, 0), textcoords="offset points", va="center", fontsize=8.5)
         weight = "bold" if bar.chosen else "normal"
-        axis.text(0.0, row - 0.08, bar.label, va="bottom", fontsize=8.5, fontweight=weight)
-    axis.set_ylim(len(bars) - 0.5, -0.6)
+        text = axis.text(0.0, row - 0.08, "\n".join(lines), va="bottom", fontsize=8.5, fontweight=weight)
+        text.set_in_layout(False)  # a label may reach beyond the axis, which keeps its width
+    axis.set_ylim(rows[-1] + 0.5, -0.6)
     axis.set_yticks([])
     axis.set_xlim(0.0, 4.0 * end)
     ticks = [t for t in (0, 5, 10, 100, 1000, 10000, 100000) if t <= 1.2 * end]

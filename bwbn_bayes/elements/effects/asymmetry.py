@@ -88,7 +88,7 @@ class Asymmetry(Effect):
         size = _SYMBOLS[self.term][0]
         if self.term == "sgn u sgn v":
             return Signature(
-                measure="difference of the shape between the way out and the way back, over beta + gamma",
+                measure="shape on the way out less that on the way back, over beta + gamma",
                 plain_name="the shape of the loop about zero drift (Song and Der Kiureghian's law)",
                 reason="a twentieth of beta + gamma: less is within what other shapes of the loop take up",
                 size=lambda at: at[size] / max(at["beta"] + at["gamma"], 1e-300),

@@ -78,7 +78,7 @@ def conclude(
         verdict=believed.verdict,
         verdict_probabilities=believed.verdicts,
         probabilities=believed.names,
-        sentences=(*told, *binding, *run.notes, *badly_sampled(result.facts)),
+        sentences=(*told[:1], *run.cut_short, *told[1:], *binding, *run.notes, *badly_sampled(result.facts)),
         unexplained_share=share,
         unnamed=unnamed,
         binding=binding,

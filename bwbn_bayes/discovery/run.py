@@ -95,6 +95,8 @@ class Run:
     """Hypotheses of the first round."""
     binding: tuple[str, ...] = ()
     """Priors of the model as given that bind, in sentences."""
+    cut_short: tuple[str, ...] = ()
+    """That a time limit ended the search, in a sentence: it bears on every probability."""
     stopped: bool = False
     """Whether something was left out for want of time."""
 

@@ -73,11 +73,13 @@ def search(given: Explanation, run: Run) -> Pool:
         _unnamed_to_first_order(pool)
         _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
     if run.stopped:
-        run.note(
+        sentence = (
             f"The search was stopped by the time limit of {run.settings.time_limit_s:g} s, "
             f"{_when_stopped(len(pool.expanded), n_whole)}: what it had not tried by then has no part in the "
             "probabilities."
         )
+        run.cut_short = (sentence,)
+        run.say(sentence)
     return pool
 
 

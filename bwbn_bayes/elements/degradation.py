@@ -130,38 +130,39 @@ class SaturatingLoss:
         return {self.limit: (0.15, 0.8), self.rate: tuple(rate / scales.energy for rate in (2.0, 8.0, 30.0))}
 
 
-_OFFSET = 1e-4
-"""Added to ``rate epsilon`` and taken off again after the power, whose slope at zero is infinite below one."""
+_OFFSET = 1e-5
+"""Added to ``epsilon/E`` and taken off again after the power, whose slope at zero is infinite below one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StretchedLoss:
-    """``loss W(epsilon) / W(E)`` with ``W(x) = 1 - exp(-(rate x)^power)``.
+    """``loss W(epsilon) / W(E)`` with ``W(x) = 1 - exp(-bend (x/E)^power)``.
 
-    With power one it is the saturating loss, of limit ``loss / W(E)``; with a small rate a power of the work, the first
-    of which is the linear loss. Measured at ``E``, the loss says the same whatever the rate.
+    With power one it is the saturating loss, of limit ``loss / W(E)`` and rate ``bend / E``; with a small bend a power
+    of the work, the first of which is the linear loss. Measured at ``E``, the loss says the same whatever the shape.
 
     Attributes
     ----------
     what : str
         What is lost.
-    loss, rate, power, work : str
-        Symbols of the loss by the work E [1], of the rate [1/J], of the power, and of E, which is known [J].
+    loss, bend, power, work : str
+        Symbols of the loss by the work E [1], of how far it has saturated by then, of the power, and of E, which is
+        known [J].
     """
 
     what: str
     loss: str
-    rate: str
+    bend: str
     power: str
     work: str
     form: ClassVar[str] = "free shape"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The loss, its rate and power, and the work that it is measured at."""
+        """The loss, its bend and power, and the work that it is measured at."""
         told = (
             (self.loss, "", 0.0, 0.0, f"loss of {self.what} by a known work"),
-            (self.rate, "1/J", 1.0, 1e-9, f"rate with work at which the loss of {self.what} comes"),
+            (self.bend, "", 1.0, 1e-6, f"how far the loss of {self.what} has saturated by then"),
             (self.power, "", 1.0, 0.1, f"power of the work in the loss of {self.what}"),
             (self.work, "J", 1.0, 1e-12, f"work at which the loss of {self.what} is measured, known"),
         )
@@ -173,37 +174,33 @@ class StretchedLoss:
     @property
     def expression(self) -> sp.Expr:
         """What is added to the factor."""
-        loss, rate, power, work = (symbol(s) for s in (self.loss, self.rate, self.power, self.work))
+        loss, bend, power, work = (symbol(s) for s in (self.loss, self.bend, self.power, self.work))
 
-        def risen(x: sp.Expr) -> sp.Expr:
-            return 1 - sp.exp(_OFFSET**power - (rate * x + _OFFSET) ** power)
+        def risen(share: sp.Expr) -> sp.Expr:
+            return 1 - sp.exp(bend * (_OFFSET**power - (share + _OFFSET) ** power))
 
-        return loss * risen(sp.Abs(ENERGY)) / risen(work)
+        return loss * risen(sp.Abs(ENERGY) / work) / risen(sp.S.One)
 
     def reached(self, at: PlaceResponse) -> float:
         """The loss by the end of a response."""
 
-        def risen(x: float) -> float:
-            return -math.expm1(_OFFSET ** at[self.power] - (at[self.rate] * x + _OFFSET) ** at[self.power])
+        def risen(share: float) -> float:
+            return -math.expm1(at[self.bend] * (_OFFSET ** at[self.power] - (share + _OFFSET) ** at[self.power]))
 
-        return at[self.loss] * risen(abs(at.energy)) / risen(at[self.work])
+        return at[self.loss] * risen(abs(at.energy) / at[self.work]) / risen(1.0)
 
     def priors(self, scales: Scales) -> dict[str, Value]:
         """By the end the factor may have doubled, in any shape between an early step and a late one."""
         return {
             self.loss: HalfNormal(1.0),
-            self.rate: LogNormal(1.0 / scales.energy, 1.5).truncated(0.05 / scales.energy, 100.0 / scales.energy),
+            self.bend: LogNormal(0.5, 2.0).truncated(1e-3, 100.0),
             self.power: LogNormal(1.0, 0.5).truncated(0.3, 3.0),
             self.work: scales.energy,
         }
 
     def starts(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         """A small loss and a large one, on to the end and ended early, slower and faster at first."""
-        return {
-            self.loss: (0.15, 0.8),
-            self.rate: (0.3 / scales.energy, 6.0 / scales.energy),
-            self.power: (0.6, 1.0, 1.7),
-        }
+        return {self.loss: (0.15, 0.8), self.bend: (0.05, 5.0), self.power: (0.6, 1.0, 1.7)}
 
 
 Loss = LinearLoss | SaturatingLoss | StretchedLoss

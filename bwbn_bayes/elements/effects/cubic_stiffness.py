@@ -69,7 +69,7 @@ class CubicStiffness(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class PowerSpring(Effect):
-    """Cubic stiffness in a free shape: the force ``F_h (|u|/u_h)^(p_h - 1) u/u_h``; with power three ``k3 = F_h/u_h^3``.
+    """Cubic stiffness in a free shape: ``F_h (|u|/u_h)^(p_h - 1) u/u_h``; with power three ``k3 = F_h/u_h^3``.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ class FreeFriction(Effect):
     signature: ClassVar[Signature] = Signature(
         measure="friction force over the storey's peak force",
         plain_name="the shape of the force over drift rate (a smoothed friction)",
-        reason="0.4 % of the peak force, turned within an eighth of the largest drift: what turns more slowly is not dry",
+        reason="0.4 % of the peak force, turned within an eighth of the largest drift: what turns slowly is not dry",
         size=lambda at: at["F_d"] / at.peak("restoring_force"),
         least=0.004,
         is_genuine=lambda at: at["x_d"] <= _WIDEST * at.peak("drift"),

@@ -73,7 +73,7 @@ class QuadraticDamping(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class PowerDamper(Effect):
-    """Quadratic damping in a free shape: the force ``F_q (|v|/v_q)^(p_q - 1) v/v_q``; with power two ``c2 = F_q/v_q^2``.
+    """Quadratic damping in a free shape: ``F_q (|v|/v_q)^(p_q - 1) v/v_q``; with power two ``c2 = F_q/v_q^2``.
 
     Parameters
     ----------

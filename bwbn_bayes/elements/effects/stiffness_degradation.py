@@ -25,7 +25,7 @@ _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="stiffness", delta="delta_eta"),
     SaturatingLoss(what="stiffness", limit="eta_inf", rate="p_eta"),
 )
-_FREE = StretchedLoss(what="stiffness", loss="eta_e", rate="r_eta", power="m_eta", work="E_eta")
+_FREE = StretchedLoss(what="stiffness", loss="eta_e", bend="b_eta", power="m_eta", work="E_eta")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class StiffnessDegradation(Effect):
 
     Or, with ``eta_inf`` and ``p_eta``, up to a limit: ``eta = 1 + eta_inf (1 - exp(-p_eta epsilon))``.
     Or, with the other four, in a free shape: ``eta = 1 + eta_e W(epsilon) / W(E_eta)``,
-    ``W(x) = 1 - exp(-(r_eta x)^m_eta)``.
+    ``W(x) = 1 - exp(-b_eta (x/E_eta)^m_eta)``.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class StiffnessDegradation(Effect):
         Rate at which it grows with work: after ``1/p_eta`` it has grown by 63 % of ``eta_inf``. [1/J]
     eta_e : float, Prior or PerStorey, optional
         What eta has grown by at the work ``E_eta``.
-    r_eta : float, Prior or PerStorey, optional
-        Rate at which it grows in the free shape. [1/J]
+    b_eta : float, Prior or PerStorey, optional
+        How far it has saturated by then: near zero it is a power of the work.
     m_eta : float, Prior or PerStorey, optional
         Power of the work in the free shape.
     E_eta : float, optional
@@ -70,7 +70,7 @@ class StiffnessDegradation(Effect):
     eta_inf: Value | None = None
     p_eta: Value | None = None
     eta_e: Value | None = None
-    r_eta: Value | None = None
+    b_eta: Value | None = None
     m_eta: Value | None = None
     E_eta: Value | None = None
 

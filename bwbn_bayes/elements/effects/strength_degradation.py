@@ -25,7 +25,7 @@ _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="strength", delta="delta_nu"),
     SaturatingLoss(what="strength", limit="nu_inf", rate="p_nu"),
 )
-_FREE = StretchedLoss(what="strength", loss="nu_e", rate="r_nu", power="m_nu", work="E_nu")
+_FREE = StretchedLoss(what="strength", loss="nu_e", bend="b_nu", power="m_nu", work="E_nu")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class StrengthDegradation(Effect):
 
     Or, with ``nu_inf`` and ``p_nu``, up to a limit: ``nu = 1 + nu_inf (1 - exp(-p_nu epsilon))``.
     Or, with the other four, in a free shape: ``nu = 1 + nu_e W(epsilon) / W(E_nu)``,
-    ``W(x) = 1 - exp(-(r_nu x)^m_nu)``.
+    ``W(x) = 1 - exp(-b_nu (x/E_nu)^m_nu)``.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class StrengthDegradation(Effect):
         Rate at which it grows with work: after ``1/p_nu`` it has grown by 63 % of ``nu_inf``. [1/J]
     nu_e : float, Prior or PerStorey, optional
         What nu has grown by at the work ``E_nu``.
-    r_nu : float, Prior or PerStorey, optional
-        Rate at which it grows in the free shape. [1/J]
+    b_nu : float, Prior or PerStorey, optional
+        How far it has saturated by then: near zero it is a power of the work.
     m_nu : float, Prior or PerStorey, optional
         Power of the work in the free shape.
     E_nu : float, optional
@@ -70,7 +70,7 @@ class StrengthDegradation(Effect):
     nu_inf: Value | None = None
     p_nu: Value | None = None
     nu_e: Value | None = None
-    r_nu: Value | None = None
+    b_nu: Value | None = None
     m_nu: Value | None = None
     E_nu: Value | None = None
 

@@ -26,7 +26,7 @@ from bwbn_bayes.structures.shear_building import ShearBuilding
 
 GROUND = el_centro("chopra", duration=10.0)
 SPRING = {"k": 60.0, "c": 0.4, "alpha": 0.15, "beta": 12.0, "gamma": 2.0, "n": 1.3}
-MASS, SD = 2.0, 0.02
+MASS, SD = 2.0, 0.05
 LOSS, POWER, WORK = 1.5, 2.0, 0.35
 """``eta = 1 + LOSS (epsilon/WORK)^POWER``: no form of the catalogue. [1], [1], [J]"""
 
@@ -63,7 +63,7 @@ def pool() -> Pool:
     measured = clean + SD * np.random.default_rng(5).standard_normal(len(clean))
     record = GROUND.with_channels({"acceleration_1": measured})
     plain = ShearBuilding(masses=[MASS], storey=BoucWen(**{**SPRING, "k": Normal(60.0, 6.0)}))
-    present = Posterior(model=plain, record=record, engine=Lanes(substeps=1, n_threads=1), noise=KnownNoise(sd=(SD,)))
+    present = Posterior(model=plain, record=record, engine=Lanes(substeps=4, n_threads=1), noise=KnownNoise(sd=(SD,)))
     run = Run(DiscoverySettings(effects=(StiffnessDegradation,), n_workers=1), np.random.default_rng(1), None)
     given = fitted(present, np.full((1, 1), 0.5))
     scales = scales_of(present, given.best)

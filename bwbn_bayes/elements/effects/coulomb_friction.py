@@ -156,7 +156,7 @@ class CoulombFriction(Effect):
     @classmethod
     @override
     def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        return (FreeFriction.with_priors(scales),)
+        return FreeFriction.default_prior(scales)
 
     def _largest(self, scales: Scales) -> float:
         return scales.drift if self._sticks else scales.drift_rate

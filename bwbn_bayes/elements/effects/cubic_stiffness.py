@@ -54,8 +54,7 @@ class CubicStiffness(Effect):
     @classmethod
     @override
     def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        power = LogNormal(3.0, 0.4).truncated(1.3, 6.0)
-        return (PowerSpring(F_h=Normal(0.0, 0.5 * scales.force), p_h=power, u_h=scales.drift),)
+        return PowerSpring.default_prior(scales)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
@@ -106,6 +105,12 @@ class PowerSpring(Effect):
         Parameter(symbol="p_h", unit="", neutral=3.0, lower=1.0, description="power of the drift", source=source),
         Parameter(symbol="u_h", unit="m", neutral=1.0, lower=1e-12, description="that drift, known", source=source),
     )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        power = LogNormal(3.0, 0.4).truncated(1.3, 6.0)
+        return (cls(F_h=Normal(0.0, 0.5 * scales.force), p_h=power, u_h=scales.drift),)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

@@ -116,7 +116,7 @@ class FolientePinching(Effect):
     @override
     def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
         # One mechanism: what a pinch by this law leaves, the slip in a free shape may take up.
-        return (FreeSlip.with_priors(scales),)
+        return FreeSlip.default_prior(scales)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

@@ -83,15 +83,16 @@ class FreeFriction(Effect):
     )
 
     @classmethod
-    def with_priors(cls, scales: Scales) -> Self:
-        """With the priors that discovery gives it."""
-        return cls(
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        one = cls(
             F_d=HalfNormal(0.3 * scales.force),
             x_d=LogNormal(0.03 * scales.drift, 0.8).truncated(0.004 * scales.drift, 0.3 * scales.drift),
             r_d=LogNormal(1.0, 0.5).truncated(0.3, 3.0),
             g_d=Normal(0.0, 0.5).truncated(-0.95, 5.0),
             u_d=scales.drift,
         )
+        return (one,)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

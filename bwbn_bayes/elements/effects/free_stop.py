@@ -131,8 +131,8 @@ class FreeStop(Effect):
         return tuple(cls(k_h=0.0, g=1.0, p=1.0, w=0.0, u=1.0, E=1.0, side=side) for side in _SIGNS)
 
     @classmethod
-    def with_priors(cls, scales: Scales) -> tuple[Self, ...]:
-        """With the priors that discovery gives it, once for each side."""
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
         return tuple(
             cls(
                 k_h=HalfNormal(3.0 * scales.stiffness),

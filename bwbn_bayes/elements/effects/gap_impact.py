@@ -120,7 +120,7 @@ class GapImpact(Effect):
     @classmethod
     @override
     def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        return FreeStop.with_priors(scales)
+        return FreeStop.default_prior(scales)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

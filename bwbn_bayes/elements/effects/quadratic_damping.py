@@ -59,8 +59,7 @@ class QuadraticDamping(Effect):
     @classmethod
     @override
     def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        power = LogNormal(2.0, 0.35).truncated(1.2, 4.0)
-        return (PowerDamper(F_q=HalfNormal(0.5 * scales.force), p_q=power, v_q=scales.drift_rate),)
+        return PowerDamper.default_prior(scales)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
@@ -114,6 +113,12 @@ class PowerDamper(Effect):
             symbol="v_q", unit="m/s", neutral=1.0, lower=1e-12, description="that drift rate, known", source=source
         ),
     )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        power = LogNormal(2.0, 0.35).truncated(1.2, 4.0)
+        return (cls(F_q=HalfNormal(0.5 * scales.force), p_q=power, v_q=scales.drift_rate),)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

@@ -84,7 +84,7 @@ class SlipLock(Effect):
     @classmethod
     @override
     def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        return (FreeSlip.with_priors(scales),)
+        return FreeSlip.default_prior(scales)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
@@ -181,10 +181,10 @@ class FreeSlip(Effect):
     )
 
     @classmethod
-    def with_priors(cls, scales: Scales) -> Self:
-        """With the priors that discovery gives it."""
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
         z, energy = scales.hysteretic_displacement, scales.energy
-        return cls(
+        one = cls(
             s_w=HalfNormal(0.3 * scales.drift),
             sigma_w=Uniform(0.03 * z, 0.7 * z),
             e_w=LogNormal(0.1 * energy, 2.0).truncated(1e-3 * energy, 10.0 * energy),
@@ -192,6 +192,7 @@ class FreeSlip(Effect):
             p_w=LogNormal(2.0, 0.6).truncated(0.8, 10.0),
             E_w=energy,
         )
+        return (one,)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

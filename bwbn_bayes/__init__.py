@@ -38,6 +38,11 @@ if TYPE_CHECKING:
         StrengthDegradation,
         SuddenDamage,
     )
+    from bwbn_bayes.elements.effects.cubic_stiffness import PowerSpring
+    from bwbn_bayes.elements.effects.free_friction import FreeFriction
+    from bwbn_bayes.elements.effects.free_stop import FreeStop
+    from bwbn_bayes.elements.effects.quadratic_damping import PowerDamper
+    from bwbn_bayes.elements.effects.slip_lock import FreeSlip
     from bwbn_bayes.engines.simulation import simulate
     from bwbn_bayes.errors import UserError
     from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, SampledNoise
@@ -67,6 +72,9 @@ __all__ = [
     "Discovery",
     "DiscoverySettings",
     "FolientePinching",
+    "FreeFriction",
+    "FreeSlip",
+    "FreeStop",
     "GapImpact",
     "GeneticSettings",
     "HalfNormal",
@@ -79,6 +87,8 @@ __all__ = [
     "MaxwellBranch",
     "Normal",
     "PerStorey",
+    "PowerDamper",
+    "PowerSpring",
     "QuadraticDamping",
     "Record",
     "Result",

@@ -55,6 +55,8 @@ class Pool:
     """With one, by its place."""
     expanded: set[Key] = field(default_factory=set)
     """What further effects were tried on."""
+    reshaped: set[Key] = field(default_factory=set)
+    """What was tried, or could not be solved, with an effect in a free shape."""
     white: dict[Key, float] = field(default_factory=dict)
     """Log evidence of each for white errors."""
     _coloured: set[Key] = field(default_factory=set)

@@ -42,6 +42,8 @@ _N_KEPT = 40
 """Fits of a round that become explanations."""
 _N_UNNAMED = 2
 """Explanations of a building that get an unnamed force in each round, beside the best and the model as given."""
+_MOST_RESHAPED = 2
+"""Rounds in which forms of free shape are tried at a specimen."""
 _TOGETHER = ("strength_degradation", "stiffness_degradation")
 _WITH = ("slip_lock", "foliente_pinching")
 """What occurs together in measured loops: a pinch with a loss of strength and stiffness."""
@@ -218,19 +220,25 @@ def _together(given: Explanation, run: Run) -> Iterator[Explanation]:
 
 
 def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
-    """The best laws with each effect in a form of free shape: what its form leaves must not become another effect."""
+    """The best laws with each effect in a form of free shape: what its form leaves must not become another effect.
+
+    Each form is tried on each base once. What a specimen's laws leave is never noise, and their unnamed force may take
+    it up: forms are tried there in the first rounds alone.
+    """
     best = pool.laws_alone.best
-    if best.is_noise:
+    if best.is_noise or (best.is_specimen and len(pool.expanded) > _MOST_RESHAPED):
         return []
+    considered = {one.name for one in run.considered_first}
     found: list[Explanation] = []
     for plain in best.added:
         base = pool.plain.get(best.effects_key - key_of([plain]))
-        forms = type(plain.effect).general_forms(plain.scales)
-        if base is None:
+        if base is None or run.must_stop():
             continue
+        forms = [form for form in type(plain.effect).general_forms(plain.scales) if form.name in considered]
         every = [replace(plain, base=base.model, effect=form, carried=()) for form in forms]
-        every = [one for one in every if base.effects_key | key_of([one]) not in pool.plain]
-        if every and not run.must_stop():
+        every = [one for one in every if base.effects_key | key_of([one]) not in pool.reshaped]
+        pool.reshaped.update(base.effects_key | key_of([one]) for one in every)
+        if every:
             found += _in_free_shape(base, every, run)
     return found
 

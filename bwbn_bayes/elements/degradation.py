@@ -1,4 +1,4 @@
-"""A loss that grows with the work on the hysteretic spring: without end, or up to a limit.
+"""A loss that grows with the work on the hysteretic spring: without end, up to a limit, or in a free shape.
 
 What degradation of stiffness and of strength share; each adds the loss to a factor of its own, ``eta`` or ``nu``.
 
@@ -12,6 +12,8 @@ References
 .. [3] M. Pelliciari et al., "A degrading Bouc-Wen model for the hysteresis of reinforced concrete structural elements",
    Struct. Infrastruct. Eng., 2019, doi:10.1080/15732479.2019.1674893: stiffness and strength that fall exponentially
    with a damage index, in another form than ours (known from the manual of its OpenSees material, not consulted).
+.. [4] W. Weibull, "A Statistical Distribution Function of Wide Applicability", J. Appl. Mech. 18, 1951: the stretched
+   exponential ``1 - exp(-(x/x_0)^m)`` (cited from memory, not consulted); that wear follows it is our use.
 """
 
 from __future__ import annotations
@@ -27,10 +29,11 @@ from bwbn_bayes.elements.law import ENERGY, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import PlaceResponse
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Prior, Value
+from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
 LINEAR_SOURCE = "Baber and Wen 1981"
 SATURATING_SOURCE = "Foliente 1995 (the work's function in the depth of the pinch)"
+STRETCHED_SOURCE = "Weibull 1951 (the stretched exponential)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +69,7 @@ class LinearLoss:
         """The loss by the end of a response."""
         return at[self.delta] * at.energy
 
-    def priors(self, scales: Scales) -> dict[str, Prior]:
+    def priors(self, scales: Scales) -> dict[str, Value]:
         """By the end the factor may have doubled."""
         return {self.delta: HalfNormal(1.0 / scales.energy)}
 
@@ -113,7 +116,7 @@ class SaturatingLoss:
         """The loss by the end of a response."""
         return at[self.limit] * -math.expm1(-at[self.rate] * at.energy)
 
-    def priors(self, scales: Scales) -> dict[str, Prior]:
+    def priors(self, scales: Scales) -> dict[str, Value]:
         """The factor may double, most of it within a tenth to all of the work.
 
         With slower rates the loss is the linear one; with faster ones it is there before the first cycle has ended,
@@ -127,7 +130,80 @@ class SaturatingLoss:
         return {self.limit: (0.15, 0.8), self.rate: tuple(rate / scales.energy for rate in (2.0, 8.0, 30.0))}
 
 
-Loss = LinearLoss | SaturatingLoss
+_OFFSET = 1e-5
+"""Added to ``epsilon/E`` and taken off again after the power, whose slope at zero is infinite below one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StretchedLoss:
+    """``loss W(epsilon) / W(E)`` with ``W(x) = 1 - exp(-bend (x/E)^power)``.
+
+    With power one it is the saturating loss, of limit ``loss / W(E)`` and rate ``bend / E``; with a small bend a power
+    of the work, the first of which is the linear loss. Measured at ``E``, the loss says the same whatever the shape.
+
+    Attributes
+    ----------
+    what : str
+        What is lost.
+    loss, bend, power, work : str
+        Symbols of the loss by the work E [1], of how far it has saturated by then, of the power, and of E, which is
+        known [J].
+    """
+
+    what: str
+    loss: str
+    bend: str
+    power: str
+    work: str
+    form: ClassVar[str] = "free shape"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The loss, its bend and power, and the work that it is measured at."""
+        told = (
+            (self.loss, "", 0.0, 0.0, f"loss of {self.what} by a known work"),
+            (self.bend, "", 1.0, 1e-6, f"how far the loss of {self.what} has saturated by then"),
+            (self.power, "", 1.0, 0.1, f"power of the work in the loss of {self.what}"),
+            (self.work, "J", 1.0, 1e-12, f"work at which the loss of {self.what} is measured, known"),
+        )
+        return tuple(
+            Parameter(symbol=s, unit=unit, neutral=neutral, lower=lower, description=text, source=STRETCHED_SOURCE)
+            for s, unit, neutral, lower, text in told
+        )
+
+    @property
+    def expression(self) -> sp.Expr:
+        """What is added to the factor."""
+        loss, bend, power, work = (symbol(s) for s in (self.loss, self.bend, self.power, self.work))
+
+        def risen(share: sp.Expr) -> sp.Expr:
+            return 1 - sp.exp(bend * (_OFFSET**power - (share + _OFFSET) ** power))
+
+        return loss * risen(sp.Abs(ENERGY) / work) / risen(sp.S.One)
+
+    def reached(self, at: PlaceResponse) -> float:
+        """The loss by the end of a response."""
+
+        def risen(share: float) -> float:
+            return -math.expm1(at[self.bend] * (_OFFSET ** at[self.power] - (share + _OFFSET) ** at[self.power]))
+
+        return at[self.loss] * risen(abs(at.energy) / at[self.work]) / risen(1.0)
+
+    def priors(self, scales: Scales) -> dict[str, Value]:
+        """By the end the factor may have doubled, in any shape between an early step and a late one."""
+        return {
+            self.loss: HalfNormal(1.0),
+            self.bend: LogNormal(0.5, 2.0).truncated(1e-3, 100.0),
+            self.power: LogNormal(1.0, 0.5).truncated(0.3, 3.0),
+            self.work: scales.energy,
+        }
+
+    def starts(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        """A small loss and a large one, on to the end and ended early, slower and faster at first."""
+        return {self.loss: (0.15, 0.8), self.bend: (0.05, 5.0), self.power: (0.6, 1.0, 1.7)}
+
+
+Loss = LinearLoss | SaturatingLoss | StretchedLoss
 
 
 def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Value | None]) -> Loss:

@@ -226,10 +226,11 @@ class Effect(Protocol):
         raise NotImplementedError(f"{cls.__name__} does not say what sizes to expect: it takes no part in discovery")
 
     @classmethod
-    def general_forms(cls, scales: Scales) -> tuple[Self, ...]:  # noqa: ARG003  as default_prior's
+    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:  # noqa: ARG003  as default_prior's
         """Forms with a free shape that contain those of :meth:`default_prior`, with priors.
 
-        They are tried where one of these leads and leaves more than noise.
+        They are tried where one of these leads and leaves more than noise. They have its mechanism, and symbols of
+        their own; sizes that their parameters are measured by, such as the largest drift, are known parameters.
         """
         return ()
 

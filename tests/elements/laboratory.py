@@ -13,6 +13,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects import (
     Asymmetry,
     Backlash,
@@ -29,8 +30,9 @@ from bwbn_bayes.elements.effects import (
     SuddenDamage,
 )
 from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.parameters import Value
+from bwbn_bayes.parameters import Prior, Value
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
@@ -68,6 +70,23 @@ def having(form: Effect, values: Mapping[str, Value]) -> Effect:
     sizes = [f.name for f in fields(form) if isinstance(getattr(form, f.name), float)]
     pairs = zip(sizes, form.parameters, strict=True)
     return replace(form, **{name: values.get(p.symbol, p.neutral) for name, p in pairs})
+
+
+def neutral(form: Effect) -> Effect:
+    """A form with priors at its neutral values, whatever sizes are known."""
+    sizes = [f.name for f in fields(form) if isinstance(getattr(form, f.name), (float, Prior))]
+    held = {name: p.neutral for name, p in zip(sizes, form.parameters, strict=True)}
+    return replace(form, **held)
+
+
+FREE: tuple[Effect, ...] = tuple(
+    {
+        tuple(p.symbol for p in form.parameters): neutral(form)
+        for effect_class in registered()
+        for form in effect_class.general_forms(NOMINAL)
+    }.values()
+)
+"""Every form of free shape at its neutral values, once: two pinches share one."""
 
 
 def with_others(model: Structure, values: Mapping[str, Value], storeys: list[int] | None = None) -> Structure:

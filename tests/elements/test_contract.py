@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import sympy as sp
-from laboratory import building, nrmse, shaking, solve, storey
+from laboratory import FREE, building, nrmse, shaking, solve, storey
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
@@ -17,8 +17,9 @@ from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Effect, StoreyLaw
 from bwbn_bayes.engines.codegen import derivative
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
-FORMS = [form for kind in registered() if kind.level == "link" for form in kind.neutral_forms()]
-DEGRADING = tuple(form for form in FORMS if form.name in {"stiffness_degradation", "strength_degradation", "slip_lock"})
+USUAL = [form for kind in registered() if kind.level == "link" for form in kind.neutral_forms()]
+FORMS = [*USUAL, *FREE]
+DEGRADING = tuple(form for form in USUAL if form.name in {"stiffness_degradation", "strength_degradation", "slip_lock"})
 """What jumps of their parameters need beside them."""
 N_STATES = 500
 PLAIN = BoucWen(k=1.0, beta=1.0, gamma=0.0)

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from laboratory import OTHER_FORMS, having, nrmse, shaking, storey
+from laboratory import FREE, OTHER_FORMS, having, nrmse, shaking, storey
 
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.base import Engine
@@ -26,6 +26,12 @@ SIZES = {
     "k_g": 4.0, "g": 0.15, "k_gp": 3.0, "g_p": 0.02, "k_gn": 2.0, "g_n": 0.1, "k_m": 2.0, "tau": 0.3,
     "alpha_offset": 0.05, "beta_offset": 0.3, "gamma_offset": -0.3, "n_offset": 0.3,
     "eta_inf": 0.5, "p_eta": 1.1, "nu_inf": 0.6, "p_nu": 0.7,
+    "eta_e": 0.5, "b_eta": 1.1, "m_eta": 0.8, "E_eta": 2.0, "nu_e": 0.6, "b_nu": 0.7, "m_nu": 1.6, "E_nu": 2.0,
+    "s_w": 0.1, "sigma_w": 0.2, "e_w": 0.5, "q_w": 0.7, "p_w": 1.5, "E_w": 2.0,
+    "F_d": 0.2, "x_d": 0.1, "r_d": 1.4, "g_d": 0.4, "u_d": 0.5, "F_h": 0.6, "p_h": 2.4, "u_h": 0.5,
+    "F_q": 0.3, "p_q": 1.6, "v_q": 1.5,
+    **{name + side: size for side in ("", "p", "n") for name, size in
+       (("k_s", 4.0), ("g_s", 0.1), ("p_s", 1.5), ("w_s", 0.3), ("u_s", 0.4), ("E_s", 2.0))},
     "k_ramp": -3.0, "k_ramp_time": 0.71, "k_ramp_duration": 0.83,
 }  # fmt: skip
 """Where every effect acts and every nuisance is felt within two seconds."""
@@ -95,6 +101,12 @@ def test_every_engine_solves_and_differentiates_one_form_of_each_effect(name: st
 @pytest.mark.parametrize("name", ENGINES)
 def test_every_engine_solves_and_differentiates_every_form_together(name: str) -> None:
     check(ENGINES[name], OTHER_FORMS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ENGINES)
+def test_every_engine_solves_and_differentiates_the_forms_of_free_shape(name: str) -> None:
+    check(ENGINES[name], FREE)
 
 
 @pytest.mark.parametrize("substeps", [1, 2])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from laboratory import FREE
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import catalogue
@@ -24,6 +25,7 @@ def table_under(heading: str) -> dict[str, list[str]]:
 
 ELEMENT = table_under("Parameters of the Bouc-Wen storey")
 EFFECTS = table_under("Parameters of the effects")
+FREE_SHAPES = table_under("Parameters of forms of free shape")
 BY_SHAPE, BY_YIELD = BoucWen(k=1.0, beta=1.0, gamma=0.0), BoucWen(k=1.0, u_y=1.0, rho=0.5)
 PARAMETERS = tuple(dict.fromkeys((*BY_SHAPE.parameters, *BY_YIELD.parameters)))
 
@@ -47,6 +49,15 @@ def test_parameters_of_the_effects(facts):
         assert parameter.source.startswith(source)
 
 
+@pytest.mark.parametrize("form", FREE, ids=lambda form: form.name)
+def test_parameters_of_forms_of_free_shape(form):
+    for parameter in form.parameters:
+        effect, _, unit, _, source = FREE_SHAPES[parameter.symbol]
+        assert (effect, unit) == (form.name, written(parameter.unit))
+        assert parameter.source.startswith(source)
+
+
 def test_the_page_names_no_parameter_that_does_not_exist():
     assert set(ELEMENT) == {parameter.symbol for parameter in PARAMETERS}
     assert set(EFFECTS) == {parameter.symbol for facts in catalogue() for parameter in facts.parameters}
+    assert set(FREE_SHAPES) == {parameter.symbol for form in FREE for parameter in form.parameters}

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from laboratory import cyclic_test, having, solve, specimen
+from laboratory import FREE, cyclic_test, having, solve, specimen
 
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects import CoulombFriction
@@ -23,7 +23,7 @@ SCALES = Scales(
 )  # fmt: skip
 STOREY = {"k": 10.0, "c": 0.05, "alpha": 0.01, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 1.5}
 JUMPING = {"delta_nu": 0.1, "delta_eta": 0.1, "delta_s": 0.01}
-FORMS = [form for kind in registered() for form in kind.neutral_forms()]
+FORMS = [*(form for kind in registered() for form in kind.neutral_forms()), *FREE]
 CYCLES = [1.0, -1.0] * 10
 DEGRADING = ("stiffness_degradation", "strength_degradation", "slip_lock", "foliente_pinching")
 """Effects that the specimen of the laboratory has."""
@@ -33,6 +33,11 @@ NUISANCES = {
     "sigma": 0.02, "p": 5.0, "q": 0.1, "psi_0": 0.1, "delta_psi": 0.0, "lambda_": 0.3, "v0": 0.05, "v_ratio": 0.05,
     "v_root": 0.05, "x_dahl": 0.02, "g": 0.5, "g_p": 0.5, "g_n": 0.5, "tau": 0.3, "w": 0.004, "f_t": 0.6, "m_b": 1.0,
     "k_time": 5.0, "u_uv": 0.03, "u_u": 0.03, "p_eta": 0.1, "p_nu": 0.1,
+    "b_eta": 0.1, "m_eta": 0.7, "E_eta": 8.0, "b_nu": 0.1, "m_nu": 1.6, "E_nu": 8.0,
+    "sigma_w": 0.03, "e_w": 1.0, "q_w": 0.8, "p_w": 1.6, "E_w": 8.0, "p_h": 2.2, "u_h": 1.1, "p_q": 1.6, "v_q": 2.2,
+    "x_d": 0.02, "r_d": 0.8, "g_d": 0.3, "u_d": 1.1,
+    **{name + side: size for side in ("", "p", "n") for name, size in
+       (("g_s", 0.5), ("p_s", 1.5), ("w_s", 0.1), ("u_s", 1.1), ("E_s", 8.0))},
 }  # fmt: skip
 
 

@@ -23,7 +23,10 @@ SCALES = Scales(
 )  # fmt: skip
 STOREY = BoucWen(k=8e6, c=6e4, alpha=0.04, beta=60.0, gamma=30.0, n=1.3)
 FORMS: list[Effect] = [
-    form for effect in registered() if effect.level == "link" for form in effect.default_prior(SCALES)
+    form
+    for effect in registered()
+    if effect.level == "link"
+    for form in (*effect.default_prior(SCALES), *effect.general_forms(SCALES))
 ]
 
 
@@ -59,7 +62,8 @@ def test_forms_of_one_effect_can_stand_in_one_building():
     """Their parameters have symbols of their own: otherwise one storey would follow the other's form."""
     for effect in registered():
         if effect.level == "link":
-            symbols = [p.symbol for form in effect.neutral_forms() for p in form.parameters]
+            forms = (*effect.neutral_forms(), *effect.general_forms(SCALES))
+            symbols = [p.symbol for form in forms for p in form.parameters]
             assert len(set(symbols)) == len(symbols)
 
 

@@ -8,6 +8,7 @@ from typing import ClassVar, Self, override
 
 import sympy as sp
 
+from bwbn_bayes.elements.effects.free_friction import FreeFriction
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import Signature
@@ -151,6 +152,11 @@ class CoulombFriction(Effect):
     def _every_form(cls, force: Value, v0: Value, x0: Value) -> tuple[Self, ...]:
         rates = tuple(cls(F_c=force, v0=v0, smoothing=smoothing) for smoothing in ("tanh", "ratio", "root"))
         return (*rates, cls(F_c=force, x0=x0, smoothing="dahl"))
+
+    @classmethod
+    @override
+    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
+        return FreeFriction.default_prior(scales)
 
     def _largest(self, scales: Scales) -> float:
         return scales.drift if self._sticks else scales.drift_rate

@@ -6,10 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
+import sympy as sp
+
 from bwbn_bayes.elements.law import DRIFT, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import Signature
-from bwbn_bayes.parameters import Normal, Parameter, Value
+from bwbn_bayes.parameters import LogNormal, Normal, Parameter, Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +51,11 @@ class CubicStiffness(Effect):
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
         return (cls(k3=Normal(0.0, 0.5 * scales.force / scales.drift**3)),)
 
+    @classmethod
+    @override
+    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
+        return PowerSpring.default_prior(scales)
+
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         start = 0.1 * scales.force / scales.drift**3
@@ -57,3 +64,60 @@ class CubicStiffness(Effect):
     @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, added_force=slots.added_force + symbol("k3") * DRIFT**3)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PowerSpring(Effect):
+    """Cubic stiffness in a free shape: ``F_h (|u|/u_h)^(p_h - 1) u/u_h``; with power three ``k3 = F_h/u_h^3``.
+
+    Parameters
+    ----------
+    F_h : float, Prior or PerStorey
+        Force at the drift ``u_h``. [N]
+    p_h : float, Prior or PerStorey
+        Power of the drift.
+    u_h : float
+        Drift at which the force is measured. [m]
+
+    References
+    ----------
+    .. [1] G. Duffing 1918 (power three); another power is our generalisation.
+    """
+
+    F_h: Value
+    p_h: Value
+    u_h: Value
+
+    name: ClassVar[str] = CubicStiffness.name
+    summary: ClassVar[str] = CubicStiffness.summary
+    source: ClassVar[str] = CubicStiffness.source
+    residual: ClassVar[str] = CubicStiffness.residual
+    confusable: ClassVar[str] = CubicStiffness.confusable
+    form: ClassVar[str] = "free shape"
+    signature: ClassVar[Signature] = replace(
+        CubicStiffness.signature,
+        size=lambda at: (
+            at["F_h"] * (at.peak("drift") / at["u_h"]) ** at["p_h"] / at.peak("drift") / at.scales.stiffness
+        ),
+    )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(symbol="F_h", unit="N", neutral=0.0, description="spring's force at a known drift", source=source),
+        Parameter(symbol="p_h", unit="", neutral=3.0, lower=1.0, description="power of the drift", source=source),
+        Parameter(symbol="u_h", unit="m", neutral=1.0, lower=1e-12, description="that drift, known", source=source),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        power = LogNormal(3.0, 0.4).truncated(1.3, 6.0)
+        return (cls(F_h=Normal(0.0, 0.5 * scales.force), p_h=power, u_h=scales.drift),)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"F_h": (-0.1 * scales.force, 0.1 * scales.force), "p_h": (2.0, 3.0, 4.5)}
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        force, power, largest = (symbol(s) for s in ("F_h", "p_h", "u_h"))
+        bent = (sp.Abs(DRIFT) / largest) ** (power - 1) * DRIFT / largest
+        return replace(slots, added_force=slots.added_force + force * bent)

@@ -9,6 +9,7 @@ from typing import ClassVar, Self, override
 
 import sympy as sp
 
+from bwbn_bayes.elements.effects.slip_lock import FreeSlip
 from bwbn_bayes.elements.law import (
     DRIFT_RATE,
     ENERGY,
@@ -110,6 +111,12 @@ class FolientePinching(Effect):
                 lambda_=Uniform(0.01, 0.8),
             ),
         )
+
+    @classmethod
+    @override
+    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
+        # One mechanism: what a pinch by this law leaves, the slip in a free shape may take up.
+        return FreeSlip.default_prior(scales)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

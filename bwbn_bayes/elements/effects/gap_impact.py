@@ -9,6 +9,7 @@ from typing import ClassVar, Self, override
 import numpy as np
 import sympy as sp
 
+from bwbn_bayes.elements.effects.free_stop import FreeStop
 from bwbn_bayes.elements.law import DRIFT, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
@@ -115,6 +116,11 @@ class GapImpact(Effect):
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
         gap = Uniform(0.02 * scales.drift, 1.5 * scales.drift)
         return tuple(cls(k_g=HalfNormal(3.0 * scales.stiffness), g=gap, side=side) for side in _SYMBOLS)
+
+    @classmethod
+    @override
+    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
+        return FreeStop.default_prior(scales)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

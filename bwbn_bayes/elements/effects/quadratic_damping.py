@@ -12,7 +12,7 @@ import sympy as sp
 from bwbn_bayes.elements.law import DRIFT_RATE, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import Signature
-from bwbn_bayes.parameters import Floats, HalfNormal, Parameter, Value
+from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ class QuadraticDamping(Effect):
         measure="damping ratio added at the first mode",
         plain_name="the shape of the force over drift rate (a quadratic law)",
         reason="a thousandth of critical damping: no building's own is known better",
-        size=lambda at: at.damping_ratio(_equivalent(at["c2"], at.histories["drift_rate"])),
+        size=lambda at: at.damping_ratio(at["c2"] * _equivalent(at.histories["drift_rate"], 2.0)),
         least=0.001,
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -56,6 +56,11 @@ class QuadraticDamping(Effect):
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
         return (cls(c2=HalfNormal(0.5 * scales.force / scales.drift_rate**2)),)
 
+    @classmethod
+    @override
+    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
+        return PowerDamper.default_prior(scales)
+
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         return {"c2": tuple(share * scales.force / scales.drift_rate**2 for share in (0.03, 0.2))}
@@ -65,6 +70,67 @@ class QuadraticDamping(Effect):
         return replace(slots, added_force=slots.added_force + symbol("c2") * DRIFT_RATE * sp.Abs(DRIFT_RATE))
 
 
-def _equivalent(c2: float, rate: Floats) -> float:
-    """Viscous coefficient [N s/m] that dissipates as much along a history ``(n_times,)`` of the drift rate [m/s]."""
-    return float(c2 * np.sum(np.abs(rate) ** 3) / max(float(np.sum(np.square(rate))), 1e-300))
+@dataclass(frozen=True, kw_only=True)
+class PowerDamper(Effect):
+    """Quadratic damping in a free shape: ``F_q (|v|/v_q)^(p_q - 1) v/v_q``; with power two ``c2 = F_q/v_q^2``.
+
+    Parameters
+    ----------
+    F_q : float, Prior or PerStorey
+        Force at the drift rate ``v_q``. [N]
+    p_q : float, Prior or PerStorey
+        Power of the drift rate.
+    v_q : float
+        Drift rate at which the force is measured. [m/s]
+
+    References
+    ----------
+    .. [1] T. T. Soong and M. C. Constantinou (eds.) 1994 (orifice dampers, ``C |v|^a sgn v``).
+    """
+
+    F_q: Value
+    p_q: Value
+    v_q: Value
+
+    name: ClassVar[str] = QuadraticDamping.name
+    summary: ClassVar[str] = QuadraticDamping.summary
+    source: ClassVar[str] = QuadraticDamping.source
+    residual: ClassVar[str] = QuadraticDamping.residual
+    confusable: ClassVar[str] = QuadraticDamping.confusable
+    form: ClassVar[str] = "free shape"
+    signature: ClassVar[Signature] = replace(
+        QuadraticDamping.signature,
+        size=lambda at: at.damping_ratio(
+            at["F_q"] * at["v_q"] ** -at["p_q"] * _equivalent(at.histories["drift_rate"], at["p_q"])
+        ),
+    )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            symbol="F_q", unit="N", neutral=0.0, lower=0.0, description="damper's force at a known rate", source=source
+        ),
+        Parameter(symbol="p_q", unit="", neutral=2.0, lower=1.0, description="power of the drift rate", source=source),
+        Parameter(
+            symbol="v_q", unit="m/s", neutral=1.0, lower=1e-12, description="that drift rate, known", source=source
+        ),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        power = LogNormal(2.0, 0.35).truncated(1.2, 4.0)
+        return (cls(F_q=HalfNormal(0.5 * scales.force), p_q=power, v_q=scales.drift_rate),)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"F_q": (0.03 * scales.force, 0.2 * scales.force), "p_q": (1.5, 2.0, 3.0)}
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        force, power, largest = (symbol(s) for s in ("F_q", "p_q", "v_q"))
+        bent = (sp.Abs(DRIFT_RATE) / largest) ** (power - 1) * DRIFT_RATE / largest
+        return replace(slots, added_force=slots.added_force + force * bent)
+
+
+def _equivalent(rate: Floats, power: float) -> float:
+    """Viscous coefficient that dissipates as much as ``|v|^(power - 1) v`` along a history ``(n_times,)`` [m/s]."""
+    return float(np.sum(np.abs(rate) ** (power + 1.0)) / max(float(np.sum(np.square(rate))), 1e-300))

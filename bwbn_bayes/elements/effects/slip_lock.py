@@ -21,7 +21,7 @@ from bwbn_bayes.elements.law import (
 from bwbn_bayes.elements.loops import is_full, pinching_index
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import Signature
-from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
+from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +81,11 @@ class SlipLock(Effect):
         width = Uniform(0.03 * scales.hysteretic_displacement, 0.5 * scales.hysteretic_displacement)
         return (cls(delta_s=HalfNormal(0.3 * scales.drift / scales.energy), sigma=width),)
 
+    @classmethod
+    @override
+    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
+        return FreeSlip.default_prior(scales)
+
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         return {
@@ -102,4 +107,119 @@ class SlipLock(Effect):
                 Definition(caption="where the joint slips", subject=a, expression=density),
             ),
             sharp_features=(*slots.sharp_features, SharpFeature(state=HYSTERETIC_DISPLACEMENT, width=sigma)),
+        )
+
+
+_ROUNDING = 0.05
+"""Share of the width within which the bell is rounded: powers below two have a kink or a cusp in the middle."""
+_GAMMA = (1.0, -0.5748646, 0.9512363, -0.6998588, 0.4245549, -0.1010678)
+"""``Gamma(1 + x)`` as a polynomial, to 5e-5 for x up to 1: Abramowitz and Stegun 1964, 6.1.35."""
+
+
+def _free_parameter(name: str, unit: str, neutral: float, lower: float, description: str) -> Parameter:
+    source = "Baber and Noori 1985, generalised"
+    return Parameter(symbol=name, unit=unit, neutral=neutral, lower=lower, description=description, source=source)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeSlip(Effect):
+    """Slip-lock in a free shape: ``s = s_w ((epsilon + e_w)/E_w)^q_w``, ``a(z) ~ exp(-|z/sigma_w|^p_w)``.
+
+    The bell has the area 2, so that a full crossing slips by ``2 s``, as that of
+    :class:`SlipLock`, which it is with ``p_w = 2``, ``q_w = 1``, ``e_w = 0``, ``sigma_w = sqrt(2) sigma`` and
+    ``s_w = delta_s E_w``. With a power near one the bell resembles a Lorentzian, with a large one it has a flat top;
+    with a large ``e_w`` the slip is there from the start.
+
+    Parameters
+    ----------
+    s_w : float, Prior or PerStorey
+        Slip magnitude at the work ``E_w``. [m]
+    sigma_w : float, Prior or PerStorey
+        Half width of the bell in hysteretic displacement. [m]
+    e_w : float, Prior or PerStorey
+        Work that the joint has behind it at the start. [J]
+    q_w : float, Prior or PerStorey
+        Power of the work.
+    p_w : float, Prior or PerStorey
+        Power in the bell.
+    E_w : float
+        Work at which the slip is measured. [J]
+
+    References
+    ----------
+    .. [1] T. T. Baber and M. N. Noori, "Random Vibration of Degrading, Pinching Systems", J. Eng. Mech. 111(8), 1985
+       (the Gaussian bell, the slip in proportion to work); the other shapes are our generalisation.
+    .. [2] M. Abramowitz and I. A. Stegun, "Handbook of Mathematical Functions", 1964, 6.1.35 (the bell's area).
+    """
+
+    s_w: Value
+    sigma_w: Value
+    e_w: Value
+    q_w: Value
+    p_w: Value
+    E_w: Value
+
+    name: ClassVar[str] = SlipLock.name
+    title: ClassVar[str] = SlipLock.title
+    summary: ClassVar[str] = SlipLock.summary
+    source: ClassVar[str] = SlipLock.source
+    residual: ClassVar[str] = SlipLock.residual
+    confusable: ClassVar[str] = SlipLock.confusable
+    mechanism: ClassVar[str] = SlipLock.mechanism
+    form: ClassVar[str] = "free shape"
+    signature: ClassVar[Signature] = replace(
+        SlipLock.signature,
+        size=lambda at: 2.0 * at["s_w"] * ((abs(at.energy) + at["e_w"]) / at["E_w"]) ** at["q_w"] / at.peak("drift"),
+    )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        _free_parameter("s_w", "m", 0.0, 0.0, "slip magnitude at a known work"),
+        _free_parameter("sigma_w", "m", 1.0, 1e-9, "half width of the slip"),
+        _free_parameter("e_w", "J", 1.0, 0.0, "work behind the joint at the start"),
+        _free_parameter("q_w", "", 1.0, 0.0, "power of the work in the slip"),
+        _free_parameter("p_w", "", 2.0, 0.5, "power in the bell of the slip"),
+        _free_parameter("E_w", "J", 1.0, 1e-12, "that work, known"),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        z, energy = scales.hysteretic_displacement, scales.energy
+        one = cls(
+            s_w=HalfNormal(0.3 * scales.drift),
+            sigma_w=Uniform(0.03 * z, 0.7 * z),
+            e_w=LogNormal(0.1 * energy, 2.0).truncated(1e-3 * energy, 10.0 * energy),
+            q_w=LogNormal(1.0, 0.7).truncated(0.05, 3.0),
+            p_w=LogNormal(2.0, 0.6).truncated(0.8, 10.0),
+            E_w=energy,
+        )
+        return (one,)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {
+            "s_w": (0.03 * scales.drift, 0.2 * scales.drift),
+            "sigma_w": tuple(share * scales.hysteretic_displacement for share in (0.09, 0.2, 0.45)),
+            "e_w": (0.02 * scales.energy, scales.energy),
+            "q_w": (0.8,),
+            "p_w": (1.7,),
+        }
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        s_w, sigma, e_w, q, p, work = (symbol(parameter.symbol) for parameter in self.parameters)
+        s, a = step("s_e"), step("a_e")
+        slip = s_w * ((sp.Abs(ENERGY) + e_w) / work) ** q
+        exponent = _ROUNDING**p - (HYSTERETIC_DISPLACEMENT**2 / sigma**2 + _ROUNDING**2) ** (p / 2)
+        area = sum(coefficient * p**-power for power, coefficient in enumerate(_GAMMA))
+        return replace(
+            slots,
+            slip_compliance=slots.slip_compliance + s * a,
+            steps=(
+                *slots.steps,
+                Definition(caption="slip, free shape", subject=s, expression=slip),
+                Definition(
+                    caption="where the joint slips, free shape", subject=a, expression=sp.exp(exponent) / (sigma * area)
+                ),
+            ),
+            sharp_features=(*slots.sharp_features, SharpFeature(state=HYSTERETIC_DISPLACEMENT, width=sigma / 2)),
         )

@@ -6,7 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
-from bwbn_bayes.elements.degradation import LINEAR_SOURCE, SATURATING_SOURCE, LinearLoss, Loss, SaturatingLoss, loss_of
+from bwbn_bayes.elements.degradation import (
+    LINEAR_SOURCE,
+    SATURATING_SOURCE,
+    LinearLoss,
+    Loss,
+    SaturatingLoss,
+    StretchedLoss,
+    loss_of,
+)
 from bwbn_bayes.elements.law import Effect, Slots
 from bwbn_bayes.elements.loops import stiffness_lost_per_cycle
 from bwbn_bayes.elements.scales import Scales
@@ -17,6 +25,7 @@ _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="stiffness", delta="delta_eta"),
     SaturatingLoss(what="stiffness", limit="eta_inf", rate="p_eta"),
 )
+_FREE = StretchedLoss(what="stiffness", loss="eta_e", bend="b_eta", power="m_eta", work="E_eta")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +33,8 @@ class StiffnessDegradation(Effect):
     """``eta = 1 + delta_eta epsilon`` divides the rate of the hysteretic displacement.
 
     Or, with ``eta_inf`` and ``p_eta``, up to a limit: ``eta = 1 + eta_inf (1 - exp(-p_eta epsilon))``.
+    Or, with the other four, in a free shape: ``eta = 1 + eta_e W(epsilon) / W(E_eta)``,
+    ``W(x) = 1 - exp(-b_eta (x/E_eta)^m_eta)``.
 
     Parameters
     ----------
@@ -33,11 +44,19 @@ class StiffnessDegradation(Effect):
         What eta has grown by after much work.
     p_eta : float, Prior or PerStorey, optional
         Rate at which it grows with work: after ``1/p_eta`` it has grown by 63 % of ``eta_inf``. [1/J]
+    eta_e : float, Prior or PerStorey, optional
+        What eta has grown by at the work ``E_eta``.
+    b_eta : float, Prior or PerStorey, optional
+        How far it has saturated by then: near zero it is a power of the work.
+    m_eta : float, Prior or PerStorey, optional
+        Power of the work in the free shape.
+    E_eta : float, optional
+        Work at which ``eta_e`` is measured. [J]
 
     Raises
     ------
     UserError
-        If neither ``delta_eta`` alone nor ``eta_inf`` and ``p_eta`` alone are given.
+        If the parameters of one form, and no others, are not what is given.
 
     References
     ----------
@@ -50,6 +69,10 @@ class StiffnessDegradation(Effect):
     delta_eta: Value | None = None
     eta_inf: Value | None = None
     p_eta: Value | None = None
+    eta_e: Value | None = None
+    b_eta: Value | None = None
+    m_eta: Value | None = None
+    E_eta: Value | None = None
 
     name: ClassVar[str] = "stiffness_degradation"
     summary: ClassVar[str] = "stiffness falls with the work done on the hysteretic spring"
@@ -62,8 +85,9 @@ class StiffnessDegradation(Effect):
 
     @property
     def _loss(self) -> Loss:
-        given = {"delta_eta": self.delta_eta, "eta_inf": self.eta_inf, "p_eta": self.p_eta}
-        return loss_of(type(self).__name__, _LOSSES, given)
+        every = (*_LOSSES, _FREE)
+        given = {p.symbol: getattr(self, p.symbol) for loss in every for p in loss.parameters}
+        return loss_of(type(self).__name__, every, given)
 
     @property
     @override
@@ -100,6 +124,11 @@ class StiffnessDegradation(Effect):
     @override
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
         return tuple(cls(**loss.priors(scales)) for loss in _LOSSES)
+
+    @classmethod
+    @override
+    def general_forms(cls, scales: Scales) -> tuple[Self, ...]:
+        return (cls(**_FREE.priors(scales)),)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

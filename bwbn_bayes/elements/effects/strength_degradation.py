@@ -6,7 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
-from bwbn_bayes.elements.degradation import LINEAR_SOURCE, SATURATING_SOURCE, LinearLoss, Loss, SaturatingLoss, loss_of
+from bwbn_bayes.elements.degradation import (
+    LINEAR_SOURCE,
+    SATURATING_SOURCE,
+    LinearLoss,
+    Loss,
+    SaturatingLoss,
+    StretchedLoss,
+    loss_of,
+)
 from bwbn_bayes.elements.law import Effect, Slots
 from bwbn_bayes.elements.loops import strength_lost_per_cycle
 from bwbn_bayes.elements.scales import Scales
@@ -17,6 +25,7 @@ _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="strength", delta="delta_nu"),
     SaturatingLoss(what="strength", limit="nu_inf", rate="p_nu"),
 )
+_FREE = StretchedLoss(what="strength", loss="nu_e", bend="b_nu", power="m_nu", work="E_nu")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +33,8 @@ class StrengthDegradation(Effect):
     """``nu = 1 + delta_nu epsilon`` multiplies the shape bracket, so that the loop closes earlier.
 
     Or, with ``nu_inf`` and ``p_nu``, up to a limit: ``nu = 1 + nu_inf (1 - exp(-p_nu epsilon))``.
+    Or, with the other four, in a free shape: ``nu = 1 + nu_e W(epsilon) / W(E_nu)``,
+    ``W(x) = 1 - exp(-b_nu (x/E_nu)^m_nu)``.
 
     Parameters
     ----------
@@ -33,11 +44,19 @@ class StrengthDegradation(Effect):
         What nu has grown by after much work.
     p_nu : float, Prior or PerStorey, optional
         Rate at which it grows with work: after ``1/p_nu`` it has grown by 63 % of ``nu_inf``. [1/J]
+    nu_e : float, Prior or PerStorey, optional
+        What nu has grown by at the work ``E_nu``.
+    b_nu : float, Prior or PerStorey, optional
+        How far it has saturated by then: near zero it is a power of the work.
+    m_nu : float, Prior or PerStorey, optional
+        Power of the work in the free shape.
+    E_nu : float, optional
+        Work at which ``nu_e`` is measured. [J]
 
     Raises
     ------
     UserError
-        If neither ``delta_nu`` alone nor ``nu_inf`` and ``p_nu`` alone are given.
+        If the parameters of one form, and no others, are not what is given.
 
     References
     ----------
@@ -50,6 +69,10 @@ class StrengthDegradation(Effect):
     delta_nu: Value | None = None
     nu_inf: Value | None = None
     p_nu: Value | None = None
+    nu_e: Value | None = None
+    b_nu: Value | None = None
+    m_nu: Value | None = None
+    E_nu: Value | None = None
 
     name: ClassVar[str] = "strength_degradation"
     summary: ClassVar[str] = "strength falls with the work done on the hysteretic spring"
@@ -62,8 +85,9 @@ class StrengthDegradation(Effect):
 
     @property
     def _loss(self) -> Loss:
-        given = {"delta_nu": self.delta_nu, "nu_inf": self.nu_inf, "p_nu": self.p_nu}
-        return loss_of(type(self).__name__, _LOSSES, given)
+        every = (*_LOSSES, _FREE)
+        given = {p.symbol: getattr(self, p.symbol) for loss in every for p in loss.parameters}
+        return loss_of(type(self).__name__, every, given)
 
     @property
     @override
@@ -100,6 +124,11 @@ class StrengthDegradation(Effect):
     @override
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
         return tuple(cls(**loss.priors(scales)) for loss in _LOSSES)
+
+    @classmethod
+    @override
+    def general_forms(cls, scales: Scales) -> tuple[Self, ...]:
+        return (cls(**_FREE.priors(scales)),)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:

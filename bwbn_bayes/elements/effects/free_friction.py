@@ -1,0 +1,121 @@
+"""Dry friction in a free shape: a contact that sticks, by another power, under a pressure that follows the drift."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, override
+
+import sympy as sp
+
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, SharpFeature, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
+from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, Parameter, Value
+
+SHARE = symbol("q_d")
+"""Share of the friction force that the contact has reached, from -1 to 1."""
+_ROUNDING = 0.1
+"""Distance of the share from its end within which the power is rounded: below one it would be met at infinite speed."""
+_WIDEST = 0.125
+"""Share of the largest drift over which dry friction may turn, as for the usual forms."""
+
+
+def _parameter(name: str, unit: str, neutral: float, lower: float, description: str) -> Parameter:
+    source = "Dahl 1968"
+    return Parameter(symbol=name, unit=unit, neutral=neutral, lower=lower, description=description, source=source)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeFriction(Effect):
+    """The force ``F_d q_d (1 + g_d |u|/u_d)``, ``dq_d/dt = v/x_d (1 - sgn(v) q_d) |1 - sgn(v) q_d|^(r_d - 1)``.
+
+    With ``r_d = 1`` and ``g_d = 0`` it is the contact that sticks of
+    :class:`~bwbn_bayes.elements.effects.coulomb_friction.CoulombFriction`, whose other forms resemble it where they
+    turn within little drift.
+
+    Parameters
+    ----------
+    F_d : float, Prior or PerStorey
+        Friction force at zero drift. [N]
+    x_d : float, Prior or PerStorey
+        Drift over which it turns at first. [m]
+    r_d : float, Prior or PerStorey
+        Dahl's exponent: below one the contact slides sooner, above one later.
+    g_d : float, Prior or PerStorey
+        Share by which the pressure has grown at the drift ``u_d``.
+    u_d : float
+        Drift at which the pressure is measured. [m]
+
+    References
+    ----------
+    .. [1] P. R. Dahl, "A Solid Friction Model", Aerospace Corporation TOR-0158(3107-18)-1, 1968 (the exponent; cited
+       from memory, not consulted); that the pressure follows the drift is our generalisation.
+    """
+
+    F_d: Value
+    x_d: Value
+    r_d: Value
+    g_d: Value
+    u_d: Value
+
+    name: ClassVar[str] = "coulomb_friction"
+    title: ClassVar[str] = "dry friction"
+    summary: ClassVar[str] = "dry friction between the floors"
+    source: ClassVar[str] = "Dahl 1968"
+    residual: ClassVar[str] = "a square wave in phase with the drift rate, sticking"
+    confusable: ClassVar[str] = "a stiff Bouc-Wen spring with alpha near 0, quadratic_damping at one amplitude"
+    form: ClassVar[str] = "free shape"
+    signature: ClassVar[Signature] = Signature(
+        measure="friction force over the storey's peak force",
+        plain_name="the shape of the force over drift rate (a smoothed friction)",
+        reason="0.4 % of the peak force, turned within an eighth of the largest drift: what turns slowly is not dry",
+        size=lambda at: at["F_d"] / at.peak("restoring_force"),
+        least=0.004,
+        is_genuine=lambda at: at["x_d"] <= _WIDEST * at.peak("drift"),
+    )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        _parameter("F_d", "N", 0.0, 0.0, "friction force at zero drift"),
+        _parameter("x_d", "m", 1.0, 1e-9, "drift over which friction turns at first"),
+        _parameter("r_d", "", 1.0, 0.1, "exponent of the turn"),
+        _parameter("g_d", "", 0.0, -0.95, "growth of the pressure at a known drift"),
+        _parameter("u_d", "m", 1.0, 1e-12, "that drift, known"),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        one = cls(
+            F_d=HalfNormal(0.3 * scales.force),
+            x_d=LogNormal(0.03 * scales.drift, 0.8).truncated(0.004 * scales.drift, 0.3 * scales.drift),
+            r_d=LogNormal(1.0, 0.5).truncated(0.3, 3.0),
+            g_d=Normal(0.0, 0.5).truncated(-0.95, 5.0),
+            u_d=scales.drift,
+        )
+        return (one,)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {
+            "F_d": (0.03 * scales.force, 0.15 * scales.force),
+            "x_d": (0.015 * scales.drift, 0.08 * scales.drift),
+            "r_d": (0.8,),
+            "g_d": (-0.2, 0.3),
+        }
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        force, width, exponent, growth, largest = (symbol(parameter.symbol) for parameter in self.parameters)
+        left = 1 - sp.sign(DRIFT_RATE) * SHARE
+        # A power of the square, not of the magnitude: derivatives of the sign inside it are none.
+        rate = DRIFT_RATE / width * left * (left**2 + _ROUNDING**2) ** ((exponent - 1) / 2)
+        pressure = 1 + growth * sp.Abs(DRIFT) / largest
+        # The steepest turn is 5/x_d at exponents of 0.3 and 12/x_d of 3: a step of a stable scheme is shorter than
+        # a few of these.
+        narrow = 4 * width / (1 + 6 * sp.Abs(exponent - 1))
+        return replace(
+            slots,
+            added_force=slots.added_force + force * SHARE * pressure,
+            added_states=(*slots.added_states, AddedState(state=SHARE, rate=rate)),
+            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=narrow, everywhere=True)),
+        )

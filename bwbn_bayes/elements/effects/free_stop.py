@@ -1,0 +1,164 @@
+"""A stop in a free shape: by another power than the first, behind a gap that widens with work."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, override
+
+import numpy as np
+import sympy as sp
+
+from bwbn_bayes.elements.law import DRIFT, ENERGY, Effect, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import PlaceResponse, Signature
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
+
+_SIGNS = {"both": (1, -1), "positive": (1,), "negative": (-1,)}
+_TAILS = {"both": "", "positive": "p", "negative": "n"}
+_FIELDS = {
+    "k_h": ("k_s", "N/m", 0.0, 0.0, "stiffness of the stop, secant at a known closure"),
+    "g": ("g_s", "m", 1.0, 0.0, "drift at the stop at the start"),
+    "p": ("p_s", "", 1.0, 1.0, "power of the closure"),
+    "w": ("w_s", "", 0.0, 0.0, "growth of the gap by a known work"),
+    "u": ("u_s", "m", 1.0, 1e-12, "closure at which the stiffness is measured, known"),
+    "E": ("E_s", "J", 1.0, 1e-12, "work at which the growth is measured, known"),
+}
+"""By field: symbol, unit, neutral value, lower end and description."""
+_OPEN = 1e-9
+"""Closure of a stop that is not met, over ``u``: a power of zero has no logarithm."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeStop(Effect):
+    """The force ``k_h u ((|u_drift| - g (1 + w epsilon/E))_+ / u)^p``, on both sides or on one.
+
+    With ``p = 1`` and ``w = 0`` it is :class:`~bwbn_bayes.elements.effects.gap_impact.GapImpact`.
+
+    Parameters
+    ----------
+    k_h : float, Prior or PerStorey
+        Secant stiffness of the stop at the closure ``u``. [N/m]
+    g : float, Prior or PerStorey
+        Drift at which it is met at the start. [m]
+    p : float, Prior or PerStorey
+        Power of the closure; 3/2 of two curved bodies.
+    w : float, Prior or PerStorey
+        Share by which the gap has grown by the work ``E``.
+    u : float
+        Closure at which the stiffness is measured, the largest drift. [m]
+    E : float
+        Work at which the growth is measured. [J]
+    side : {"both", "positive", "negative"}
+        Where the stop stands.
+
+    Raises
+    ------
+    UserError
+        If the side is not one of the three.
+
+    References
+    ----------
+    .. [1] H. Hertz, "Über die Berührung fester elastischer Körper", J. reine angew. Math. 92, 1882 (the power 3/2;
+       cited from memory, not consulted); that the gap widens is our generalisation.
+    """
+
+    k_h: Value
+    g: Value
+    p: Value
+    w: Value
+    u: Value
+    E: Value
+    side: str = "both"
+
+    name: ClassVar[str] = "gap_impact"
+    summary: ClassVar[str] = "a stop that is met beyond a drift"
+    source: ClassVar[str] = "Hertz 1882"
+    residual: ClassVar[str] = "spikes beyond a drift"
+    confusable: ClassVar[str] = "cubic_stiffness; one-sided: asymmetry"
+
+    def __post_init__(self) -> None:
+        if self.side not in _SIGNS:
+            raise UserError(f"FreeStop: side {self.side!r} is not known: choose one of {', '.join(_SIGNS)}")
+
+    @property
+    @override
+    def form(self) -> str:
+        sided = "two-sided" if self.side == "both" else f"one-sided, {self.side}"
+        return f"free shape, {sided}"
+
+    @property
+    @override
+    def signature(self) -> Signature:
+        """Force of the stop, on its side."""
+        k, g, p, w, u, work = self._symbols
+
+        def contact(at: PlaceResponse) -> float:
+            drift, energy = at.histories["drift"], at.histories["hysteretic_energy"]
+            gap = at[g] * (1.0 + at[w] * np.abs(energy) / at[work])
+            closure = np.max([sign * drift - gap for sign in _SIGNS[self.side]])
+            return float(at[k] * at[u] * (max(closure, 0.0) / at[u]) ** at[p] / at.peak("restoring_force"))
+
+        return Signature(
+            measure="force of the stop over the storey's peak force",
+            plain_name="a stiffening at large drift (a spring behind a gap)",
+            reason="a hundredth of the peak force: a lighter touch moves nothing",
+            size=contact,
+            least=0.01,
+        )
+
+    @property
+    def _symbols(self) -> tuple[str, ...]:
+        return tuple(name + _TAILS[self.side] for name, *_ in _FIELDS.values())
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """One for each field; their symbols tell the sides apart."""
+        return tuple(
+            Parameter(symbol=s, unit=unit, neutral=neutral, lower=lower, description=text, source=self.source)
+            for s, (_, unit, neutral, lower, text) in zip(self._symbols, _FIELDS.values(), strict=True)
+        )
+
+    @property
+    @override
+    def values(self) -> Mapping[str, Value]:
+        return dict(zip(self._symbols, (self.k_h, self.g, self.p, self.w, self.u, self.E), strict=True))
+
+    @classmethod
+    @override
+    def neutral_forms(cls) -> tuple[Self, ...]:
+        return tuple(cls(k_h=0.0, g=1.0, p=1.0, w=0.0, u=1.0, E=1.0, side=side) for side in _SIGNS)
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        return tuple(
+            cls(
+                k_h=HalfNormal(3.0 * scales.stiffness),
+                g=Uniform(0.02 * scales.drift, 1.5 * scales.drift),
+                p=Uniform(1.0, 3.0),
+                w=HalfNormal(0.5).truncated(0.0, 5.0),
+                u=scales.drift,
+                E=scales.energy,
+                side=side,
+            )
+            for side in _SIGNS
+        )
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        k, g, p, w, _, _ = self._symbols
+        return {
+            k: (0.3 * scales.stiffness, 2.0 * scales.stiffness),
+            g: tuple(share * scales.drift for share in (0.3, 0.5, 0.7)),
+            p: (1.2, 1.7),
+            w: (0.1,),
+        }
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        k, g, p, w, u, work = (symbol(s) for s in self._symbols)
+        gap = g * (1 + w * sp.Abs(ENERGY) / work)
+        pushed = [sign * sp.Max((sign * DRIFT - gap) / u, _OPEN) ** p for sign in _SIGNS[self.side]]
+        return replace(slots, added_force=slots.added_force + k * u * sp.Add(*pushed))

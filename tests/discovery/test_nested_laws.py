@@ -1,0 +1,98 @@
+"""On measured tests, where what a law leaves is model error: no law fits worse than the one that it contains.
+
+Every effect in every form, of free shape too, with white errors and with an unnamed force beside it. One law was once
+put 379 nats below the one that it contains.
+"""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.evidence import Evidence, laplace, with_shared
+from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.probability import UNNAMED_SCALE
+from bwbn_bayes.discovery.race import Fit, race
+from bwbn_bayes.discovery.unnamed import unnamed_basis
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.accuracy import LADDER
+from bwbn_bayes.inference.correlation import SharedFunctions
+from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.inference.modes import find_modes
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records import read_record
+from bwbn_bayes.structures.starting_model import starting_model
+
+COLUMNS = Path(__file__).parents[3] / "shared" / "data" / "rc_columns"
+NAMES = ("peer_407",)
+"""The column of the fewest points."""
+WITHIN = 0.5
+"""What the search for an optimum may leave. [nat]"""
+
+pytestmark = pytest.mark.slow
+
+
+@cache
+def given(name: str) -> Explanation:
+    """The model to start from, fitted to the whole record."""
+    path = COLUMNS / f"{name}.csv"
+    if not path.exists():
+        pytest.skip(f"measured file {path} is not here")
+    record = read_record(path)
+    engine = LADDER[0]
+    assert isinstance(engine, Lanes)
+    model = starting_model(record)
+    posterior = Posterior(model=model, record=record, engine=replace(engine, n_threads=1), noise=default_noise(record))
+    modes = find_modes(posterior, np.random.default_rng(1))
+    return Explanation(added=(), posterior=posterior, modes=modes, evidence=laplace(posterior, modes))
+
+
+@cache
+def every(name: str) -> tuple[Hypothesis, ...]:
+    """Each effect in each form."""
+    base = given(name)
+    usual = hypotheses(
+        base.model, scales_of(base.posterior, base.best), measured=("force",), has_time=False, most_carried=np.inf
+    )
+    general = {type(form): form for one in usual for form in type(one.effect).general_forms(one.scales)}
+    first = {one.name: one for one in usual}
+    return (*usual, *(replace(first[form.name], effect=form, carried=()) for form in general.values()))
+
+
+@cache
+def fits(name: str) -> dict[tuple[str, ...], Fit]:
+    base = given(name)
+    found = race(base.posterior, every(name), base.points, n_workers=1)
+    return {fit.hypothesis.symbols: fit for fit in found}
+
+
+def beside(name: str, posterior: Posterior, fit: Explanation | Fit, starts: Floats | None) -> Evidence:
+    """With an unnamed force."""
+    record = given(name).posterior.record
+    largest = UNNAMED_SCALE * float(np.max(np.abs(record.channels["force"])))
+    return with_shared(posterior, fit.modes, SharedFunctions.of(unnamed_basis(record)), largest, starts)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_with_white_errors(name: str) -> None:
+    least = given(name).evidence.log_likelihood - WITHIN
+    worse = {fit.hypothesis.label: fit.log_likelihood for fit in fits(name).values() if fit.log_likelihood < least}
+    assert not worse, f"at least {least:.1f}"
+    assert len(fits(name)) >= 15
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_with_an_unnamed_force(name: str) -> None:
+    base = given(name)
+    plain = beside(name, base.posterior, base, None)
+    worse = {}
+    for fit in fits(name).values():
+        one = fit.hypothesis
+        starts = one.neutral_points(plain.modes[0].point, one.amplitudes[0], 1e-3)[:4]
+        found = beside(name, fit.posterior, fit, starts).log_likelihood
+        if found < plain.log_likelihood - WITHIN:
+            worse[one.label] = found - plain.log_likelihood
+    assert not worse

@@ -1,6 +1,7 @@
 """A small blind trial: every catalogued effect once, at 30 dB, hidden by a simulator that knows nothing of the package.
 
-Every second effect in the default run, the others in the slow one. Two storeys, 12 s of strong motion at 50 Hz. ``benchmarks.discovery`` draws its cases in the same way on a larger scale.
+Every second effect in the default run, the others in the slow one. Two storeys, 12 s of strong motion at 50 Hz.
+``benchmarks.discovery`` draws its cases in the same way on a larger scale.
 Seed and setting were chosen before discovery saw a case: sizes come from the benchmark's own ranges less the lowest
 quarter beside what the noise takes, for a record a quarter as informative. One draw of the 21 could not be seen at all
 (``storey_parameter``: the plain model's best fit, by the simulator, stays 0.7 nats behind the truth where 40 count as

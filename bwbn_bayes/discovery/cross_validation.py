@@ -88,8 +88,9 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
 def _without_each(slopes: Slopes, scaled: Floats, point: Floats, blocks: Sequence[NDArray[np.int64]]) -> Floats:
     """Optima ``(n_blocks, n_dim)`` without each block, to first order and within the priors' bounds."""
     free = (point > _EDGE) & (point < 1.0 - _EDGE)
-    base = slopes.base[:, free].reshape(*scaled.shape, -1)
-    whole = np.einsum("cti,ctj->ij", base, base) + PRIOR_PRECISION * np.eye(base.shape[2])
+    together = slopes.base[:, free]
+    whole = together.T @ together + PRIOR_PRECISION * np.eye(together.shape[1])
+    base = together.reshape(*scaled.shape, -1)
     points = np.tile(point, (len(blocks), 1))
     for number, block in enumerate(blocks):
         own = base[:, block].reshape(-1, base.shape[2])

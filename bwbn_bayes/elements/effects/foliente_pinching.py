@@ -23,7 +23,7 @@ from bwbn_bayes.elements.law import (
 from bwbn_bayes.elements.loops import is_full, pinching_index
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import Signature
-from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Value
+from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Uniform, Value
 
 _SOURCE = "Foliente 1995, doi:10.1061/(ASCE)0733-9445(1995)121:6(1013)"
 
@@ -34,6 +34,11 @@ def _parameter(
     return Parameter(
         symbol=name, unit=unit, neutral=neutral, lower=lower, upper=upper, description=description, source=_SOURCE
     )
+
+
+def _is_open_to_a_pinch(drift: Floats, force: Floats) -> bool:
+    """Whether a loop ``(n_times,)`` [m], [N], identified or measured, could be called pinched."""
+    return not is_full(drift, force, index=0.25)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,8 +89,8 @@ class FolientePinching(Effect):
         size=lambda at: at["zeta_s"] * (1.0 - math.exp(-at["p"] * at.energy)),
         least=0.1,
         of_loop=pinching_index,
-        is_genuine=lambda at: not is_full(*at.loop, index=0.25),
-        is_shown=lambda drift, force: not is_full(drift, force, index=0.25),
+        is_genuine=lambda at: _is_open_to_a_pinch(*at.loop),
+        is_shown=_is_open_to_a_pinch,
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         _parameter("zeta_s", "", 0.0, 0.0, "total slip", 1.0),

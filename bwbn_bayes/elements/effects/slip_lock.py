@@ -21,7 +21,12 @@ from bwbn_bayes.elements.law import (
 from bwbn_bayes.elements.loops import is_full, pinching_index
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import Signature
-from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Value
+from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Uniform, Value
+
+
+def _is_open_to_a_pinch(drift: Floats, force: Floats) -> bool:
+    """Whether a loop ``(n_times,)`` [m], [N], identified or measured, could be called pinched."""
+    return not is_full(drift, force, index=0.5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,8 +64,8 @@ class SlipLock(Effect):
         size=lambda at: 2.0 * at["delta_s"] * at.energy / at.peak("drift"),
         least=0.005,
         of_loop=pinching_index,
-        is_genuine=lambda at: not is_full(*at.loop, index=0.5),
-        is_shown=lambda drift, force: not is_full(drift, force, index=0.5),
+        is_genuine=lambda at: _is_open_to_a_pinch(*at.loop),
+        is_shown=_is_open_to_a_pinch,
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(

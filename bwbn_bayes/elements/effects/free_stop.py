@@ -11,7 +11,7 @@ import sympy as sp
 
 from bwbn_bayes.elements.law import DRIFT, ENERGY, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
-from bwbn_bayes.elements.signature import PlaceResponse, Signature
+from bwbn_bayes.elements.signature import Measure, PlaceResponse, Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
 
@@ -28,6 +28,17 @@ _FIELDS = {
 """By field: symbol, unit, neutral value, lower end and description."""
 _OPEN = 1e-9
 """Closure of a stop that is not met, over ``u``: a power of zero has no logarithm."""
+
+
+def stop_signature(contact: Measure) -> Signature:
+    """What a stop of any law is judged by: its largest force over the storey's."""
+    return Signature(
+        measure="force of the stop over the storey's peak force",
+        plain_name="a stiffening at large drift (a spring behind a gap)",
+        reason="a hundredth of the peak force: a lighter touch moves nothing",
+        size=contact,
+        least=0.01,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,13 +111,7 @@ class FreeStop(Effect):
             closure = np.max([sign * drift - gap for sign in _SIGNS[self.side]])
             return float(at[k] * at[u] * (max(closure, 0.0) / at[u]) ** at[p] / at.peak("restoring_force"))
 
-        return Signature(
-            measure="force of the stop over the storey's peak force",
-            plain_name="a stiffening at large drift (a spring behind a gap)",
-            reason="a hundredth of the peak force: a lighter touch moves nothing",
-            size=contact,
-            least=0.01,
-        )
+        return stop_signature(contact)
 
     @property
     def _symbols(self) -> tuple[str, ...]:

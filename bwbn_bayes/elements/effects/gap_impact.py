@@ -9,7 +9,7 @@ from typing import ClassVar, Self, override
 import numpy as np
 import sympy as sp
 
-from bwbn_bayes.elements.effects.free_stop import FreeStop
+from bwbn_bayes.elements.effects.free_stop import FreeStop, stop_signature
 from bwbn_bayes.elements.law import DRIFT, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
@@ -75,13 +75,7 @@ class GapImpact(Effect):
             reach = float(np.max(sign * drift if sign else np.abs(drift)))
             return at[stiffness] * max(reach - at[gap], 0.0) / at.peak("restoring_force")
 
-        return Signature(
-            measure="force of the stop over the storey's peak force",
-            plain_name="a stiffening at large drift (a spring behind a gap)",
-            reason="a hundredth of the peak force: a lighter touch moves nothing",
-            size=contact,
-            least=0.01,
-        )
+        return stop_signature(contact)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -150,7 +150,7 @@ class Facts:
     restoring_force: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Per storey (``"1"``), against the true one: ``nrmse``, ``correlation_time`` and ``correlation_drift`` (R-x)."""
     evidences: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Log evidence and its standard error by road, e.g. ``importance``, ``tmcmc (bridge)``, ``tmcmc (prior)``."""
+    """Log evidence and its standard error by road, e.g. ``importance``, ``tmcmc (bridge)``."""
     provenance: Mapping[str, str] = field(default_factory=dict)
     """Versions, seed, data hash, processor: label to text."""
 

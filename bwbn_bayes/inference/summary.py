@@ -280,12 +280,24 @@ def _verdict(
     }
     road = roads.get(method, method)
     if method != asked:
-        second = f"Importance sampling failed its own check, so {road} took over; its posterior stands alone."
+        second = _taken_over(checks, road)
     elif failed:
         second = f"Read it with care: {' '.join(check.sentence for check in failed)}"
     else:
         second = f"The posterior comes from {road} and passed all {len(checks)} of its checks."
     return first, second
+
+
+def _taken_over(checks: Sequence[Check], road: str) -> str:
+    """Why another method took over, and how good it is: its checks follow those of importance sampling."""
+    names = [check.name for check in checks]
+    why, own = checks[names.index("Pareto k")], checks[names.index("effective draws") + 1 :]
+    said = " ".join(check.sentence for check in own)
+    held = "passed its own checks" if all(check.passed for check in own) else "fails its own checks, read it with care"
+    return (
+        f"Importance sampling failed its own check (Pareto shape {why.value:.2f}, {why.limit:g} at most), so {road} "
+        f"took over; it {held}: {said}"
+    )
 
 
 def conventions(model: Structure) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""One door to every method: the two baselines here, the samplers in the room below."""
+"""The two baselines as methods: what a search or networks find, as a result."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, on_rung
 from bwbn_bayes.inference.history import Listener
-from bwbn_bayes.inference.identify import identify as identify_by_sampling
-from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise
+from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import provenance_of
 from bwbn_bayes.records.record import Record, require_whole
@@ -29,62 +28,7 @@ _SEARCH, _FINAL = LADDER[0], LADDER[5]
 """Schemes for the generations and for the response of the best individual."""
 
 
-def identify(
-    model: Structure,
-    record: Record,
-    *,
-    settings: Settings | None = None,
-    noise: Noise | None = None,
-    genetic: GeneticSettings | None = None,
-    ipv: Variant = "printed",
-    name: str = "model",
-    assumptions: Sequence[str] = (),
-    listener: Listener | None = None,
-) -> Result:
-    """Identify a model from a record by any method.
-
-    Parameters
-    ----------
-    model : Structure
-        With priors on the parameters to identify. IPV uses its masses only.
-    record : Record
-        Measured channels under one excitation.
-    settings : Settings, optional
-        Method, engine, seed, number of draws.
-    noise : Noise, optional
-        How the noise scale enters a posterior; the baselines have none.
-    genetic : GeneticSettings, optional
-        Options of ``ga``; the paper's by default.
-    ipv : {"printed", "drift"}
-        Inputs of ``ipv``.
-    name : str
-        The model's name in reports.
-    assumptions : sequence of str
-        What the model takes for granted; printed in the report.
-    listener : callable, optional
-        Told what is being done.
-
-    Returns
-    -------
-    Result
-        ``ga`` gives one point, ``ipv`` forces only, the others a posterior.
-
-    Raises
-    ------
-    UserError
-        If nothing is to be identified, the record measures nothing, or record and model do not belong together.
-    """
-    settings = settings or Settings()
-    if settings.method == "ga":
-        return _by_search(model, record, settings, genetic or GeneticSettings(), name, assumptions, listener)
-    if settings.method == "ipv":
-        return _by_networks(model, record, settings, ipv, name, assumptions, listener)
-    return identify_by_sampling(
-        model, record, settings=settings, noise=noise, name=name, assumptions=assumptions, listener=listener
-    )
-
-
-def _by_search(
+def identify_by_search(
     model: Structure,
     record: Record,
     settings: Settings,
@@ -93,6 +37,7 @@ def _by_search(
     assumptions: Sequence[str],
     listener: Listener | None,
 ) -> Result:
+    """One point by a genetic algorithm; arguments as for :func:`bwbn_bayes.identification.identify`."""
     require_parameters(model, name)
     require_usable(model, record)
     require_whole(record)
@@ -137,7 +82,7 @@ def _stage(generation: Generation, last: int, elapsed_s: float) -> StageFacts:
     )
 
 
-def _by_networks(
+def identify_by_networks(
     model: Structure,
     record: Record,
     settings: Settings,
@@ -146,6 +91,7 @@ def _by_networks(
     assumptions: Sequence[str],
     listener: Listener | None,
 ) -> Result:
+    """Forces by networks; arguments as for :func:`bwbn_bayes.identification.identify`."""
     if not isinstance(model, ShearBuilding):
         raise UserError("IPV needs a ShearBuilding: in a specimen the force is measured, there is none to learn")
     require_usable(model, record)

@@ -109,9 +109,9 @@ def identify(
     ] = None,
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
-    from bwbn_bayes.baselines.methods import identify as identify_model
     from bwbn_bayes.cli.files import writable, write_result
     from bwbn_bayes.engines.available import engine as engine_by_name
+    from bwbn_bayes.identification import identify as identify_model
 
     file = _loaded(model, columns, record)
     engine_by_name(engine)

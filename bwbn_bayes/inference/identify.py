@@ -7,7 +7,7 @@ that must agree, and the result says what ran, why, and how good it is.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,6 +22,7 @@ from bwbn_bayes.errors import require_installed
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
 from bwbn_bayes.inference.by_importance import by_importance
 from bwbn_bayes.inference.by_tmcmc import by_tmcmc
+from bwbn_bayes.inference.doubts import doubts
 from bwbn_bayes.inference.history import History, Listener
 from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise, require_noise
 from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish
@@ -34,9 +35,11 @@ from bwbn_bayes.inference.summary import build_result
 from bwbn_bayes.inference.tmcmc.sampler import fewest_particles, require_particles
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.results import Check, Result
+from bwbn_bayes.results import DOUBTS, Check, Result
 from bwbn_bayes.structures.structure import Structure
 
+Beside = Callable[[Posterior, Floats], Check]
+"""A check of a posterior at its optimum ``(n_dim,)``."""
 N_ATTEMPTS = 3
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it runs with this fraction of the draws asked for: each costs it some hundred solves."""
@@ -51,6 +54,7 @@ def identify(
     name: str = "model",
     assumptions: Sequence[str] = (),
     listener: Listener | None = None,
+    beside: Beside | None = None,
 ) -> Result:
     """Identify the parameters of a model from a record.
 
@@ -71,6 +75,8 @@ def identify(
         What the model takes for granted; printed in the report.
     listener : callable, optional
         Told what is being done.
+    beside : callable, optional
+        A further check of the model, of posterior and optimum: what else would explain the record.
 
     Returns
     -------
@@ -100,7 +106,7 @@ def identify(
         posterior = Posterior(
             model=model, record=record, engine=on_rung(engine, LADDER[0]), noise=noise or default_noise(record)
         )
-        fitted = _Fitted(*_fit(posterior, streams[:N_ATTEMPTS], history))
+        fitted = _doubted(_Fitted(*_fit(posterior, streams[:N_ATTEMPTS], history)), beside, history)
         return _sampled(fitted, settings, np.random.default_rng(streams[-1]), history, name, assumptions)
 
 
@@ -156,6 +162,16 @@ class _Fitted(NamedTuple):
     checks: tuple[Check, ...]
 
 
+def _doubted(fitted: _Fitted, beside: Beside | None, history: History) -> _Fitted:
+    """With the checks that put a model in doubt."""
+    view, best = fitted.posterior, fitted.modes[0]
+    found = doubts(view, best)
+    if beside is not None:
+        history.say("asking the catalogue what else would explain the record")
+        found = (*found, beside(view, best.point))
+    return fitted._replace(checks=(*fitted.checks, *found))
+
+
 def _sampled(
     fitted: _Fitted,
     settings: Settings,
@@ -176,7 +192,7 @@ def _sampled(
     nested: NestedLaplace | None = None
     if method == "importance":
         # Where nothing takes over, the bent posterior of a model that leaves more than noise is not worth following.
-        follows = settings.fallback or all(check.passed for check in fitted.checks)
+        follows = settings.fallback or all(c.passed for c in fitted.checks if c.name not in DOUBTS)
         found, nested = by_importance(target, at, settings, rng, history, follows=follows)
     elif method == "tmcmc":
         found = by_tmcmc(target, at, settings, _streams(settings.seed)[N_ATTEMPTS], history)

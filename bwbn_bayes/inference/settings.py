@@ -11,7 +11,7 @@ from bwbn_bayes.errors import UserError
 
 Method = Literal["importance", "tmcmc", "smc", "nuts", "ga", "ipv"]
 METHODS: tuple[Method, ...] = ("importance", "tmcmc", "smc", "nuts")
-"""Roads to a posterior; :mod:`bwbn_bayes.baselines.methods` adds ``ga`` and ``ipv``, which give none."""
+"""Roads to a posterior; :mod:`bwbn_bayes.identification` adds ``ga`` and ``ipv``, which give none."""
 
 _CHOICES = {"method": get_args(Method), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
 _LEAST = {"seed": 0, "particles": 1, "workers": 1}

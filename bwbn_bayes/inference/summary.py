@@ -25,6 +25,7 @@ from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import (
+    DOUBTS,
     Check,
     Equation,
     Facts,
@@ -261,13 +262,19 @@ def _verdict(
 ) -> tuple[str, str]:
     seen = [p for p in parameters if p.flag != "unidentified"]
     failed = [check for check in checks if not check.passed]
-    model_fits = all(check.passed for check in checks if check.name.startswith("residual"))
+    model_fits = not any(check.name.startswith("residual") for check in failed)
+    doubted = [check.sentence for check in failed if check.name in DOUBTS] if model_fits else []
+    if model_fits:
+        failed = [check for check in failed if check.name not in DOUBTS]
     scope = f"{len(record.channels)} channel{'s' if len(record.channels) != 1 else ''} of {record.name}"
     first = f"{len(seen)} of {len(parameters)} parameters are identified from {scope}"
     bound = sum(p.flag == "prior-bound" for p in seen)
     first += f" ({bound} of them cut by a bound of the prior)" if bound else ""
     first += (
-        ", and the model explains the record down to its noise."
+        ", and the model explains the record down to its noise, yet doubtfully: another mechanism may do so equally, "
+        f"and the parameters hold only without it. {' '.join(doubted)}"
+        if doubted
+        else ", and the model explains the record down to its noise, though another mechanism may do so equally."
         if model_fits
         else ", but the model does not explain the record: what is left is not white noise, and the posterior holds "
         "only if the model does."
@@ -283,6 +290,8 @@ def _verdict(
         second = _taken_over(checks, road)
     elif failed:
         second = f"Read it with care: {' '.join(check.sentence for check in failed)}"
+    elif doubted:
+        second = f"The posterior comes from {road} and passed all checks of the sampling."
     else:
         second = f"The posterior comes from {road} and passed all {len(checks)} of its checks."
     return first, second

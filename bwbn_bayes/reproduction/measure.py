@@ -13,10 +13,10 @@ import numpy as np
 import xarray as xr
 
 from bwbn_bayes.baselines.ipv import fit_forces, predict
-from bwbn_bayes.baselines.methods import identify
 from bwbn_bayes.engines.base import masses
 from bwbn_bayes.engines.lanes import Lanes, usable_processors
 from bwbn_bayes.engines.simulation import simulate
+from bwbn_bayes.identification import identify
 from bwbn_bayes.inference.likelihood import KnownNoise
 from bwbn_bayes.inference.settings import Method, Settings
 from bwbn_bayes.inference.summary import path_correlation, processor_name

@@ -105,7 +105,7 @@ def unnamed_forces(
     states = {kind: rows[kind][0][:, knots_of(record)] for kind in _KINDS}
     predicted = posterior.engine.simulate(posterior.model, values, record).values[0]
     processes = {}
-    for storey in range(1, posterior.model.n_storeys + 1):
+    for storey in range(1, posterior.model.n_links + 1):
         largest = float(np.max(np.abs(rows["restoring_force"][0, storey - 1])))
         histories = share * largest * functions(states, storey - 1)
         shown = answers(posterior, point, storey, histories, largest, carried)
@@ -113,7 +113,7 @@ def unnamed_forces(
     residual = slopes.scaled(record.measured - predicted)
     return {
         place: _estimate(posterior, slopes, residual, {storey: processes[storey] for storey in place})
-        for place in places_of(posterior.model.n_storeys)
+        for place in places_of(posterior.model.n_links)
     }
 
 

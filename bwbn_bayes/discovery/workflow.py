@@ -146,7 +146,7 @@ def _fit_given(model: Structure, record: Record, journal: Journal | None, run: R
     posterior = Posterior(model=model, record=record, engine=engine, noise=default_noise(record), journal=journal)
     run.say("fitting the model as given")
     modes = find_modes(posterior, run.rng)
-    energy = np.cumsum(np.square(record.excitation))
+    energy = np.cumsum(np.sum(np.square(list(record.drivers.values())), axis=0))
     early = float(np.searchsorted(energy, 0.35 * energy[-1])) * record.time_step
     beginning = posterior.until(max(early, 0.2 * record.duration, MIN_TIMES * record.time_step))
     points, local = polish(beginning, np.array([mode.point for mode in modes[:16]]), n_iterations=20)
@@ -155,7 +155,7 @@ def _fit_given(model: Structure, record: Record, journal: Journal | None, run: R
         posterior=posterior,
         modes=modes,
         evidence=laplace(posterior, modes),
-        n_places=len(places_of(model.n_storeys)),
+        n_places=len(places_of(model.n_links)),
         starts=np.array([mode.point for mode in distinct(points, local)[:2]]),
     )
 
@@ -172,7 +172,7 @@ def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
     try:
         considered = hypotheses(
             model,
-            (sizes,) * model.n_storeys,
+            (sizes,) * model.n_links,
             measured=tuple(record.channels),
             has_time=record.has_time,
             effects=run.settings.effects,

@@ -40,7 +40,7 @@ SD = 0.002
 @pytest.fixture(scope="module")
 def law() -> Floats:
     """Force ``(N,)`` of the specimen as it is."""
-    return ENGINE.simulate(SPECIMEN, np.array([[0.15]]), PUSHED, ("force",)).values[0, 0]
+    return np.asarray(ENGINE.simulate(SPECIMEN, np.array([[0.15]]), PUSHED, ("force",)).values[0, 0])
 
 
 def fitted(force: Floats) -> Explanation:

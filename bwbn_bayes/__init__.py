@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         CubicStiffness,
         FolientePinching,
         GapImpact,
+        Hysteresis,
         InputScale,
         MassDamping,
         MassError,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from bwbn_bayes.elements.effects.free_stop import FreeStop
     from bwbn_bayes.elements.effects.quadratic_damping import PowerDamper
     from bwbn_bayes.elements.effects.slip_lock import FreeSlip
+    from bwbn_bayes.elements.linear import Linear
     from bwbn_bayes.engines.simulation import simulate
     from bwbn_bayes.errors import UserError
     from bwbn_bayes.identification import identify
@@ -50,13 +52,14 @@ if TYPE_CHECKING:
     from bwbn_bayes.inference.settings import Settings
     from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, PerStorey, Uniform
     from bwbn_bayes.records.dataframe import as_dataframe, record_from_dataframe
-    from bwbn_bayes.records.excitation import el_centro, filtered_noise, sine
+    from bwbn_bayes.records.excitation import as_force, el_centro, filtered_noise, multisine, sine, sweep
     from bwbn_bayes.records.netcdf import as_dataset, record_from_dataset
     from bwbn_bayes.records.noise import add_noise
     from bwbn_bayes.records.readers import read_record, write_record
     from bwbn_bayes.records.record import Record
     from bwbn_bayes.report import write_discovery, write_report
     from bwbn_bayes.results import Result
+    from bwbn_bayes.structures.oscillator import Oscillator
     from bwbn_bayes.structures.shear_building import ShearBuilding
     from bwbn_bayes.structures.specimen import Specimen
     from bwbn_bayes.structures.starting_model import starting_model
@@ -78,14 +81,17 @@ __all__ = [
     "GapImpact",
     "GeneticSettings",
     "HalfNormal",
+    "Hysteresis",
     "InputScale",
     "IntegratedNoise",
     "KnownNoise",
+    "Linear",
     "LogNormal",
     "MassDamping",
     "MassError",
     "MaxwellBranch",
     "Normal",
+    "Oscillator",
     "PerStorey",
     "PowerDamper",
     "PowerSpring",
@@ -109,10 +115,12 @@ __all__ = [
     "add_noise",
     "as_dataframe",
     "as_dataset",
+    "as_force",
     "discover",
     "el_centro",
     "filtered_noise",
     "identify",
+    "multisine",
     "read_record",
     "record_from_dataframe",
     "record_from_dataset",
@@ -120,6 +128,7 @@ __all__ = [
     "simulate",
     "sine",
     "starting_model",
+    "sweep",
     "write_discovery",
     "write_record",
     "write_report",
@@ -134,6 +143,7 @@ _on_first_use = importer(
         "bwbn_bayes.discovery.workflow": ("discover",),
         "bwbn_bayes.elements.bouc_wen": ("BoucWen",),
         "bwbn_bayes.elements.catalogue": ("register",),
+        "bwbn_bayes.elements.linear": ("Linear",),
         "bwbn_bayes.elements.effects": (
             "Appendage",
             "Asymmetry",
@@ -143,6 +153,7 @@ _on_first_use = importer(
             "CubicStiffness",
             "FolientePinching",
             "GapImpact",
+            "Hysteresis",
             "InputScale",
             "MassDamping",
             "MassError",
@@ -169,12 +180,13 @@ _on_first_use = importer(
         "bwbn_bayes.parameters": ("HalfNormal", "LogNormal", "Normal", "PerStorey", "Uniform"),
         "bwbn_bayes.records.dataframe": ("as_dataframe", "record_from_dataframe"),
         "bwbn_bayes.records.netcdf": ("as_dataset", "record_from_dataset"),
-        "bwbn_bayes.records.excitation": ("el_centro", "filtered_noise", "sine"),
+        "bwbn_bayes.records.excitation": ("as_force", "el_centro", "filtered_noise", "multisine", "sine", "sweep"),
         "bwbn_bayes.records.noise": ("add_noise",),
         "bwbn_bayes.records.readers": ("read_record", "write_record"),
         "bwbn_bayes.records.record": ("Record",),
         "bwbn_bayes.report": ("write_discovery", "write_report"),
         "bwbn_bayes.results": ("Result",),
+        "bwbn_bayes.structures.oscillator": ("Oscillator",),
         "bwbn_bayes.structures.shear_building": ("ShearBuilding",),
         "bwbn_bayes.structures.specimen": ("Specimen",),
         "bwbn_bayes.structures.starting_model": ("starting_model",),

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bwbn_bayes import Record, Result, ShearBuilding
+from bwbn_bayes import Record, Result
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.structures.structure import Structure
 
 LOG_LIKELIHOOD = "log likelihood"
 """A quantity to rank beside the parameters: a sampler that returns the prior ranks those alone rightly."""
@@ -54,7 +55,7 @@ class Outcome:
     elapsed_s: float
 
 
-def judged(result: Result, model: ShearBuilding, record: Record, truth: Mapping[str, float], seed: int) -> Outcome:
+def judged(result: Result, model: Structure, record: Record, truth: Mapping[str, float], seed: int) -> Outcome:
     """Compare a result with the truth behind its record; parameters that the truth lacks are left out."""
     facts, draws = result.facts, result.tree["posterior"].dataset
     rng = np.random.default_rng(seed)
@@ -87,7 +88,7 @@ def _column(draws: object, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np
 
 
 def _likelihood_rank(
-    model: ShearBuilding,
+    model: Structure,
     record: Record,
     truth: Mapping[str, float],
     columns: Mapping[str, np.ndarray[tuple[int, ...], np.dtype[np.float64]]],

@@ -12,8 +12,9 @@ import numpy as np
 
 from benchmarks.blind.simulator import Building, Floats, respond
 from benchmarks.blind.storey import Storey
-from bwbn_bayes import Record, ShearBuilding, Uniform
+from bwbn_bayes import Record, Uniform
 from bwbn_bayes.structures.model_file import ModelFile
+from bwbn_bayes.structures.structure import Structure
 
 STEPS_PER_SAMPLE = 40
 _LAW = tuple(item.name for item in fields(Storey))
@@ -46,10 +47,10 @@ class Condition:
     colour: float = 0.0
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
-    def model(self, file: ModelFile) -> ShearBuilding:
+    def model(self, file: ModelFile) -> Structure:
         """The file's building under these priors."""
-        if not isinstance(file.model, ShearBuilding):
-            raise TypeError(f"{file.name} is no ShearBuilding: the simulator knows no other structure")
+        if file.model.is_driven or not file.model.is_chain:
+            raise ValueError(f"{file.name} is no chain of storeys: the simulator knows no other structure")
         return file.model.with_values({name: Uniform(*ends) for name, ends in self.priors.items()})
 
 
@@ -72,7 +73,7 @@ CONDITIONS: Mapping[str, Condition] = {
 class Replicate:
     """A model, a truth of it, and its record."""
 
-    model: ShearBuilding
+    model: Structure
     truth: Mapping[str, float]
     building: Building
     record: Record
@@ -95,7 +96,7 @@ def replicate(file: ModelFile, condition: Condition, seed: int, number: int) -> 
     raise ValueError(f"of a hundred truths of {file.name} none could be recorded")
 
 
-def building_of(model: ShearBuilding, values: Floats) -> Building:
+def building_of(model: Structure, values: Floats) -> Building:
     """The simulator's building with a model's values ``(n_dim,)``, its A taken into the other numbers.
 
     With ``z = A w`` the law of w has A = 1: ``beta A^(n-1)``, ``gamma A^(n-1)``, ``sigma / A``, and a hysteretic spring

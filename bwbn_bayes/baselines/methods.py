@@ -21,7 +21,6 @@ from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import provenance_of
 from bwbn_bayes.records.record import Record, require_whole
 from bwbn_bayes.results import Result, StageFacts
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 _SEARCH, _FINAL = LADDER[0], LADDER[5]
@@ -92,7 +91,7 @@ def identify_by_networks(
     listener: Listener | None,
 ) -> Result:
     """Forces by networks; arguments as for :func:`bwbn_bayes.identification.identify`."""
-    if not isinstance(model, ShearBuilding):
+    if model.is_driven:
         raise UserError("IPV needs a ShearBuilding: in a specimen the force is measured, there is none to learn")
     require_usable(model, record)
     require_whole(record)

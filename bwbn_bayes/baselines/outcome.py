@@ -28,7 +28,6 @@ from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check, Equation, Facts, ParameterFacts, Result, StageFacts
 from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.quantities import engineering_quantities, landmarks_of
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 NAN = float("nan")
@@ -97,7 +96,7 @@ def genetic_result(
         n_stages=len(stages),
         elapsed_s=elapsed_s,
         effective_sample_size=NAN,
-        storeys=model.n_storeys,
+        storeys=model.n_links,
         verdict=_genetic_verdict(fit, checks),
         checks=checks,
         stages=stages,
@@ -107,24 +106,26 @@ def genetic_result(
         restoring_force=force_agreement(rows["restoring_force"][0], truth),
         provenance=provenance_of(record, seed, posterior.engine),
     )
-    storeys = list(range(1, model.n_storeys + 1))
+    storeys = list(range(1, model.n_links + 1))
     response = response_dataset(rows, record.times, storeys)
     by_storey = storey_parameters(model, values)
     groups = {
         **_measurement(model, record, storeys, signals[0], truth),
-        "estimate": parameter_dataset(model.space.parameters, values, model.n_storeys),
+        "estimate": parameter_dataset(model.space.parameters, values, model.n_links),
         "history": _history(fit),
         "response": response,
         "parameters_by_storey": by_storey,
     }
-    if isinstance(model, ShearBuilding):
+    if not model.is_driven:
         known = landmarks_of(response)
-        groups["quantities"] = engineering_quantities(known, by_storey, masses(model), model.law, model.heights)
+        groups["quantities"] = engineering_quantities(
+            known, by_storey, model.masses, model.law, model.heights, model.joints
+        )
     return Result(tree=xr.DataTree.from_dict(groups), facts=facts)
 
 
 def forces_result(
-    model: ShearBuilding,
+    model: Structure,
     record: Record,
     fit: ForceFit,
     *,
@@ -138,7 +139,7 @@ def forces_result(
 
     Parameters
     ----------
-    model : ShearBuilding
+    model : Structure
         Gives the masses and, where the record knows the true parameters, the true forces to compare with.
     record : Record
         What the networks were trained on.
@@ -161,10 +162,10 @@ def forces_result(
         ``response`` holds the learned ``restoring_force`` and the drifts it is drawn against.
     """
     mass = masses(model)
-    drift, rate = kinematics(record, model.n_storeys)
+    drift, rate = kinematics(record, model.n_links)
     rows = {"drift": drift[None], "drift_rate": rate[None], "restoring_force": fit.forces[None]}
     truth = true_histories(model, record)
-    floors = range(1, model.n_storeys + 1)
+    floors = range(1, model.n_links + 1)
     accelerations = record.select([f"acceleration_{floor}" for floor in floors])
     signals = np.diff(fit.forces, axis=0, append=np.zeros((1, record.n_times))) / mass[:, None]
     noise_sd = dict(zip(accelerations.channels, noise_sds(accelerations).tolist(), strict=True))
@@ -184,7 +185,7 @@ def forces_result(
         n_stages=0,
         elapsed_s=elapsed_s,
         effective_sample_size=NAN,
-        storeys=model.n_storeys,
+        storeys=model.n_links,
         verdict=_force_verdict(fit),
         identifiability=_amplification(fit, noise_sd, mass),
         checks=checks,
@@ -209,7 +210,7 @@ def _measurement(
     groups = {
         "observed_data": xr.Dataset(measured, coords=time),
         "prediction": xr.Dataset(predicted, coords=time),
-        "constant_data": constant_dataset(model, record, storeys),
+        "constant_data": constant_dataset(model, record),
     }
     if truth is not None:
         groups["true_response"] = response_dataset(truth, record.times, storeys).isel(draw=0)

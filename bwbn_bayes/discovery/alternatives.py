@@ -17,13 +17,14 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import DOUBTS, Check
 
 ALTERNATIVES = DOUBTS[2]
+_TELLS_SIZES = frozenset({"k", "c", "alpha", "A", "beta", "gamma", "n"})
 _CHANCE = 0.02
 """Of n directions of noise one scores ``log(n / 0.02)`` nats with a probability of less than half a per cent."""
 _AS_WELL = 2.0
 """A second effect is named beside the first where it is worth as much, to so many nats."""
 
 
-def alternatives_check(posterior: Posterior, point: Floats) -> Check:
+def alternatives_check(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     """What the best of the catalogue's effects would be worth at the model's best fit.
 
     Parameters
@@ -35,10 +36,13 @@ def alternatives_check(posterior: Posterior, point: Floats) -> Check:
 
     Returns
     -------
-    Check
-        Its value is the largest score [nat]; the limit grows with the number of effects asked.
+    tuple of Check
+        Its value is the largest score [nat]; the limit grows with the number of effects asked. None where no storey
+        follows Bouc and Wen: the catalogue's sizes are told from their parameters.
     """
     record = posterior.record
+    if not {p.symbol for p in posterior.model.parameters} >= _TELLS_SIZES:
+        return ()
     found = hypotheses(
         posterior.model,
         scales_of(posterior, point),
@@ -65,8 +69,8 @@ def alternatives_check(posterior: Posterior, point: Floats) -> Check:
     return _check(best.nats, limit, sentence)
 
 
-def _check(nats: float, limit: float, sentence: str) -> Check:
-    return Check(name=ALTERNATIVES, value=nats, limit=limit, passed=nats <= limit, sentence=sentence)
+def _check(nats: float, limit: float, sentence: str) -> tuple[Check, ...]:
+    return (Check(name=ALTERNATIVES, value=nats, limit=limit, passed=nats <= limit, sentence=sentence),)
 
 
 def _capital(text: str) -> str:

@@ -19,7 +19,6 @@ from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, PerStorey, Prior, Truncated
 from bwbn_bayes.structures.quantities import modes
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import PlacedEffect, Structure
 
 PLACED_LEVELS = ("link", "node", "observation")
@@ -73,14 +72,14 @@ class Hypothesis:
     @property
     def at_place(self) -> str:
         """`` in storey 2``, `` at floor 1``; nothing where there is one place only."""
-        if not (isinstance(self.base, ShearBuilding) and self.storeys):
+        if not (not self.base.is_driven and self.storeys):
             return ""
         return f" {'at' if self.effect.level in ('node', 'observation') else 'in'} {self.where}"
 
     @property
     def where(self) -> str:
         """Its place in words: ``storey 2``, ``the building``, ``the specimen``."""
-        return place_in_words(self.effect.level, self.storeys) if isinstance(self.base, ShearBuilding) else SPECIMEN
+        return place_in_words(self.effect.level, self.storeys) if not self.base.is_driven else SPECIMEN
 
     @cached_property
     def model(self) -> Structure:
@@ -246,15 +245,17 @@ def sharing_laws(every: Sequence[Hypothesis], most_carried: float) -> tuple[Hypo
 
 def _places(effect_class: type[Effect], base: Structure, measured: Sequence[str]) -> tuple[tuple[int, ...], ...]:
     if effect_class.level not in PLACED_LEVELS:
-        return ((),) if isinstance(base, ShearBuilding) else ()
-    if effect_class.level != "link" and not isinstance(base, ShearBuilding):
+        return ((),) if not base.is_driven else ()
+    if effect_class.level != "link" and base.is_driven:
         return ()
-    storeys = tuple(range(1, base.n_storeys + 1))
+    storeys = range(1, (base.n_links if effect_class.level == "link" else base.n_floors) + 1)
+    if effect_class.level == "link":
+        storeys = tuple(i for i in storeys if base.element_of(i) in effect_class.elements)
     if effect_class.level == "observation":
         return tuple((s,) for s in storeys if f"acceleration_{s}" in measured)
     single = tuple((s,) for s in storeys)
     # Storeys are alike more often than floors are: what one lacks, all may lack.
-    return (*single, storeys) if effect_class.level == "link" and len(storeys) > 1 else single
+    return (*single, tuple(storeys)) if effect_class.level == "link" and len(storeys) > 1 else single
 
 
 def _addable(base: Structure, effect: Effect) -> bool:
@@ -276,8 +277,9 @@ def _present(base: Structure, effect: Effect, storeys: tuple[int, ...]) -> bool:
     if own is None:
         return False
     # Yield displacement and ratio together stand for beta and gamma.
-    values = [base.storey.values[name] for name in ([own] if own in base.storey.values else ["u_y", "rho"])]
-    free_here = all(isinstance(v, PerStorey) or (base.n_storeys == 1 and isinstance(v, Prior)) for v in values)
+    element = base.element.values
+    values = [element[name] for name in ([own] if own in element else ["u_y", "rho"])]
+    free_here = all(isinstance(v, PerStorey) or (base.n_links == 1 and isinstance(v, Prior)) for v in values)
     return len(storeys) > 1 or free_here
 
 
@@ -290,9 +292,10 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
         zip((p.symbol for p in model.parameters), np.moveaxis(model.table.local(values)[0], 1, 0), strict=True)
     )
     parameters |= model.law.derived_from(parameters)
-    energy = np.cumsum(np.square(record.excitation))
+    energy = np.cumsum(np.sum(np.square(list(record.drivers.values())), axis=0))
     onset = float(np.searchsorted(energy, ONSET_SHARE * energy[-1])) * record.time_step
-    floor_rate = np.max(np.abs(np.cumsum(rows["drift_rate"], axis=0)), axis=1)
+    ways = [np.array(model.links_below(model.joints[i][1])) - 1 for i in range(model.n_links)]
+    floor_rate = [np.max(np.abs(np.sum(rows["drift_rate"][way], axis=0))) for way in ways]
     period = _period(model, parameters, rows)
     return tuple(
         Scales(
@@ -304,24 +307,24 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
             **{name: float(parameters[symbol][i]) for name, symbol in _PARAMETER_SCALES.items()},
             mass=float(masses(model)[i]),
             floor_rate=max(float(floor_rate[i]), 1e-12),
-            acceleration=max(float(np.std(rows["acceleration"][i])), 1e-12),
+            acceleration=max(float(np.std(rows["acceleration"][min(i, len(rows["acceleration"]) - 1)])), 1e-12),
             ground_acceleration=max(float(np.std(record.excitation)), 1e-12),
             period=period,
             onset=onset,
             duration=record.duration,
             time_step=record.time_step,
         )
-        for i in range(model.n_storeys)
+        for i in range(model.n_links)
     )
 
 
 def _period(model: Structure, parameters: Mapping[str, Floats], rows: Mapping[str, Floats]) -> float:
     """First period of a building at rest; that of the cycles which a specimen is put through."""
-    if not isinstance(model, ShearBuilding):
+    if model.is_driven:
         return float(2.0 * np.pi * np.std(rows["drift"]) / max(float(np.std(rows["drift_rate"])), 1e-300))
     alpha = parameters["alpha"]
     at_rest = parameters["k"] * (alpha + (1.0 - alpha) * parameters["A"])
-    periods, _ = modes(at_rest, np.zeros_like(at_rest), masses(model))
+    periods, _ = modes(at_rest, np.zeros_like(at_rest), np.array(model.masses), model.joints)
     return float(periods[0])
 
 

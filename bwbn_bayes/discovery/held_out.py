@@ -16,7 +16,6 @@ from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.cycles import half_cycles, repeated_samples, repeats
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 N_BLOCKS = 30
@@ -176,7 +175,7 @@ def parting_time(model: Structure, record: Record) -> float:
 
 def _strong_signals(model: Structure, record: Record) -> dict[str, Floats]:
     """By name, the signals ``(n_times,)`` that tell how strongly a record moves."""
-    if isinstance(model, ShearBuilding) and len(record.floors) == model.n_storeys:
+    if not model.is_driven and len(record.floors) == model.n_floors:
         return {"base shear": record.storey_forces(model.masses)[0]}
     return dict(record.channels)
 

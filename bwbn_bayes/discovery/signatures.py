@@ -13,7 +13,6 @@ from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.inference.importance import laplace_mixture
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.structures.shear_building import ShearBuilding
 
 N_DRAWS = 32
 """Draws of Laplace's approximation of the posterior over which a signature is told."""
@@ -112,13 +111,13 @@ def _measured(
     model, record = present.model, present.posterior.record
     if record.counted is not None:  # a measure reads whole cycles, one after the other
         return None
-    if not isinstance(model, ShearBuilding):
+    if model.is_driven:
         force = record.channels.get("force")
         return None if force is None else signature.of_measured(record.excitation, force)
     drift = response.histories["drift"]
     if drift.ndim > 1 or not hypothesis.storeys:
         return None
     storey = hypothesis.storeys[0] if len(hypothesis.storeys) == 1 else None
-    if storey is None or any(f"acceleration_{s}" not in record.channels for s in range(storey, model.n_storeys + 1)):
+    if storey is None or any(f"acceleration_{s}" not in record.channels for s in range(storey, model.n_floors + 1)):
         return None
     return signature.of_measured(drift, np.asarray(record.storey_forces(model.masses, lowest_storey=storey)[0]))

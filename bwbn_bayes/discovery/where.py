@@ -19,7 +19,6 @@ from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.cycles import cycle_numbers, half_cycles
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 SPECIMEN = "the specimen"
@@ -38,7 +37,7 @@ _LEAST_CONCENTRATION = 1.3
 
 def storey_in_words(model: Structure, number: int) -> str:
     """``storey 2``, or ``the specimen`` in a testing machine."""
-    return f"storey {number}" if isinstance(model, ShearBuilding) else SPECIMEN
+    return f"storey {number}" if not model.is_driven else SPECIMEN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,7 +141,7 @@ def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
     by_window = _windowed(residual / noise[:, None])
     values, _ = posterior.split(point[None])
     rows = {k: h[0] for k, h in observe(posterior.engine, posterior.model, values, record).items()}
-    force = np.full((posterior.model.n_storeys, record.n_counted), np.nan)
+    force = np.full((posterior.model.n_links, record.n_counted), np.nan)
     for storey, missing, sd in missing_forces(posterior, residual, noise):
         force[storey - 1] = missing / sd
     by_storey = _windowed(force)
@@ -174,11 +173,13 @@ def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> lis
         Noise level of each.
     """
     model, channels = posterior.model, list(posterior.record.channels)
-    if not isinstance(model, ShearBuilding):
+    if model.is_driven:
         return [(1, residual[i], float(noise[i])) for i, name in enumerate(channels) if name == "force"]
     found: list[tuple[int, Floats, float]] = []
     force, variance = np.zeros(residual.shape[1]), 0.0
-    for floor in range(model.n_storeys, 0, -1):
+    if not model.is_chain:
+        return []
+    for floor in range(model.n_floors, 0, -1):
         name = f"acceleration_{floor}"
         if name not in channels:
             break

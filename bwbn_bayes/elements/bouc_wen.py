@@ -15,9 +15,14 @@ from bwbn_bayes.parameters import Parameter, Value
 _WEN = "Wen 1976; Ismail et al. 2009, doi:10.1007/s11831-009-9031-8"
 _NORMALISED = "Ikhouane and Rodellar 2007; doi:10.1002/9780470513200"
 
-_SPRINGS = (
+SPRING_AND_DASHPOT = (
     Parameter(symbol="k", unit="N/m", neutral=0.0, lower=0.0, description="initial stiffness", source=_WEN),
     Parameter(symbol="c", unit="N s/m", neutral=0.0, lower=0.0, description="viscous damping", source=_WEN),
+)
+"""What every link has."""
+
+_SPRINGS = (
+    *SPRING_AND_DASHPOT,
     Parameter(
         symbol="alpha",
         unit="",
@@ -79,6 +84,8 @@ class BoucWen:
         (``gamma`` is negative above 1); below 0.5 a loop can give back more than it took in.
     n : float, Prior or PerStorey
         Sharpness of yield.
+    hardens : bool
+        Admit ``beta + gamma < 0``, where the loop hardens and nothing bounds the hysteretic displacement.
 
     Raises
     ------
@@ -102,8 +109,9 @@ class BoucWen:
     u_y: Value | None = None
     rho: Value | None = None
     n: Value = 1.0
+    hardens: bool = False
 
-    constraints: ClassVar[tuple[sp.Basic, ...]] = (symbol("beta") + symbol("gamma") >= 0,)
+    name: ClassVar[str] = "bouc_wen"
 
     def __post_init__(self) -> None:
         given = [name for name in ("beta", "gamma", "u_y", "rho") if getattr(self, name) is not None]
@@ -117,6 +125,11 @@ class BoucWen:
     def parameters(self) -> tuple[Parameter, ...]:
         """The seven parameters, ``u_y`` and ``rho`` in the place of ``beta`` and ``gamma`` where those are given."""
         return (*_SPRINGS, *(_SHAPE if self.u_y is None else _YIELD), *_SHARPNESS)
+
+    @property
+    def constraints(self) -> tuple[sp.Basic, ...]:
+        """``beta + gamma >= 0`` bounds the hysteretic displacement; a loop that hardens has no bound."""
+        return () if self.hardens else (symbol("beta") + symbol("gamma") >= 0,)
 
     @property
     def derived(self) -> tuple[Definition, ...]:

@@ -25,11 +25,10 @@ from bwbn_bayes.elements.law import (
     FLOOR_MASS,
     FLOOR_VELOCITY,
     FORCE,
-    FORCE_ABOVE,
-    FORCE_BELOW,
     GROUND_ACCELERATION,
     HYSTERETIC_DISPLACEMENT,
     MASS,
+    NET_FORCE,
     RECORDED_ACCELERATION,
     AddedState,
     BaseLaw,
@@ -117,6 +116,10 @@ def _law_of(
     own = (HYSTERETIC_DISPLACEMENT, ENERGY, *(added.state for added in slots.added_states))
     outputs.setdefault(GROUND_ACCELERATION, RECORDED_ACCELERATION)
     acceleration = _floor_acceleration(slots, outputs)
+    known = {one.subject: one.expression for one in derived if one.expression.is_number}
+    shown = [one for one in derived if one.subject in slots.increments or one.subject not in known]
+    known = {subject: value for subject, value in known.items() if subject not in slots.increments}
+    shown += [replace(one, expression=one.expression.xreplace(known)) for one in definitions]
     return StoreyLaw(
         parameters=parameters,
         states=(*own, *(added.state for added in slots.floor_states)),
@@ -125,7 +128,7 @@ def _law_of(
         events=slots.events,
         sharp_features=tuple(replace(one, width=one.width.xreplace(outputs)) for one in slots.sharp_features),
         constraints=tuple(_spelled_out(one, spelled_out).subs(offsets) for one in constraints + slots.constraints),
-        definitions=(*derived, *definitions),
+        definitions=tuple(shown),
         increments=tuple(slots.increments.items()),
         derived=derived,
         n_floor_states=len(slots.floor_states),
@@ -194,10 +197,10 @@ _Steps = dict[sp.Symbol, sp.Expr]
 
 
 def _floor_acceleration(slots: Slots, steps: _Steps) -> sp.Expr | None:
-    """Total acceleration of a floor, None where it is ``(F_above - F_i) / m_i`` and no floor state needs it."""
+    """Total acceleration of a floor, None where it is ``F_net / m_i`` and no floor state needs it."""
     if slots.mass_factor == 1 and slots.floor_force == 0 and not slots.floor_states:
         return None
-    forces = (FORCE_ABOVE - FORCE_BELOW, *sp.Add.make_args(slots.floor_force))
+    forces = (NET_FORCE, *sp.Add.make_args(slots.floor_force))
     # Term by term: the mass cancels where a force is proportional to it.
     per_mass = sp.Add(*(force / MASS for force in forces))
     return per_mass.xreplace({MASS: MASS * slots.mass_factor}).xreplace(steps)

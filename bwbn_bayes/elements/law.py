@@ -27,12 +27,10 @@ TIME = sp.Symbol("t")
 """Since the record's start. [s]"""
 MASS = sp.Symbol("m_i", positive=True)
 """Mass of the floor, its error included. [kg]"""
-FORCE_BELOW, FORCE_ABOVE, FIRST_FORCE = sp.symbols("F_i F_above F_1", real=True)
-"""Forces of the storeys below and above a floor, and of the first storey, which stands on the base. [N]"""
+NET_FORCE, FIRST_FORCE = sp.symbols("F_net F_1", real=True)
+"""On a floor from its links and from outside, and of the storeys that stand on the base. [N]"""
 GROUND_ACCELERATION, RECORDED_ACCELERATION = sp.symbols("a_g a_rec", real=True)
 """Of the ground, and as the record has it: the same unless an effect says otherwise. [m/s^2]"""
-FLOOR_INPUTS = (FORCE_ABOVE, FORCE_BELOW)
-"""What the law of a floor takes from the storeys around it."""
 
 
 def symbol(name: str) -> sp.Symbol:
@@ -179,6 +177,11 @@ class Effect(Protocol):
     level: ClassVar[str] = "link"
     """What it acts on: link (a storey), node (a floor), structure, excitation or observation."""
 
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "linear")
+    """Names of the elements that it can act on, where it acts on a link."""
+    makes: ClassVar[str] = ""
+    """Name of the element that a link is once it has the effect, where it becomes another."""
+
     name: ClassVar[str]
     """Canonical name, as in the catalogue."""
     title: ClassVar[str] = ""
@@ -305,7 +308,7 @@ class StoreyLaw:
     ``force``, ``rates`` and ``constraints`` have them written out.
 
     The last ``n_floor_states`` states belong to the floor above the storey. Their rates, and the floor's total
-    ``acceleration`` where it is not ``(F_above - F_i) / m_i``, may also use :data:`FLOOR_INPUTS`, :data:`MASS` and
+    ``acceleration`` where it is not ``F_net / m_i``, may also use :data:`NET_FORCE`, :data:`MASS` and
     :data:`RECORDED_ACCELERATION`. ``base`` is left out where the first storey stands on the recorded ground.
     """
 
@@ -341,7 +344,9 @@ class StoreyLaw:
     def derived_from[T](self, parameters: Mapping[str, T]) -> dict[str, T]:
         """The derived symbols by name from the parameters by symbol, numbers or arrays of one shape."""
         own = [parameters[one.name] for one in self.symbols]
-        return {one.subject.name: sp.lambdify(self.symbols, one.expression, "numpy")(*own) for one in self.derived}
+        values = {one.subject.name: sp.lambdify(self.symbols, one.expression, "numpy")(*own) for one in self.derived}
+        # A number takes the shape of the parameters.
+        return {name: value + 0.0 * own[0] if isinstance(value, int) else value for name, value in values.items()}
 
     @cached_property
     def event_parameters(self) -> tuple[int, ...]:

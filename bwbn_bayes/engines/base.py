@@ -20,7 +20,6 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.noise import MIN_SAMPLES
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 OBSERVED_KINDS = (
@@ -143,7 +142,7 @@ class ChannelMap:
     """Channels as linear combinations of observed rows.
 
     ``row[starts[c]:starts[c+1]]`` and ``coefficient`` are the terms of channel c; ``ground`` multiplies the excitation.
-    Row ``kind * n_storeys + storey`` counts kinds as in :data:`OBSERVED_KINDS`; the row after all of them is the
+    Row ``kind * n_links + link`` counts kinds as in :data:`OBSERVED_KINDS`; the row after all of them is the
     displacement of a base that can move.
     """
 
@@ -154,7 +153,7 @@ class ChannelMap:
     ground: Floats
 
     def apply(self, rows: Floats, excitation: Floats) -> Floats:
-        """Channels ``(..., n_channels, n_times)`` from observed rows ``(..., 6 n_storeys, n_times)``."""
+        """Channels ``(..., n_channels, n_times)`` from observed rows ``(..., 6 n_links, n_times)``."""
         result = np.empty((*rows.shape[:-2], len(self.names), rows.shape[-1]))
         for c in range(len(self.names)):
             terms = slice(self.starts[c], self.starts[c + 1])
@@ -172,11 +171,11 @@ def channel_map(model: Structure, names: Sequence[str]) -> ChannelMap:
     UserError
         If a channel is unknown or its storey does not exist.
     """
-    n = model.n_storeys
+    n = model.n_links
     starts, rows, coefficients, ground = [0], [], [], []
     for name in names:
-        kind, storey = _split(name, n)
-        terms, base = _terms(kind, storey, n, name)
+        kind, number = _split(name, model)
+        terms, base = _terms(kind, number, model, name)
         if kind in ("displacement", BASE_DISPLACEMENT) and model.law.base_states:
             terms.append((len(OBSERVED_KINDS) * n, 1.0))
         rows += [row for row, _ in terms]
@@ -192,29 +191,36 @@ def channel_map(model: Structure, names: Sequence[str]) -> ChannelMap:
     )
 
 
-def _split(name: str, n_storeys: int) -> tuple[str, int]:
+OF_FLOORS = ("acceleration", "relative_acceleration", "displacement")
+"""Channels that count floors; others count storeys and further links."""
+
+
+def _split(name: str, model: Structure) -> tuple[str, int]:
     if name in ("force", BASE_DISPLACEMENT):
         return name, 1
     match = re.fullmatch(r"([a-z_]+)_(\d+)", name)
     if match is None:
         raise UserError(f"channel {name!r} is not known: write a quantity and a floor or storey, e.g. acceleration_1")
-    storey = int(match[2])
-    if not 1 <= storey <= n_storeys:
-        raise UserError(f"channel {name!r}: the model has storeys 1 to {n_storeys}; drop the channel or add storeys")
-    return match[1], storey
+    number, n_links, n_floors = int(match[2]), model.n_links, model.n_floors
+    of_floor = match[1] in OF_FLOORS and not model.is_driven
+    if not 1 <= number <= (n_floors if of_floor else n_links):
+        has = f"floors 1 to {n_floors}" if of_floor and n_links > n_floors else f"storeys 1 to {n_links}"
+        raise UserError(f"channel {name!r}: the model has {has}; drop the channel or add storeys")
+    return match[1], number
 
 
-def _terms(kind: str, storey: int, n: int, name: str) -> tuple[list[tuple[int, float]], float]:
+def _terms(kind: str, number: int, model: Structure, name: str) -> tuple[list[tuple[int, float]], float]:
+    n = model.n_links
     if kind in OBSERVED_KINDS:
-        return [(OBSERVED_KINDS.index(kind) * n + storey - 1, 1.0)], 0.0
+        return [(OBSERVED_KINDS.index(kind) * n + number - 1, 1.0)], 0.0
     if kind == "force":
-        return [(OBSERVED_KINDS.index("restoring_force") * n + storey - 1, 1.0)], 0.0
+        return [(OBSERVED_KINDS.index("restoring_force") * n + number - 1, 1.0)], 0.0
     if kind == BASE_DISPLACEMENT:
         return [], 0.0
     if kind == "relative_acceleration":
-        return [(OBSERVED_KINDS.index("acceleration") * n + storey - 1, 1.0)], -1.0
+        return [(OBSERVED_KINDS.index("acceleration") * n + number - 1, 1.0)], -1.0
     if kind == "displacement":
-        return [(i, 1.0) for i in range(storey)], 0.0
+        return [(link - 1, 1.0) for link in model.links_below(number)], 0.0
     raise UserError(
         f"channel {name!r} is not known: the engines give {', '.join(OBSERVED_KINDS)}, force, "
         "relative_acceleration and displacement"
@@ -222,8 +228,13 @@ def _terms(kind: str, storey: int, n: int, name: str) -> tuple[list[tuple[int, f
 
 
 def masses(model: Structure) -> Floats:
-    """Floor masses ``(n_storeys,)`` [kg]; ones for a specimen, whose equation of motion has none."""
-    return np.asarray(model.masses, dtype=np.float64) if isinstance(model, ShearBuilding) else np.ones(model.n_storeys)
+    """Mass of the node that each link carries ``(n_links,)`` [kg]; 1 where it carries none, and nothing moves it."""
+    return np.array([*model.masses, *(1.0 for _ in range(model.n_links - model.n_floors))], dtype=np.float64)
+
+
+def inputs(record: Record) -> Floats:
+    """What drives, ``(n_times, 1 + n_forces)`` in SI units: the excitation, then the force on each forced floor."""
+    return np.stack([record.excitation, *record.forces.values()], axis=1)
 
 
 def check_record(model: Structure, record: Record) -> None:
@@ -232,6 +243,12 @@ def check_record(model: Structure, record: Record) -> None:
         raise UserError(
             f"record {record.name!r} is driven by {record.excitation_kind}, the model by {model.excitation_kind}: "
             "use a ShearBuilding for ground motion and a Specimen for a displacement-driven test"
+        )
+    beyond = [floor for floor in record.forced_floors if floor > model.n_floors]
+    if beyond:
+        raise UserError(
+            f"record {record.name!r}: applied_force_{beyond[0]} acts on a floor that the model does not have, it has "
+            f"floors 1 to {model.n_floors}; drop the column or add floors"
         )
 
 
@@ -256,21 +273,21 @@ def require_usable(model: Structure, record: Record) -> None:
     channel_map(model, tuple(record.channels))
     if record.n_counted < MIN_SAMPLES:
         raise UserError(f"{where} has {record.n_counted} samples: at least {MIN_SAMPLES} are needed to tell its noise")
-    if np.ptp(record.excitation) == 0.0:
+    if not any(np.ptp(signal) > 0.0 for signal in (record.excitation, *record.forces.values())):
         raise UserError(f"{where} has no excitation: its {record.excitation_kind} never changes")
     still = [channel for channel, signal in record.channels.items() if np.ptp(signal[record.kept]) == 0.0]
     if still:
         raise UserError(f"{where}: {', '.join(still)} never changes: leave it out")
-    for channel, others, known in _same_by_definition(model.n_storeys, record):
+    for channel, others, known in _same_by_definition(model, record):
         signal = record.channels[channel]
         if np.allclose(signal, known, rtol=0.0, atol=1e-9 * float(np.max(np.abs(signal)))):
             raise UserError(f"{where}: {channel} says the same as {others} and would count twice: leave one out")
 
 
-def _same_by_definition(n_storeys: int, record: Record) -> Iterator[tuple[str, str, Floats]]:
+def _same_by_definition(model: Structure, record: Record) -> Iterator[tuple[str, str, Floats]]:
     """Channels that others would give if they came from the same sensors: name, the others' names, what they give."""
     channels = record.channels
-    for i in range(1, n_storeys + 1):
+    for i in range(1, (model.n_floors if model.is_chain else 0) + 1):
         absolute, relative = channels.get(f"acceleration_{i}"), f"relative_acceleration_{i}"
         if absolute is not None and relative in channels:
             yield relative, f"acceleration_{i} less the ground's", absolute - record.excitation

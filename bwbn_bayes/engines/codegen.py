@@ -20,10 +20,8 @@ from bwbn_bayes.elements.law import (
     DRIFT,
     DRIFT_RATE,
     FIRST_FORCE,
-    FLOOR_INPUTS,
-    FORCE_ABOVE,
-    FORCE_BELOW,
     MASS,
+    NET_FORCE,
     RECORDED_ACCELERATION,
     BaseLaw,
     Event,
@@ -181,11 +179,10 @@ INVERSE_MASS = sp.Symbol("inverse_mass__", real=True)
 """One over the mass that the model gives a floor, as kernels keep it. [1/kg]"""
 
 INPUT_NAMES = {
-    FORCE_ABOVE: "force_above__",
-    FORCE_BELOW: "force_below__",
+    NET_FORCE: "net_force__",
     RECORDED_ACCELERATION: "recorded__",
 }
-"""What the laws of floors and base take from around them, as kernels call it; the force above the base is F_1."""
+"""What the laws of floors and base take from around them, as kernels call it; the net force on the base is F_1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,7 +218,7 @@ class LawPrograms:
     """A law as code: the storey, its floor, the base under the first storey.
 
     The storey's outputs are the force (row 0) and the rates of its own states. A floor's are its acceleration (last
-    row) and the rates of its states; None where the acceleration is ``(F_above - F_i) / m_i``. The base's are its
+    row) and the rates of its states; None where the acceleration is ``F_net / m_i``. The base's are its
     acceleration (row 0 of a table of its own) and the rates of its states, which are its first variables; its other
     variables are numbered as the storey's are.
     """
@@ -230,7 +227,7 @@ class LawPrograms:
     floor: Part | None
     base: Part | None
     variables: tuple[sp.Symbol, ...]
-    """Columns: drift, drift rate, states, parameters, then what floors take from the storeys around them."""
+    """Columns: drift, drift rate, states, parameters, then the net force on a floor or on the base."""
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -253,7 +250,7 @@ def spelled(law: StoreyLaw) -> StoreyLaw:
     old = (*law.states, *law.base_states, *law.symbols, *(event.indicator for event in law.events))
     new = {s: sp.Symbol(f"{s.name}_", **s.assumptions0) for s in old}
     inputs: dict[sp.Expr, sp.Expr] = {s: sp.Symbol(name, real=True) for s, name in INPUT_NAMES.items()}
-    around = {**new, **inputs, FIRST_FORCE: inputs[FORCE_ABOVE], MASS: 1 / INVERSE_MASS}
+    around = {**new, **inputs, FIRST_FORCE: inputs[NET_FORCE], MASS: 1 / INVERSE_MASS}
     return replace(
         law,
         parameters=tuple(replace(p, symbol=f"{p.symbol}_") for p in law.parameters),
@@ -295,8 +292,9 @@ def law_programs(law: StoreyLaw) -> LawPrograms:
 
 
 def _variables(law: StoreyLaw) -> tuple[sp.Symbol, ...]:
-    inputs = tuple(sp.Symbol(INPUT_NAMES[s], real=True) for s in FLOOR_INPUTS)
-    around = inputs if law.acceleration is not None or law.base is not None else ()
+    around = (
+        (sp.Symbol(INPUT_NAMES[NET_FORCE], real=True),) if law.acceleration is not None or law.base is not None else ()
+    )
     return (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *around)
 
 

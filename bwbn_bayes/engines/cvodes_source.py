@@ -85,10 +85,16 @@ def _addresses_at(typing_context, address):
     return types.CPointer(types.intp)(types.intp), generate
 
 
+@njit({flags})
+def _n_numbers(data):
+    """Length of a draw's flat array, from its head."""
+    return {head} + int(data[0]) * ({block} + int(data[3])) + int(data[2]) * int(data[4])
+
+
 def _rates_callback(t, y, dy, data_address):
     data = carray(_floats_at(data_address), ({head} + 1,))
     n = int(data[0]) * {n_rows} + {n_base_rows}
-    data = carray(_floats_at(data_address), (int(data[0]) * ({block} + int(data[3])) + int(data[2]) + {head},))
+    data = carray(_floats_at(data_address), (_n_numbers(data),))
     return rhs(t, carray(_floats_at(N_VGetArrayPointer(y)), (n,)), carray(_floats_at(N_VGetArrayPointer(dy)), (n,)),
                data)
 
@@ -96,7 +102,7 @@ def _rates_callback(t, y, dy, data_address):
 def _jacobian_callback(t, y, dy, matrix, data_address, room_1, room_2, room_3):
     data = carray(_floats_at(data_address), ({head} + 1,))
     n = int(data[0]) * {n_rows} + {n_base_rows}
-    data = carray(_floats_at(data_address), (int(data[0]) * ({block} + int(data[3])) + int(data[2]) + {head},))
+    data = carray(_floats_at(data_address), (_n_numbers(data),))
     jacobian(carray(_floats_at(N_VGetArrayPointer(y)), (n,)), carray(_floats_at(SUNDenseMatrix_Data(matrix)), (n, n)),
              data)
     return 0
@@ -105,7 +111,7 @@ def _jacobian_callback(t, y, dy, matrix, data_address, room_1, room_2, room_3):
 def _tangents_callback(n_directions, t, y, dy, tangents, rates_of_tangents, data_address, room_1, room_2):
     data = carray(_floats_at(data_address), ({head} + 1,))
     n = int(data[0]) * {n_rows} + {n_base_rows}
-    data = carray(_floats_at(data_address), (int(data[0]) * ({block} + int(data[3])) + int(data[2]) + {head},))
+    data = carray(_floats_at(data_address), (_n_numbers(data),))
     slopes(carray(_floats_at(N_VGetArrayPointer(y)), (n,)), ground_at(t, data), data)
     inward = carray(_addresses_at(tangents), (n_directions,))
     outward = carray(_addresses_at(rates_of_tangents), (n_directions,))

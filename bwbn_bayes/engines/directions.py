@@ -22,8 +22,8 @@ class Directions:
 
     Attributes
     ----------
-    moved : (n_parameters, n_storeys) array
-        Column of the table of partials that a parameter moves at each storey, ``nowhere`` where it does not act.
+    moved : (n_parameters, n_links) array
+        Column of the table of partials that a parameter moves at each link, ``nowhere`` where it does not act.
     nowhere : int
         Column of zeros.
     owner : (n_rows, n_directions) array
@@ -41,17 +41,17 @@ class Directions:
 
     @cached_property
     def seed(self) -> NDArray[np.int64]:
-        """Column of the table of partials that each direction moves, ``(n_rows, n_directions, n_storeys)``."""
+        """Column of the table of partials that each direction moves, ``(n_rows, n_directions, n_links)``."""
         nobody = np.full((1, self.moved.shape[1]), self.nowhere, dtype=np.int64)
         return np.concatenate([self.moved, nobody])[self.owner]
 
     @property
     def active(self) -> Floats:
-        """One where a row's direction moves anything at a storey, ``(n_rows, n_directions, n_storeys)``, else zero."""
+        """One where a row's direction moves anything at a link, ``(n_rows, n_directions, n_links)``, else zero."""
         return np.asarray(self.seed != self.nowhere, dtype=np.float64)
 
     def column(self, own: int) -> NDArray[np.int64]:
-        """Column ``(n_directions, n_storeys)`` that all rows move which move anything; ``own`` where they differ."""
+        """Column ``(n_directions, n_links)`` that all rows move which move anything; ``own`` where they differ."""
         moves = self.seed != self.nowhere
         first = np.max(np.where(moves, self.seed, -1), axis=0, initial=-1)
         same = np.all(~moves | (self.seed == first), axis=0)
@@ -63,7 +63,7 @@ class Directions:
 
         Parameters
         ----------
-        moved : (n_parameters, n_storeys) array
+        moved : (n_parameters, n_links) array
             Column of the table of partials, ``nowhere`` where a parameter does not act.
         nowhere : int
             Column of zeros.

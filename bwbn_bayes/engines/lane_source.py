@@ -1,8 +1,13 @@
 """The source of a lane kernel: sixteen draws advance together, one per lane of flat arrays.
 
-A row is ``LANES`` numbers, one per draw, so that the innermost loops vectorise. All that a storey needs stands in one
-block of rows of the array ``w``; blocks run from the roof down: an empty one above the roof, the storeys, the ground,
-which holds the states of the base where there is one.
+A row is ``LANES`` numbers, one per draw, so that the innermost loops vectorise. All that a link needs stands in one
+block of rows of the array ``w``, and with it the node that the link carries. Blocks run down: an empty one, links that
+carry no node, the others from the roof down, the ground, which holds the states of the base where there is one.
+Which nodes a link joins is data (``joints``, one row for each link): the block of the node that it stands on, that of
+the node where it ends, and for both whether the node has been pulled at in this stage already. The link that carries a
+node comes after all others that join it, so that one sweep finds all accelerations. Forces are gathered in the node's
+``pull``, but for one that is alone there and stands in the block before, as in a chain: it is read where it stands, and
+-1 says so.
 The distance between rows is a constant, so that the compiler needs no check for overlap. Derivatives stand in ``t``,
 one building of smaller blocks per direction. Each stage of a Runge-Kutta scheme uses the rates of the stage before
 only: state ``y + share * step * rate``, result ``y + sum(weight * step * rate)``.
@@ -19,8 +24,7 @@ from numpy.typing import NDArray
 from bwbn_bayes.elements.law import (
     DRIFT,
     DRIFT_RATE,
-    FORCE_ABOVE,
-    FORCE_BELOW,
+    NET_FORCE,
     RECORDED_ACCELERATION,
     StoreyLaw,
 )
@@ -47,7 +51,7 @@ FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, n
 
 @dataclass(frozen=True, kw_only=True)
 class LaneLayout:
-    """Rows of a storey's block in ``w``; the rows up to and including ``acceleration`` open its block in ``t`` too.
+    """Rows of a storey's block in ``w``; the rows up to and including ``pull`` open its block in ``t`` too.
 
     Attributes
     ----------
@@ -56,8 +60,9 @@ class LaneLayout:
     n_columns : int
         Columns of the table of partial derivatives: the law's variables, one of zeros (``nowhere``), and one for what
         the lanes of a direction move where that differs (``own``).
-    force, acceleration, inverse_mass, parameters, derived, happened, sharpness, before, slope : int
-        First row of each kind; ``sharpness`` is one over the width of each sharp feature.
+    force, acceleration, pull, inverse_mass, parameters, derived, happened, sharpness, before, slope : int
+        First row of each kind; ``pull`` is the force on the node but for its own link's; ``sharpness`` is one over the
+        width of each sharp feature.
     block : int
         Rows of a block of ``w``.
     """
@@ -66,6 +71,7 @@ class LaneLayout:
     n_columns: int
     force: int
     acceleration: int
+    pull: int
     inverse_mass: int
     parameters: int
     derived: int
@@ -88,7 +94,7 @@ class LaneLayout:
     @property
     def tangent_block(self) -> int:
         """Rows of a block of ``t``."""
-        return self.acceleration + 1
+        return self.pull + 1
 
     def observed(self, kind: NDArray[np.int64]) -> NDArray[np.int64]:
         """Row of each observed kind, numbered as in :data:`~bwbn_bayes.engines.base.OBSERVED_KINDS`.
@@ -101,7 +107,7 @@ class LaneLayout:
 def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
     """Lay out the rows of one storey law."""
     n_states = 2 + len(law.states)
-    parameters = 3 * n_states + 3
+    parameters = 3 * n_states + 4
     derived = parameters + len(law.parameters)
     happened = derived + programs.n_hoisted
     sharpness = happened + len(law.events)
@@ -112,7 +118,8 @@ def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
         n_columns=n_columns,
         force=3 * n_states,
         acceleration=3 * n_states + 1,
-        inverse_mass=3 * n_states + 2,
+        pull=3 * n_states + 2,
+        inverse_mass=3 * n_states + 3,
         parameters=parameters,
         derived=derived,
         happened=happened,
@@ -150,11 +157,14 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         "slope": place.slope,
         "before": place.before,
         "happened": place.happened,
-        "acceleration_of_drift": n + 1,
+        "force": place.force,
+        "acceleration": place.acceleration,
+        "pull": place.pull,
         "prepare": _prepare(law, programs, place),
-        "n_blocks": "n_storeys + 1" if law.base_states else "n_storeys",
-        "ground_drift": "0.0" if driven else f"first[{place.acceleration} * LANES + l] - ground[l]",
-        "ground_drift_tangent": "0.0" if driven else f"first[{place.acceleration} * LANES + l]",
+        "n_blocks": "n_links + 1" if law.base_states else "n_links",
+        "acceleration_of_drift": n + 1,
+        "ground_drift": "0.0" if driven else f"w[a + {place.acceleration} * LANES + l] - ground[l]",
+        "ground_drift_tangent": "0.0" if driven else "acceleration",
         "refine": _refine(law, place),
         "turn": _turn(law, place),
         "limit": _indent(_limit(law, place), 4),
@@ -249,15 +259,15 @@ def _code(
 
 
 def _law(law: StoreyLaw, programs: LawPrograms, place: LaneLayout, *, with_slopes: bool) -> list[str]:
-    """Rates of one storey; it completes those of the storey above, whose acceleration is now known from below."""
+    """Rates of one link but for its drift rate's, and the acceleration of the node that it carries."""
     names = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
     rates = [f"w[a + BLOCK + {place.n_states + 2 + i} * LANES + l] = {{}}" for i in range(len(law.states))]
     own = [
         f"w[a + BLOCK + {place.n_states} * LANES + l] = v",
         f"w[a + BLOCK + {place.force} * LANES + l] = force",
     ]
-    above = f"w[a + {place.force} * LANES + l]"
-    plain = f"acceleration = ({above} - force) * w[a + BLOCK + {place.inverse_mass} * LANES + l]"
+    net = "w[p + l] - force"
+    plain = f"acceleration = ({net}) * w[a + BLOCK + {place.inverse_mass} * LANES + l]"
     joined = [
         f"w[a + BLOCK + {place.acceleration} * LANES + l] = acceleration",
         f"w[a + {place.n_states + 1} * LANES + l] = w[a + {place.acceleration} * LANES + l] - acceleration",
@@ -267,7 +277,7 @@ def _law(law: StoreyLaw, programs: LawPrograms, place: LaneLayout, *, with_slope
     lines = _states(names, "w", "a + BLOCK", place)
     lines += _code(law, programs.storey, place, storey, end, with_slopes=with_slopes)
     if programs.floor is not None:
-        lines += [f"{INPUT_NAMES[FORCE_ABOVE]} = {above}", f"{INPUT_NAMES[FORCE_BELOW]} = force", _RECORDED]
+        lines += [f"{INPUT_NAMES[NET_FORCE]} = {net}", _RECORDED]
         floor = ["acceleration = {}", *rates[law.n_storey_states :]]
         lines += _code(law, programs.floor, place, floor, joined, with_slopes=with_slopes)
     return lines
@@ -284,23 +294,28 @@ def _base(
     *,
     with_slopes: bool,
 ) -> str:
-    """What the first storey stands on: it completes the rate of that storey's drift rate."""
+    """The acceleration of what the building stands on."""
     if programs.base is None:
         return (ON_GROUND_TANGENT if with_slopes else ON_GROUND).format(**fields)
     n, base_states = place.n_states, [str(s) for s in law.base_states]
     lines = _states(base_states, "w", "a + BLOCK", place)
-    lines += [f"{INPUT_NAMES[FORCE_ABOVE]} = w[a + {place.force} * LANES + l]", _RECORDED]
+    lines += [f"{INPUT_NAMES[NET_FORCE]} = w[p + l]", _RECORDED]
     rates = [f"w[a + BLOCK + {n + r} * LANES + l] = {{}}" for r in range(len(base_states))]
-    end = [f"w[a + {n + 1} * LANES + l] = w[a + {place.acceleration} * LANES + l] - below"]
+    end = [
+        f"w[a + BLOCK + {place.acceleration} * LANES + l] = below",
+        f"w[a + {n + 1} * LANES + l] = w[a + {place.acceleration} * LANES + l] - below",
+    ]
     lines += _code(law, programs.base, place, ["below = {}", *rates], end, "a", with_slopes=with_slopes)
     chain = _states([f"t{r}" for r in range(len(base_states))], "t", "o + TANGENT_BLOCK", place)
     tangents = {r: f"t{r}" for r in range(len(base_states))}
-    tangents[len(programs.variables) - 2] = f"t[o + {place.force} * LANES + l]"
+    tangents[len(programs.variables) - 1] = "net"
+    chain += ["net = t[p + l]"]
     chain += [f"below = {_slope(programs.base, 0, place, tangents)}"]
     chain += [
         f"t[o + TANGENT_BLOCK + {n + r} * LANES + l] = {_slope(programs.base, 1 + r, place, tangents)}"
         for r in range(len(base_states))
     ]
+    chain += [f"t[o + TANGENT_BLOCK + {place.acceleration} * LANES + l] = below"]
     chain += [f"t[o + {n + 1} * LANES + l] = t[o + {place.acceleration} * LANES + l] - below"]
     template = ON_BASE_TANGENT if with_slopes else ON_BASE
     return template.format(base_law=_indent(lines, 2), base_chain=_indent(chain, 3), **fields)
@@ -355,11 +370,11 @@ def _chain(programs: LawPrograms, place: LaneLayout) -> str:
         f"t[o + TANGENT_BLOCK + {n} * LANES + l] = t1",
         f"t[o + TANGENT_BLOCK + {place.force} * LANES + l] = force",
     ]
-    above = f"t[o + {place.force} * LANES + l]"
+    lines.append("net = t[p + l] - force")
     if programs.floor is None:
-        lines.append(f"acceleration = ({above} - force) * w[a + BLOCK + {place.inverse_mass} * LANES + l]")
+        lines.append(f"acceleration = net * w[a + BLOCK + {place.inverse_mass} * LANES + l]")
     else:
-        tangents |= {len(programs.variables) - 2: above, len(programs.variables) - 1: "force"}
+        tangents[len(programs.variables) - 1] = "net"
         lines += [f"{targets[row]} = {_slope(programs.floor, row, place, tangents)}" for row in programs.floor.rows]
     lines += [
         f"t[o + TANGENT_BLOCK + {place.acceleration} * LANES + l] = acceleration",
@@ -443,8 +458,8 @@ def _strike(law: StoreyLaw, place: LaneLayout, suffix: str) -> list[str]:
             "    flipped[l] = 1.0 if pending and until_then <= until else 0.0",
             "    due += flipped[l]",
             "if due > 0.0:",
-            f"    flip{suffix}(n_storeys, n_directions, i, {number}, {place.n_states + column}, step, flipped, ground,",
-            "         seed, column, active, w, t)",
+            f"    flip{suffix}(n_links, n_directions, i, {number}, {place.n_states + column}, step, flipped, ground,",
+            "         joints, forced, seed, column, active, w, t)",
         ]
     return lines
 
@@ -455,9 +470,9 @@ def _drive(place: LaneLayout, suffix: str) -> list[str]:
     return [
         "for l in range(LANES):",
         "    step[l] = 0.0",
-        "    w[BLOCK + l] = ground_0",
-        "    w[BLOCK + LANES + l] = slope",
-        f"    w[BLOCK + {2 * n} * LANES + l] = ground_0",
-        f"    w[BLOCK + {2 * n + 1} * LANES + l] = slope",
-        f"close{suffix}(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)",
+        "    w[BLOCK + l] = now[0]",
+        "    w[BLOCK + LANES + l] = slope[0]",
+        f"    w[BLOCK + {2 * n} * LANES + l] = now[0]",
+        f"    w[BLOCK + {2 * n + 1} * LANES + l] = slope[0]",
+        f"close{suffix}(n_links, n_directions, 0.0, step, ground, joints, forced, seed, column, active, w, t)",
     ]

@@ -86,9 +86,9 @@ def _log2(x):
 PREPARE = """
 
 @part({flags})
-def prepare(n_storeys, w):
+def prepare(n_links, w):
     # What the law needs that changes at events alone.
-    for i in range(n_storeys):
+    for i in range(n_links):
         a = i * BLOCK
         for l in range(LANES):
 {prepare}
@@ -106,50 +106,112 @@ def gather(first, seed, w):
 
 
 @part({flags})
-def stage(n_storeys, n_directions, weight, share, inside, step, ground, seed, column, active, w, t):
-    _wide()
-    for i in range(n_storeys):
-        a = i * BLOCK
-        for l in range(LANES):
-{law}
-{base}
+def handed_on(i, joints):
+    # Whether the link before is all that pulls at the node of this one.
+    return i > 0 and joints[i - 1, 2] < 0
 
 
 @part({flags})
-def stage_with_tangents(n_storeys, n_directions, weight, share, inside, step, ground, seed, column, active, w, t):
+def hold(a, u, sign, kept, rows):
+    # A link's force pulls up at the node where it begins and down at the one where it ends.
+    for l in range(LANES):
+        pulled = kept * rows[u + {pull} * LANES + l]
+        rows[u + {pull} * LANES + l] = pulled + sign * rows[a + {force} * LANES + l]
+
+
+@part({flags})
+def between(a, b, u, rows):
+    # The rate of a link's drift rate, once the accelerations of both its ends are known.
+    for l in range(LANES):
+        upper = rows[u + {acceleration} * LANES + l]
+        rows[a + {acceleration_of_drift} * LANES + l] = upper - rows[b + {acceleration} * LANES + l]
+
+
+@part({flags})
+def stage(n_links, n_directions, weight, share, inside, step, ground, joints, forced, seed, column, active, w, t):
     _wide()
-    for i in range(n_storeys):
+    for f in range(forced.shape[0]):
+        for l in range(LANES):
+            w[forced[f] * BLOCK + {pull} * LANES + l] = ground[(f + 1) * LANES + l]
+    for i in range(n_links):
         a = i * BLOCK
+        p = a + {force} * LANES if handed_on(i, joints) else a + BLOCK + {pull} * LANES
+        for l in range(LANES):
+{law}
+        if joints[i, 2] >= 0:
+            hold(a + BLOCK, joints[i, 0] * BLOCK, 1.0, float(joints[i, 2]), w)
+        if joints[i, 1] != i + 1:
+            hold(a + BLOCK, joints[i, 1] * BLOCK, -1.0, float(joints[i, 3]), w)
+{base}
+    for i in range(n_links):
+        if joints[i, 0] != i + 2 or joints[i, 1] != i + 1:
+            between((i + 1) * BLOCK, joints[i, 0] * BLOCK, joints[i, 1] * BLOCK, w)
+
+
+@part({flags})
+def stage_with_tangents(n_links, n_directions, weight, share, inside, step, ground, joints, forced, seed, column,
+                        active, w, t):
+    _wide()
+    for f in range(forced.shape[0]):
+        for l in range(LANES):
+            w[forced[f] * BLOCK + {pull} * LANES + l] = ground[(f + 1) * LANES + l]
+        for k in range(n_directions):
+            for l in range(LANES):
+                t[(k * (n_links + 2) + forced[f]) * TANGENT_BLOCK + {pull} * LANES + l] = 0.0
+    for i in range(n_links):
+        a = i * BLOCK
+        p = a + {force} * LANES if handed_on(i, joints) else a + BLOCK + {pull} * LANES
         for l in range(LANES):
 {tangent_law}
+        if joints[i, 2] >= 0:
+            hold(a + BLOCK, joints[i, 0] * BLOCK, 1.0, float(joints[i, 2]), w)
+        if joints[i, 1] != i + 1:
+            hold(a + BLOCK, joints[i, 1] * BLOCK, -1.0, float(joints[i, 3]), w)
         for k in range(n_directions):
-            o = (k * (n_storeys + 2) + i) * TANGENT_BLOCK
-            m = k * n_storeys + i
+            o = (k * (n_links + 2) + i) * TANGENT_BLOCK
+            p = o + {force} * LANES if handed_on(i, joints) else o + TANGENT_BLOCK + {pull} * LANES
+            m = k * n_links + i
             if column[m] == {own}:
                 gather(a + BLOCK + {slope} * LANES, seed[m * LANES:], w)
             moved = w[a + column[m] * LANES:]
             moves = active[m * LANES:]
             for l in range(LANES):
 {chain}
+            if joints[i, 2] >= 0:
+                u = (k * (n_links + 2) + joints[i, 0]) * TANGENT_BLOCK
+                hold(o + TANGENT_BLOCK, u, 1.0, float(joints[i, 2]), t)
+            if joints[i, 1] != i + 1:
+                u = (k * (n_links + 2) + joints[i, 1]) * TANGENT_BLOCK
+                hold(o + TANGENT_BLOCK, u, -1.0, float(joints[i, 3]), t)
 {tangent_base}
+    for i in range(n_links):
+        if joints[i, 0] != i + 2 or joints[i, 1] != i + 1:
+            between((i + 1) * BLOCK, joints[i, 0] * BLOCK, joints[i, 1] * BLOCK, w)
+            for k in range(n_directions):
+                o = k * (n_links + 2) * TANGENT_BLOCK
+                a = o + (i + 1) * TANGENT_BLOCK
+                between(a, o + joints[i, 0] * TANGENT_BLOCK, o + joints[i, 1] * TANGENT_BLOCK, t)
 """
 
 ON_GROUND = """\
-    first = w[n_storeys * BLOCK:]
+    a = n_links * BLOCK
     for l in range(LANES):
-        first[{acceleration_of_drift} * LANES + l] = {ground_drift}"""
+        w[a + BLOCK + {acceleration} * LANES + l] = ground[l]
+        w[a + {acceleration_of_drift} * LANES + l] = {ground_drift}"""
 
 ON_GROUND_TANGENT = (
     ON_GROUND
     + """
     for k in range(n_directions):
-        first = t[(k * (n_storeys + 2) + n_storeys) * TANGENT_BLOCK:]
+        o = (k * (n_links + 2) + n_links) * TANGENT_BLOCK
         for l in range(LANES):
-            first[{acceleration_of_drift} * LANES + l] = {ground_drift_tangent}"""
+            acceleration = t[o + {acceleration} * LANES + l]
+            t[o + {acceleration_of_drift} * LANES + l] = {ground_drift_tangent}"""
 )
 
 ON_BASE = """\
-    a = n_storeys * BLOCK
+    a = n_links * BLOCK
+    p = a + {force} * LANES if handed_on(n_links, joints) else a + BLOCK + {pull} * LANES
     for l in range(LANES):
 {base_law}"""
 
@@ -157,8 +219,9 @@ ON_BASE_TANGENT = (
     ON_BASE
     + """
     for k in range(n_directions):
-        o = (k * (n_storeys + 2) + n_storeys) * TANGENT_BLOCK
-        m = (k + 1) * n_storeys - 1
+        o = (k * (n_links + 2) + n_links) * TANGENT_BLOCK
+        p = o + {force} * LANES if handed_on(n_links, joints) else o + TANGENT_BLOCK + {pull} * LANES
+        m = (k + 1) * n_links - 1
         if column[m] == {own}:
             gather(a + BLOCK + {slope} * LANES, seed[m * LANES:], w)
         moved = w[a + column[m] * LANES:]
@@ -170,11 +233,23 @@ ON_BASE_TANGENT = (
 COMMON = """
 
 @part({flags})
-def plan(n_storeys, dt, substeps, resolution, length, w):
+def drive(now, slope, share, position, step, ground):
+    # What drives each lane at a share of its step.
+    for r in range(now.shape[0]):
+        g = r * LANES
+        first = now[r]
+        rise = slope[r]
+        for l in range(LANES):
+            elapsed = position[l] + share * step[l]
+            ground[g + l] = first + rise * elapsed
+
+
+@part({flags})
+def plan(n_links, dt, substeps, resolution, length, w):
     # Length of each lane's steps in the next interval.
     for l in range(LANES):
         length[l] = substeps
-    for i in range(n_storeys):
+    for i in range(n_links):
         a = i * BLOCK
 {refine}
     for l in range(LANES):
@@ -182,7 +257,7 @@ def plan(n_storeys, dt, substeps, resolution, length, w):
 
 
 @part({flags})
-def next_step(n_storeys, dt, cut, start, event, position, length, step, w):
+def next_step(n_links, dt, cut, start, event, position, length, step, w):
     # The next step of each lane, zero where it has arrived; returns whether every lane then is at the interval's end.
     for l in range(LANES):
         remaining = dt - position[l]
@@ -190,11 +265,11 @@ def next_step(n_storeys, dt, cut, start, event, position, length, step, w):
         h = remaining if remaining - h < 1e-9 * dt else h
         step[l] = h if remaining > 1e-12 * dt else 0.0
     if cut:
-        for i in range(n_storeys):
+        for i in range(n_links):
             a = i * BLOCK
 {turn}
     if event < start + dt:
-        for i in range(n_storeys):
+        for i in range(n_links):
             a = i * BLOCK
             for l in range(LANES):
 {limit}
@@ -205,9 +280,9 @@ def next_step(n_storeys, dt, cut, start, event, position, length, step, w):
 
 
 @part({flags})
-def next_event(n_storeys, w):
+def next_event(n_links, w):
     found = np.inf
-    for i in range(n_storeys):
+    for i in range(n_links):
         a = i * BLOCK
         for l in range(LANES):
 {next_event}
@@ -215,7 +290,7 @@ def next_event(n_storeys, w):
 
 
 @part({flags})
-def observe(n_storeys, n_directions, starts, block, row, coefficient, ground_part, ground_now, w, t, value):
+def observe(n_links, n_directions, starts, block, row, coefficient, ground_part, ground_now, w, t, value):
     _wide()
     n_channels = ground_part.shape[0]
     for k in range(n_directions + 1):
@@ -229,7 +304,7 @@ def observe(n_storeys, n_directions, starts, block, row, coefficient, ground_par
                 if k == 0:
                     observed = w[block[term] * BLOCK + row[term] * LANES:]
                 else:
-                    observed = t[((k - 1) * (n_storeys + 2) + block[term]) * TANGENT_BLOCK + row[term] * LANES:]
+                    observed = t[((k - 1) * (n_links + 2) + block[term]) * TANGENT_BLOCK + row[term] * LANES:]
                 for l in range(LANES):
                     value[m + l] += factor * observed[l]
 
@@ -266,56 +341,59 @@ def summarise(n_channels, n_directions, measured, stored, width, source, misfit,
 MARCH = """
 
 @part({flags})
-def advance{tangents}(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed, column,
-                      active, w, t):
+def advance{tangents}(n_links, n_directions, shares, weights, now, slope, position, step, ground, joints, forced, seed,
+                      column, active, w, t):
     _wide()
     # One step of every lane's own length, and the rates at its end.
     for s in range(shares.shape[0]):
-        for l in range(LANES):
-            ground[l] = ground_0 + slope * (position[l] + shares[s] * step[l])
-        stage{tangents}(n_storeys, n_directions, weights[s], shares[s], 1.0, step, ground, seed, column, active, w, t)
+        drive(now, slope, shares[s], position, step, ground)
+        stage{tangents}(n_links, n_directions, weights[s], shares[s], 1.0, step, ground, joints, forced, seed, column,
+                        active, w, t)
     for l in range(LANES):
         position[l] += step[l]
-        ground[l] = ground_0 + slope * position[l]
-    close{tangents}(n_storeys, n_directions, weights[shares.shape[0]], step, ground, seed, column, active, w, t)
+    drive(now, slope, 0.0, position, step, ground)
+    close{tangents}(n_links, n_directions, weights[shares.shape[0]], step, ground, joints, forced, seed, column, active,
+                    w, t)
 
 
 @part({flags})
-def close{tangents}(n_storeys, n_directions, weight, step, ground, seed, column, active, w, t):
+def close{tangents}(n_links, n_directions, weight, step, ground, joints, forced, seed, column, active, w, t):
     _wide()
-    stage{tangents}(n_storeys, n_directions, weight, 0.0, 0.0, step, ground, seed, column, active, w, t)
+    stage{tangents}(n_links, n_directions, weight, 0.0, 0.0, step, ground, joints, forced, seed, column, active, w, t)
 
 
 @part({flags})
-def strike{tangents}(n_storeys, n_directions, until, position, step, flipped, ground, seed, column, active, w, t):
+def strike{tangents}(n_links, n_directions, until, position, step, flipped, ground, joints, forced, seed, column,
+                     active, w, t):
     # Events that are due happen one by one; each adds (rate before - rate after) d time / d parameter to the tangents.
-    for i in range(n_storeys):
+    for i in range(n_links):
         a = i * BLOCK
 {strike}
 
 
 @part({flags})
-def flip{tangents}(n_storeys, n_directions, storey, event, time, step, flipped, ground, seed, column, active, w, t):
+def flip{tangents}(n_links, n_directions, link, event, time, step, flipped, ground, joints, forced, seed, column,
+                   active, w, t):
     for l in range(LANES):
         step[l] = 0.0
     for i in range({n_blocks}):
         a = (i + 1) * BLOCK
         for r in range({n_states} * LANES):
             w[a + {before} * LANES + r] = w[a + {n_states} * LANES + r]
-    a = (storey + 1) * BLOCK + ({happened} + event) * LANES
+    a = (link + 1) * BLOCK + ({happened} + event) * LANES
     for l in range(LANES):
         w[a + l] += flipped[l]
-    prepare(n_storeys, w)
-    close{tangents}(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
+    prepare(n_links, w)
+    close{tangents}(n_links, n_directions, 0.0, step, ground, joints, forced, seed, column, active, w, t)
     for k in range(n_directions):
-        moved = seed[(k * n_storeys + storey) * LANES:]
+        moved = seed[(k * n_links + link) * LANES:]
         hit = 0.0
         for l in range(LANES):
             hit += 1.0 if moved[l] == time else 0.0
         if hit > 0.0:
             for i in range({n_blocks}):
                 a = (i + 1) * BLOCK
-                o = (k * (n_storeys + 2) + i + 1) * TANGENT_BLOCK
+                o = (k * (n_links + 2) + i + 1) * TANGENT_BLOCK
                 for r in range({n_states}):
                     for l in range(LANES):
                         m = r * LANES + l
@@ -324,33 +402,38 @@ def flip{tangents}(n_storeys, n_directions, storey, event, time, step, flipped, 
                         t[o + m] += jump
                         t[o + {n_states2} * LANES + m] += jump
     if n_directions > 0:
-        close{tangents}(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
+        close{tangents}(n_links, n_directions, 0.0, step, ground, joints, forced, seed, column, active, w, t)
 
 
 @njit({flags})
-def run{tangents}(n_storeys, n_directions, dt, excitation, w, t, seed, column, active, shares, weights, substeps,
-                  resolution, cut, starts, block, row, coefficient, ground_part, measured, misfit, gram, store, stored):
+def run{tangents}(n_links, n_directions, dt, excitation, joints, forced, w, t, seed, column, active, shares, weights,
+                  substeps, resolution, cut, starts, block, row, coefficient, ground_part, measured, misfit, gram,
+                  store, stored):
     _wide()
     n_times = excitation.shape[0]
     n_channels = ground_part.shape[0]
     value = np.zeros(n_channels * (n_directions + 1) * LANES)
-    ground = np.zeros(LANES)
+    n_inputs = excitation.shape[1]
+    ground = np.zeros(n_inputs * LANES)
+    slope = np.zeros(n_inputs)
     position = np.zeros(LANES)
     length = np.zeros(LANES)
     step = np.zeros(LANES)
     flipped = np.zeros(LANES)
-    for l in range(LANES):
-        ground[l] = excitation[0]
-    prepare(n_storeys, w)
-    strike{tangents}(n_storeys, 0, 1e-9 * dt, position, step, flipped, ground, seed, column, active, w, t)
-    event = next_event(n_storeys, w)
-    close{tangents}(n_storeys, n_directions, 0.0, step, ground, seed, column, active, w, t)
+    for r in range(n_inputs):
+        for l in range(LANES):
+            ground[r * LANES + l] = excitation[0, r]
+    prepare(n_links, w)
+    strike{tangents}(n_links, 0, 1e-9 * dt, position, step, flipped, ground, joints, forced, seed, column, active, w, t)
+    event = next_event(n_links, w)
+    close{tangents}(n_links, n_directions, 0.0, step, ground, joints, forced, seed, column, active, w, t)
     for j in range(n_times):
-        ground_0 = excitation[j]
+        now = excitation[j]
         ahead = min(j + 1, n_times - 1)
-        slope = (excitation[ahead] - excitation[ahead - 1]) / dt
+        for r in range(n_inputs):
+            slope[r] = (excitation[ahead, r] - excitation[ahead - 1, r]) / dt
 {drive}
-        observe(n_storeys, n_directions, starts, block, row, coefficient, ground_part, ground_0, w, t, value)
+        observe(n_links, n_directions, starts, block, row, coefficient, ground_part, now[0], w, t, value)
         if store:
             o = j * n_channels * (n_directions + 1) * LANES
             for r in range(n_channels * (n_directions + 1) * LANES):
@@ -362,14 +445,14 @@ def run{tangents}(n_storeys, n_directions, dt, excitation, w, t, seed, column, a
         for l in range(LANES):
             position[l] = 0.0
         start = j * dt
-        plan(n_storeys, dt, substeps[j], resolution, length, w)
+        plan(n_links, dt, substeps[j], resolution, length, w)
         arrived = False
         while not arrived:
-            arrived = next_step(n_storeys, dt, cut, start, event, position, length, step, w)
-            advance{tangents}(n_storeys, n_directions, shares, weights, ground_0, slope, position, step, ground, seed,
-                              column, active, w, t)
+            arrived = next_step(n_links, dt, cut, start, event, position, length, step, w)
+            advance{tangents}(n_links, n_directions, shares, weights, now, slope, position, step, ground, joints,
+                              forced, seed, column, active, w, t)
             if event < start + dt * (1.0 + 1e-9):
-                strike{tangents}(n_storeys, n_directions, start + 1e-9 * dt, position, step, flipped, ground, seed,
-                                 column, active, w, t)
-                event = next_event(n_storeys, w)
+                strike{tangents}(n_links, n_directions, start + 1e-9 * dt, position, step, flipped, ground, joints,
+                                 forced, seed, column, active, w, t)
+                event = next_event(n_links, w)
 """

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ from bwbn_bayes.engines.base import (
     Status,
     channel_map,
     check_record,
+    inputs,
     masses,
     measured_matrix,
 )
@@ -180,8 +182,8 @@ class _Block:
         Of the draws.
     directions : Directions
         Of the sixteen lanes; those left over repeat the last one.
-    parameters : (n_storeys, n_law, LANES) array
-    sensor_parameters : (n_draws, n_storeys, n_sensor_parameters) array
+    parameters : (n_links, n_law, LANES) array
+    sensor_parameters : (n_draws, n_links, n_sensor_parameters) array
     """
 
     rows: slice
@@ -251,7 +253,9 @@ class _Problem:
 
     kernel: ModuleType
     layout: LaneLayout
-    n_storeys: int
+    n_links: int
+    joints: NDArray[np.int64]
+    forced: NDArray[np.int64]
     n_parameters: int
     directions: Directions
     time_step: float
@@ -278,12 +282,14 @@ class _Problem:
         return cls(
             kernel=kernel,
             layout=layout,
-            n_storeys=model.n_storeys,
+            n_links=model.n_links,
+            joints=_joints(model, record),
+            forced=model.n_links + 1 - np.array(record.forced_floors, dtype=np.int64),
             n_parameters=wanted.shape[1],
             directions=Directions.of(_moved(model, layout)[: wanted.shape[1]], layout.nowhere, wanted),
             time_step=record.time_step,
             driven=driven,
-            excitation=np.array(record.excitation),  # a copy: read-only arrays are another type to numba
+            excitation=inputs(record),
             inverse_masses=1.0 / masses(model),
             channels=channel_map(model, names),
             measured=measured_matrix(record, names) if known else np.zeros((len(names), record.n_times)),
@@ -348,15 +354,15 @@ class _Problem:
 
     def run(self, engine: Lanes, block: _Block, *, store: bool) -> _Outcome:
         """The kernel on one block."""
-        c, d, n, place = len(self.channels.names), block.directions.n, self.n_storeys, self.layout
+        c, d, n, place = len(self.channels.names), block.directions.n, self.n_links, self.layout
         stored = np.zeros(len(self.excitation) * c * (1 + d) * LANES if store else 1)
         outcome = _Outcome.empty(c, 0 if store else d, stored=stored)
         blocks = np.zeros((n + 2, place.block, LANES))
-        storeys = blocks[n:0:-1]
-        storeys[:, place.parameters : place.parameters + block.parameters.shape[1]] = block.parameters
-        storeys[:, place.inverse_mass] = self.inverse_masses[:, None]
-        kind, storey = np.divmod(self.channels.row, n)
-        # The base stands one block below the storeys.
+        links = blocks[n:0:-1]
+        links[:, place.parameters : place.parameters + block.parameters.shape[1]] = block.parameters
+        links[:, place.inverse_mass] = self.inverse_masses[:, None]
+        kind, link = np.divmod(self.channels.row, n)
+        # The base stands one block below the links.
         below = kind == len(OBSERVED_KINDS)
         march = self.kernel.run_with_tangents if d > 0 else self.kernel.run
         march(
@@ -364,6 +370,8 @@ class _Problem:
             d,
             self.time_step,
             self.excitation,
+            self.joints,
+            self.forced,
             blocks.ravel(),
             np.zeros(d * (n + 2) * place.tangent_block * LANES),
             np.moveaxis(block.directions.seed, 0, 2).ravel(),
@@ -371,11 +379,11 @@ class _Problem:
             np.moveaxis(block.directions.active, 0, 2).ravel(),
             _SHARES,
             _WEIGHTS,
-            interval_steps(self.excitation, engine.substeps, driven=self.driven),
+            interval_steps(self.excitation[:, 0], engine.substeps, driven=self.driven),
             float(engine.resolution),
             engine.cut_at_turns,
             self.channels.starts,
-            n - storey + below,
+            n - link + below,
             place.observed(kind),
             self.channels.coefficient,
             self.channels.ground,
@@ -409,14 +417,28 @@ def _wanted(model: Structure, draws: Floats, free: Booleans | None) -> Booleans:
 
 
 def _moved(model: Structure, place: LaneLayout) -> NDArray[np.int64]:
-    """Column of the table of partials that each parameter moves, at each storey from the roof down."""
+    """Column of the table of partials that each parameter moves, at each link from the last down."""
     first = 2 + len(model.law.states)
-    moved = np.full((model.space.n_dim, model.n_storeys), place.nowhere, dtype=np.int64)
-    for storey, row in enumerate(model.table.index):
+    moved = np.full((model.space.n_dim, model.n_links), place.nowhere, dtype=np.int64)
+    for link, row in enumerate(model.table.index):
         for column, parameter in enumerate(row[: len(model.law.parameters)]):
             if parameter >= 0:
-                moved[parameter, model.n_storeys - 1 - storey] = first + column
+                moved[parameter, model.n_links - 1 - link] = first + column
     return moved
+
+
+def _joints(model: Structure, record: Record) -> NDArray[np.int64]:
+    """Blocks of the nodes that each link joins, in the order of the sweep, and whether each was pulled at before."""
+    n, pulled = model.n_links, set(record.forced_floors)
+    others = [end for number, pair in enumerate(model.joints, 1) for end in pair if end != number]
+    pulls = Counter([*others, *record.forced_floors])
+    rows = []
+    for number in range(n, 0, -1):
+        lower, upper = model.joints[number - 1]
+        alone = lower == number - 1 and pulls[lower] == 1
+        rows.append((n + 1 - lower, n + 1 - upper, -1 if alone else int(lower in pulled), int(upper in pulled)))
+        pulled |= {lower, upper} - {number}
+    return np.array(rows, dtype=np.int64)
 
 
 def _response(names: tuple[str, ...], values: Floats) -> Response:
@@ -463,7 +485,9 @@ def compile_law(law: StoreyLaw, driven: bool, with_tangents: bool) -> None:
             1,
             0,
             1.0,
-            np.zeros(2),
+            np.zeros((2, 1)),
+            np.array([[2, 1, -1, 0]]),
+            nowhere[:0],
             np.zeros(3 * place.block * LANES),
             none,
             nowhere,

@@ -157,7 +157,7 @@ class _RestartedDop853:
     def __init__(self, *, rates: Callable[[float, Floats], Floats], engine: Reference, problem: ScalarProblem) -> None:
         self.rates = rates
         self.engine = engine
-        rows = problem.place.n_rows * np.arange(problem.n_storeys)
+        rows = problem.place.n_rows * np.arange(problem.n_links)
         self.watched = np.stack([rows + 1, rows + 2], axis=1).ravel()
         self.shortest = _SLACK * problem.time_step
         self.step = problem.time_step

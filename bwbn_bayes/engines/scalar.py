@@ -26,6 +26,7 @@ from bwbn_bayes.engines.base import (
     Status,
     channel_map,
     check_record,
+    inputs,
     masses,
 )
 from bwbn_bayes.engines.codegen import LawPrograms, law_programs, packed, spelled, unpacked
@@ -49,7 +50,7 @@ class ScalarProblem:
         The compiled functions of :mod:`~bwbn_bayes.engines.scalar_source`.
     place : Layout
         Where things stand in ``data``.
-    n_storeys, n_states, n_directions, n_times : int
+    n_links, n_states, n_directions, n_times : int
         Sizes; ``n_directions`` is zero without sensitivities.
     time_step : float
         Between samples. [s]
@@ -59,17 +60,17 @@ class ScalarProblem:
         ``data`` without the law parameters.
     channels : ChannelMap
         What is asked for.
-    local : (n_draws, n_storeys, n_law) array
+    local : (n_draws, n_links, n_law) array
         Law parameters of each draw.
     sensors : Sensors or None
         What stands between the floors and the channels.
-    sensor_parameters : (n_draws, n_storeys, n_sensor_parameters) array
+    sensor_parameters : (n_draws, n_links, n_sensor_parameters) array
         Of each draw.
     """
 
     kernel: ModuleType
     place: Layout
-    n_storeys: int
+    n_links: int
     n_states: int
     n_directions: int
     n_times: int
@@ -84,14 +85,15 @@ class ScalarProblem:
     def data(self, draw: int) -> Floats:
         """The flat array of one draw, its own copy."""
         data = self.template.copy()
-        blocks = data[HEAD : HEAD + self.n_storeys * self.place.block].reshape(self.n_storeys, self.place.block)
+        blocks = data[HEAD : self.place.seed(self.n_links)].reshape(self.n_links, self.place.block)
         blocks[:, : self.local.shape[2]] = self.local[draw]
         return data
 
     @property
     def excitation(self) -> Floats:
         """The record's, ``(n_times,)``."""
-        return self.template[len(self.template) - self.n_times :]
+        start = self.place.excitation(self.n_links, self.n_directions)
+        return self.template[start : start + self.n_times]
 
     def empty_output(self) -> Floats:
         """Room for channels and their derivatives ``(n_times, 1 + n_directions, n_channels)``."""
@@ -117,7 +119,7 @@ def scalar_problem(
     Parameters
     ----------
     model : Structure
-        Shear building or specimen.
+        What is solved.
     draws : (n_draws, n_parameters) array
         In the parameters' own units.
     record : Record
@@ -137,19 +139,23 @@ def scalar_problem(
     check_record(model, record)
     driven = model.excitation_kind == "displacement"
     place = layout(*programs_of(model.law))
-    n, d = model.n_storeys, model.space.n_dim if with_tangents else 0
-    template = np.zeros(place.excitation(n, d) + record.n_times)
-    template[:HEAD] = n, record.time_step, record.n_times, d
+    n, d = model.n_links, model.space.n_dim if with_tangents else 0
+    driving = inputs(record).T
+    template = np.zeros(place.excitation(n, d) + driving.size)
+    template[:HEAD] = n, record.time_step, record.n_times, d, len(driving)
     blocks = template[HEAD : place.seed(n)].reshape(n, place.block)
     blocks[:, place.inverse_mass] = 1.0 / masses(model)
+    blocks[:, [place.lower, place.upper]] = model.joints
+    for row, floor in enumerate(record.forced_floors):
+        blocks[floor - 1, place.force_row] = 1 + row
     if d:
         template[place.seed(n) : place.excitation(n, d)] = _columns(model, place).ravel()
-    template[place.excitation(n, d) :] = record.excitation
+    template[place.excitation(n, d) :] = driving.ravel()
     local, n_law = model.table.local(np.asarray(draws, dtype=np.float64)), len(model.law.parameters)
     return ScalarProblem(
         kernel=(load or scalar_kernel)(model.law, driven),
         place=place,
-        n_storeys=n,
+        n_links=n,
         n_states=place.n_states(n),
         n_directions=d,
         n_times=record.n_times,
@@ -164,13 +170,13 @@ def scalar_problem(
 
 
 def _columns(model: Structure, place: Layout) -> Floats:
-    """For each storey and direction, the column of the table of partials that the direction moves."""
+    """For each link and direction, the column of the table of partials that the direction moves."""
     first = 2 + len(model.law.states)
-    columns = np.full((model.n_storeys, model.space.n_dim), place.n_columns - 1, dtype=np.float64)
-    for storey, row in enumerate(model.table.index):
+    columns = np.full((model.n_links, model.space.n_dim), place.n_columns - 1, dtype=np.float64)
+    for link, row in enumerate(model.table.index):
         for column, parameter in enumerate(row[: len(model.law.parameters)]):
             if parameter >= 0:
-                columns[storey, parameter] = first + column
+                columns[link, parameter] = first + column
     return columns
 
 

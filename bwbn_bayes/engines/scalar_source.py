@@ -1,10 +1,12 @@
 """The source of a scalar kernel: one draw's right-hand side, its Jacobian, its sensitivities and a Runge-Kutta solve.
 
-All functions share one flat array ``data``: a head (number of storeys, time step, number of samples, number of
-directions), then a block per storey (law parameters, values derived from them, event indicators, inverse mass, force,
-acceleration, their derivatives in the direction at hand, partial derivatives of the law, room for those of the base),
-then the direction of each identified parameter, then the excitation. One array is what a C callback can carry. State
-rows are, storey by storey, drift, drift rate, hysteretic displacement, energy, added states; then those of the base.
+All functions share one flat array ``data``: a head (number of links, time step, number of samples, number of
+directions, number of inputs), then a block per link and the node that it carries (law parameters, values derived from
+them, event indicators, inverse mass, force, acceleration, their derivatives in the direction at hand, the nodes that
+the link joins, the forces on the node, partial derivatives of the law, room for those of the base), then the direction
+of each identified parameter, then the inputs: the excitation and each force from outside. One array is what a C
+callback can carry. State rows are, link by link, drift, drift rate, hysteretic displacement, energy, added states; then
+those of the base.
 """
 
 from __future__ import annotations
@@ -16,8 +18,7 @@ from dataclasses import dataclass
 from bwbn_bayes.elements.law import (
     DRIFT,
     DRIFT_RATE,
-    FORCE_ABOVE,
-    FORCE_BELOW,
+    NET_FORCE,
     RECORDED_ACCELERATION,
     StoreyLaw,
 )
@@ -25,7 +26,7 @@ from bwbn_bayes.engines.codegen import INPUT_NAMES, INVERSE_MASS, LawPrograms, P
 from bwbn_bayes.engines.scalar_template import EVENTS, LAW, RUNGE_KUTTA
 from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
 
-HEAD = 4
+HEAD = 5
 FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, nogil=True'
 
 
@@ -43,6 +44,9 @@ class Layout:
         Columns of the table of partial derivatives: the law's variables, and one of zeros.
     derived, happened, inverse_mass, force, acceleration, force_slope, acceleration_slope : int
         Offsets in a storey's block, where parameters come first.
+    lower, upper, pull, pull_slope, force_row, applied : int
+        Likewise the nodes where the link begins and ends, the links' force on the node of the block and its derivative,
+        the input that pushes at the node (0 where none does), and that force now.
     slope, base_slope, block : int
         Likewise the tables of partial derivatives of storey and floor, and of the base, which stands in the block of
         storey 1; length of a block.
@@ -58,21 +62,27 @@ class Layout:
     acceleration: int
     force_slope: int
     acceleration_slope: int
+    lower: int
+    upper: int
+    pull: int
+    pull_slope: int
+    force_row: int
+    applied: int
     slope: int
     base_slope: int
     block: int
 
-    def n_states(self, n_storeys: int) -> int:
+    def n_states(self, n_links: int) -> int:
         """State rows of a building."""
-        return n_storeys * self.n_rows + self.n_base_rows
+        return n_links * self.n_rows + self.n_base_rows
 
-    def seed(self, n_storeys: int) -> int:
-        """Where the columns that each direction moves begin, storey by storey."""
-        return HEAD + n_storeys * self.block
+    def seed(self, n_links: int) -> int:
+        """Where the columns that each direction moves begin, link by link."""
+        return HEAD + n_links * self.block
 
-    def excitation(self, n_storeys: int, n_directions: int) -> int:
+    def excitation(self, n_links: int, n_directions: int) -> int:
         """Where the excitation begins."""
-        return self.seed(n_storeys) + n_storeys * n_directions
+        return self.seed(n_links) + n_links * n_directions
 
 
 def layout(law: StoreyLaw, programs: LawPrograms) -> Layout:
@@ -81,7 +91,7 @@ def layout(law: StoreyLaw, programs: LawPrograms) -> Layout:
     happened = derived + programs.n_hoisted
     inverse_mass = happened + len(law.events)
     n_columns = len(programs.variables) + 1
-    slope = inverse_mass + 5
+    slope = inverse_mass + 11
     base_slope = slope + programs.n_rows * n_columns
     return Layout(
         n_rows=2 + len(law.states),
@@ -94,6 +104,12 @@ def layout(law: StoreyLaw, programs: LawPrograms) -> Layout:
         acceleration=inverse_mass + 2,
         force_slope=inverse_mass + 3,
         acceleration_slope=inverse_mass + 4,
+        lower=inverse_mass + 5,
+        upper=inverse_mass + 6,
+        pull=inverse_mass + 7,
+        pull_slope=inverse_mass + 8,
+        force_row=inverse_mass + 9,
+        applied=inverse_mass + 10,
         slope=slope,
         base_slope=base_slope,
         block=base_slope + (len(programs.base.rows) * n_columns if programs.base is not None else 0),
@@ -125,8 +141,18 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         "acceleration": place.acceleration,
         "force_slope": place.force_slope,
         "acceleration_slope": place.acceleration_slope,
+        "lower": place.lower,
+        "upper": place.upper,
+        "pull": place.pull,
+        "pull_slope": place.pull_slope,
+        "force_row": place.force_row,
+        "applied": place.applied,
         "driven": str(driven),
-        "drift_rate_rate": "0.0" if driven else "acceleration - below",
+        "drift_rate_rate": (
+            "0.0"
+            if driven
+            else f"data[{HEAD} + (int(data[here + {place.upper}]) - 1) * {place.block} + acceleration] - under"
+        ),
         "prepare": _indent(_prepare(law, place, programs)),
         "rates": _indent([*_rates(law, programs.storey, place, _storey_targets(law, place)), "dy[base] = v"]),
         "below": _below(law, programs, place),
@@ -152,13 +178,13 @@ def _loads(law: StoreyLaw, place: Layout, program: Program, first: int, lines: l
     """Lines that load what the given lines use; ``first`` is the position of the program's first hoisted value."""
     words = set(re.findall(r"[A-Za-z_]\w*", "\n".join(lines)))
     sources = {str(symbol): f"y[base + {row}]" for row, symbol in enumerate((DRIFT, DRIFT_RATE, *law.states))}
-    sources |= {str(symbol): f"y[n_storeys * {place.n_rows} + {r}]" for r, symbol in enumerate(law.base_states)}
+    sources |= {str(symbol): f"y[n_links * {place.n_rows} + {r}]" for r, symbol in enumerate(law.base_states)}
     sources |= {str(symbol): f"data[here + {column}]" for column, symbol in enumerate(law.symbols)}
     hoisted = enumerate(program.hoisted)
     sources |= {name: f"data[here + {place.derived + first + column}]" for column, (name, _) in hoisted}
     sources |= {str(event.indicator): f"data[here + {place.happened + e}]" for e, event in enumerate(law.events)}
     sources |= {str(INVERSE_MASS): f"data[here + {place.inverse_mass}]", INPUT_NAMES[RECORDED_ACCELERATION]: "ground"}
-    sources |= {INPUT_NAMES[FORCE_ABOVE]: "above", INPUT_NAMES[FORCE_BELOW]: f"data[here + {place.force}]"}
+    sources |= {INPUT_NAMES[NET_FORCE]: "net"}
     return [f"{name} = {source}" for name, source in sources.items() if name in words]
 
 
@@ -185,22 +211,22 @@ def _rates(law: StoreyLaw, part: Part, place: Layout, targets: list[str]) -> lis
 
 def _floor(law: StoreyLaw, programs: LawPrograms, place: Layout) -> list[str]:
     if programs.floor is None:
-        return [f"acceleration = (above - data[here + {place.force}]) * data[here + {place.inverse_mass}]"]
+        return [f"acceleration = net * data[here + {place.inverse_mass}]"]
     rates = [f"dy[base + {2 + i}]" for i in range(law.n_storey_states, len(law.states))]
     return _rates(law, programs.floor, place, ["acceleration", *rates])
 
 
 def _below(law: StoreyLaw, programs: LawPrograms, place: Layout) -> str:
-    """Acceleration of what storey 1 stands on."""
+    """Acceleration of what the building stands on."""
     if programs.base is None:
         return "    below = ground"
-    rates = [f"dy[n_storeys * {place.n_rows} + {r}]" for r in range(place.n_base_rows)]
-    return _first_storey(place.force, _rates(law, programs.base, place, ["below", *rates]))
+    rates = [f"dy[n_links * {place.n_rows} + {r}]" for r in range(place.n_base_rows)]
+    return _first_storey(_rates(law, programs.base, place, ["below", *rates]))
 
 
-def _first_storey(force: int, lines: list[str]) -> str:
-    """Lines about the base: ``here`` is the block of storey 1, ``above`` its force."""
-    return "\n".join("    " + line for line in [f"here = {HEAD}", f"above = data[here + {force}]", *lines])
+def _first_storey(lines: list[str]) -> str:
+    """Lines about the base: ``here`` is the block of storey 1."""
+    return "\n".join("    " + line for line in [f"here = {HEAD}", *lines])
 
 
 def _slopes(law: StoreyLaw, part: Part, place: Layout, table: int, kept: Sequence[str] = ()) -> list[str]:
@@ -217,13 +243,15 @@ def _slopes(law: StoreyLaw, part: Part, place: Layout, table: int, kept: Sequenc
 def _around_slopes(law: StoreyLaw, programs: LawPrograms, place: Layout) -> str:
     """Partial derivatives of floors and base, from the forces that the storeys' programs have just left."""
     lines: list[str] = []
-    if programs.floor is not None:
-        lines += ["    for i in range(n_storeys):", f"        base = i * {place.n_rows}"]
-        lines += [f"        here = {HEAD} + i * {place.block}"]
-        lines += [f"        above = data[here + {place.block} + {place.force}] if i + 1 < n_storeys else 0.0"]
-        lines += [_indent(_slopes(law, programs.floor, place, place.slope))]
+    if programs.floor is not None or programs.base is not None:
+        lines += [f"    net = gather({place.force}, {place.pull}, data)"]
     if programs.base is not None:
-        lines += [_first_storey(place.force, _slopes(law, programs.base, place, place.base_slope))]
+        lines += [_first_storey(_slopes(law, programs.base, place, place.base_slope))]
+    if programs.floor is not None:
+        lines += ["    for i in range(n_links):", f"        base = i * {place.n_rows}"]
+        lines += [f"        here = {HEAD} + i * {place.block}"]
+        lines += [f"        net = data[here + {place.pull}] + data[here + {place.applied}]"]
+        lines += [_indent(_slopes(law, programs.floor, place, place.slope))]
     return "\n".join(lines)
 
 
@@ -243,7 +271,7 @@ def _moved(place: Layout, storey: str) -> list[str]:
     return [
         f"moved = here + {place.n_columns - 1}",
         "if k >= 0:",
-        f"    moved = here + int(data[{HEAD} + n_storeys * {place.block} + {storey} * n_directions + k])",
+        f"    moved = here + int(data[{HEAD} + n_links * {place.block} + {storey} * n_directions + k])",
     ]
 
 
@@ -258,9 +286,9 @@ def _chain(programs: LawPrograms, place: Layout) -> list[str]:
 
 def _floor_slope(programs: LawPrograms, place: Layout) -> list[str]:
     if programs.floor is None:
-        return [f"acceleration = (above - data[here + {place.force_slope}]) * data[here + {place.inverse_mass}]"]
+        return [f"acceleration = net * data[here + {place.inverse_mass}]"]
     tangents = {row: f"t[base + {row}]" for row in range(place.n_rows)}
-    inputs = {len(programs.variables) - 2: "above", len(programs.variables) - 1: f"data[here + {place.force_slope}]"}
+    inputs = {len(programs.variables) - 1: "net"}
     targets = [*(f"dt_[base + {1 + row}]" for row in range(place.n_rows - 1)), "acceleration"]
     return _moved(place, "i") + [
         f"{targets[row]} = {_slope(programs.floor, row, place.slope + row * place.n_columns, tangents | inputs)}"
@@ -272,13 +300,13 @@ def _below_slope(programs: LawPrograms, place: Layout) -> str:
     if programs.base is None:
         return "    below = 0.0"
     own = range(place.n_base_rows)
-    tangents = {r: f"t[n_storeys * {place.n_rows} + {r}]" for r in own} | {len(programs.variables) - 2: "above"}
-    targets = ["below", *(f"dt_[n_storeys * {place.n_rows} + {r}]" for r in own)]
+    tangents = {r: f"t[n_links * {place.n_rows} + {r}]" for r in own} | {len(programs.variables) - 1: "net"}
+    targets = ["below", *(f"dt_[n_links * {place.n_rows} + {r}]" for r in own)]
     lines = _moved(place, "0") + [
         f"{targets[row]} = {_slope(programs.base, row, place.base_slope + row * place.n_columns, tangents)}"
         for row in programs.base.rows
     ]
-    return _first_storey(place.force_slope, lines)
+    return _first_storey(lines)
 
 
 def _next_event(law: StoreyLaw, place: Layout) -> list[str]:

@@ -18,27 +18,57 @@ def prepare(data):
 
 
 @njit({flags})
+def gather(force, pull, data):
+    """The links' forces on each node into row ``pull`` of its block; returns the force on what the building stands on.
+
+    Links pull down where they end and up where they begin.
+    """
+    first = 0.0
+    for i in range(int(data[0])):
+        data[{head} + i * {block} + pull] = 0.0
+    for i in range(int(data[0])):
+        here = {head} + i * {block}
+        lower = int(data[here + {lower}])
+        data[{head} + (int(data[here + {upper}]) - 1) * {block} + pull] -= data[here + force]
+        if lower > 0:
+            data[{head} + (lower - 1) * {block} + pull] += data[here + force]
+        else:
+            first += data[here + force]
+    return first
+
+
+@njit({flags})
+def part(below, acceleration, dy, data):
+    """The rates of the drift rates, from the accelerations of the nodes and of what the building stands on."""
+    for i in range(int(data[0])):
+        here = {head} + i * {block}
+        lower = int(data[here + {lower}])
+        under = data[{head} + (lower - 1) * {block} + acceleration] if lower > 0 else below
+        dy[i * {n_rows} + 1] = {drift_rate_rate}
+
+
+@njit({flags})
 def rates(y, ground, dy, data):
-    n_storeys = int(data[0])
-    for i in range(n_storeys):
+    n_links = int(data[0])
+    for i in range(n_links):
         base = i * {n_rows}
         here = {head} + i * {block}
 {rates}
+    net = gather({force}, {pull}, data)
 {below}
-    for i in range(n_storeys):
+    for i in range(n_links):
         base = i * {n_rows}
         here = {head} + i * {block}
-        above = data[here + {block} + {force}] if i + 1 < n_storeys else 0.0
+        net = data[here + {pull}] + data[here + {applied}]
 {floor}
         data[here + {acceleration}] = acceleration
-        dy[i * {n_rows} + 1] = {drift_rate_rate}
-        below = acceleration
+    part(below, {acceleration}, dy, data)
 
 
 @njit({flags})
 def slopes(y, ground, data):
-    n_storeys = int(data[0])
-    for i in range(n_storeys):
+    n_links = int(data[0])
+    for i in range(n_links):
         base = i * {n_rows}
         here = {head} + i * {block}
 {slopes}
@@ -51,22 +81,22 @@ def direction(k, t, dt_, data):
 
     In direction -1 the parameters stay as they are.
     """
-    n_storeys = int(data[0])
+    n_links = int(data[0])
     n_directions = int(data[3])
-    for i in range(n_storeys):
+    for i in range(n_links):
         base = i * {n_rows}
         here = {head} + i * {block}
 {moved}
 {chain}
+    net = gather({force_slope}, {pull_slope}, data)
 {below_slope}
-    for i in range(n_storeys):
+    for i in range(n_links):
         base = i * {n_rows}
         here = {head} + i * {block}
-        above = data[here + {block} + {force_slope}] if i + 1 < n_storeys else 0.0
+        net = data[here + {pull_slope}]
 {floor_slope}
         data[here + {acceleration_slope}] = acceleration
-        dt_[i * {n_rows} + 1] = {drift_rate_rate}
-        below = acceleration
+    part(below, {acceleration_slope}, dt_, data)
 
 
 @njit({flags})
@@ -82,10 +112,16 @@ def jacobian(y, matrix, data):
 
 @njit({flags})
 def ground_at(t, data):
+    """The ground acceleration at time t; forces from outside go to the blocks of their nodes."""
     dt = data[1]
     n_times = int(data[2])
     o = {head} + int(data[0]) * ({block} + int(data[3]))
     j = min(max(int(t / dt), 0), n_times - 2)
+    for i in range(int(data[0])):
+        here = {head} + i * {block}
+        m = o + int(data[here + {force_row}]) * n_times + j
+        if m >= o + n_times:
+            data[here + {applied}] = data[m] + (data[m + 1] - data[m]) * (t / dt - j)
     return data[o + j] + (data[o + j + 1] - data[o + j]) * (t / dt - j)
 
 
@@ -115,11 +151,11 @@ def strike(until, ground, y, tangents, before, after, data):
     Each adds ``(rate before - rate after) d time / d parameter`` to the tangents; a time that several events share
     collects all their terms.
     """
-    n_storeys = int(data[0])
+    n_links = int(data[0])
     n_directions = tangents.shape[0]
-    for i in range(n_storeys):
+    for i in range(n_links):
         here = {head} + i * {block}
-        seed = {head} + n_storeys * {block} + i * n_directions
+        seed = {head} + n_links * {block} + i * n_directions
 {strike}
 
 
@@ -139,9 +175,9 @@ def drive(j, y, data):
 @njit({flags})
 def observe(j, y, tangents, starts, row, coefficient, ground_part, data, out):
     """Channels and their derivatives at a sample, ``out[direction + 1, channel]``, from ``rates`` just evaluated."""
-    n_storeys = int(data[0])
+    n_links = int(data[0])
     n_directions = int(data[3])
-    o = {head} + n_storeys * ({block} + n_directions)
+    o = {head} + n_links * ({block} + n_directions)
     channels(y, {force}, {acceleration}, data[o + j], starts, row, coefficient, ground_part, data, out[0])
     if n_directions > 0:
         slopes(y, data[o + j], data)
@@ -154,17 +190,17 @@ def observe(j, y, tangents, starts, row, coefficient, ground_part, data, out):
 
 @njit({flags})
 def channels(y, force, acceleration, ground, starts, row, coefficient, ground_part, data, out):
-    n_storeys = int(data[0])
+    n_links = int(data[0])
     for c in range(ground_part.shape[0]):
         total = ground_part[c] * ground
         for term in range(starts[c], starts[c + 1]):
-            kind = row[term] // n_storeys
-            storey = row[term] - kind * n_storeys
-            here = {head} + storey * {block}
+            kind = row[term] // n_links
+            link = row[term] - kind * n_links
+            here = {head} + link * {block}
             if kind < 4:
-                value = y[storey * {n_rows} + kind]
+                value = y[link * {n_rows} + kind]
             elif kind == 6:
-                value = y[n_storeys * {n_rows}]
+                value = y[n_links * {n_rows}]
             elif kind == 4:
                 value = data[here + force]
             else:
@@ -226,8 +262,8 @@ def turned(h, y, dy, data):
 
 @njit({flags})
 def run_rk4(substeps, resolution, starts, row, coefficient, ground_part, data, out):
-    n_storeys, dt, n_times, n_directions = int(data[0]), data[1], int(data[2]), int(data[3])
-    shape = (1 + n_directions, n_storeys * {n_rows} + {n_base_rows})
+    n_links, dt, n_times, n_directions = int(data[0]), data[1], int(data[2]), int(data[3])
+    shape = (1 + n_directions, n_links * {n_rows} + {n_base_rows})
     y, dy, trial, total = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
     before = np.zeros(shape[1])
     after = np.zeros(shape[1])

@@ -54,7 +54,7 @@ def simulate(
         If a parameter is missing or unknown, or the solve fails.
     """
     if channels is None:
-        floors = range(1, model.n_storeys + 1)
+        floors = range(1, model.n_floors + 1)
         driven = model.excitation_kind == "displacement"
         channels = ["force"] if driven else [f"acceleration_{floor}" for floor in floors]
     response = (engine or Reference()).simulate(model, model.draws(truth), excitation, channels)

@@ -26,7 +26,7 @@ _FLAGS = ("contract", "reassoc", "arcp", "nsz")
 _WIDTH = 8
 """Lanes of a vector: as many as a register of 512 bits holds. With all sixteen at once derivatives took a third longer,
 since twice as many registers are asked for."""
-_LEAST_LINES = 4
+_LEAST_LINES = 2
 """Loops of fewer lines are left to numba."""
 _FLOAT, _INT = ir.DoubleType(), ir.IntType(64)
 _FLOAT_OPERATIONS = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}

@@ -17,7 +17,6 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import ParameterFacts, Result
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 Point = Literal["mean", "map"]
@@ -103,11 +102,11 @@ def of_model(model: Structure, record: Record, values: Mapping[str, float], *, n
         If a value is missing or wrong, or the model cannot be solved there.
     """
     draws = model.draws(values)
-    channels = [f"{kind}_{storey}" for storey in range(1, model.n_storeys + 1) for kind in _HISTORIES]
+    channels = [f"{kind}_{storey}" for storey in range(1, model.n_links + 1) for kind in _HISTORIES]
     response = Reference().simulate(model, draws, record, channels)
     if response.status[0] != Status.OK:
         raise UserError(f"{name} cannot be solved at the given parameters: nothing is exported")
-    histories = response.values[0].reshape(model.n_storeys, len(_HISTORIES), -1)
+    histories = response.values[0].reshape(model.n_links, len(_HISTORIES), -1)
     local = model.table.local(draws)[0]
     symbols = [parameter.symbol for parameter in model.law.parameters]
     return Exportable(
@@ -115,9 +114,9 @@ def of_model(model: Structure, record: Record, values: Mapping[str, float], *, n
         origin="those of the model's `truth`" if values else "the known ones of the model",
         links=tuple(
             _link(i + 1, dict(zip(symbols, map(float, local[i]), strict=False)), histories[i])
-            for i in range(model.n_storeys)
+            for i in range(model.n_links)
         ),
-        masses=tuple(model.masses) if isinstance(model, ShearBuilding) else (),
+        masses=tuple(model.masses) if not model.is_driven else (),
         excitation=np.asarray(record.excitation),
         time_step=record.time_step,
         notes=(_SENSORS_STAY,) if model.sensors.parameters else (),

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bwbn_bayes.engines.base import BASE_DISPLACEMENT, masses
+from bwbn_bayes.engines.base import BASE_DISPLACEMENT
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.responses import STATISTICS, Responses, Singles, batches, evenly
 from bwbn_bayes.parameters import Floats, FreeParameter
 from bwbn_bayes.records.record import Record, si_unit
 from bwbn_bayes.structures.quantities import engineering_quantities, time_points
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -72,7 +71,7 @@ def posterior_tree(
     record, model, space = posterior.record, posterior.model, posterior.space
     n_own = model.space.n_dim
     values, prior = space.from_unit(points), space.from_unit(posterior.sample_prior(rng, _N_PRIOR))
-    storeys = list(range(1, model.n_storeys + 1))
+    storeys = list(range(1, model.n_links + 1))
     draw = {"draw": responses.draws}
     whole = {"draw": responses.whole}
     by_storey = storey_parameters(model, responses.values).assign_coords(draw)
@@ -86,7 +85,7 @@ def posterior_tree(
         "observed_data": _histories(
             record, {name: ("time", _or_nothing(record, s)) for name, s in record.channels.items()}
         ),
-        "constant_data": constant_dataset(model, record, storeys),
+        "constant_data": constant_dataset(model, record),
         "posterior_predictive": _predicted(record, responses.predicted[None], ("chain", "draw")).assign_coords(
             {"chain": [0], **whole}
         ),
@@ -97,10 +96,12 @@ def posterior_tree(
         ),
         "parameters_by_storey": by_storey,
     }
-    if isinstance(model, ShearBuilding):
+    if not model.is_driven:
         known = xr.Dataset(responses.landmarks, coords={**draw, "storey": storeys})
         known = known.assign_coords(time_point=record.times[time_points(record.n_times)])
-        groups["quantities"] = engineering_quantities(known, by_storey, masses(model), model.law, model.heights)
+        groups["quantities"] = engineering_quantities(
+            known, by_storey, model.masses, model.law, model.heights, model.joints
+        )
     if truth is not None:
         groups["true_response"] = response_dataset(truth, record.times, storeys).isel(draw=0, drop=True)
     return xr.DataTree.from_dict(groups)
@@ -108,7 +109,7 @@ def posterior_tree(
 
 def _draws(model: Structure, record: Record, values: Floats, noise_sd: Floats) -> xr.Dataset:
     """Parameters ``(n, n_parameters)`` and, unless they have no columns, noise scales ``(n, n_channels)``."""
-    dataset = parameter_dataset(model.space.parameters, values, model.n_storeys)
+    dataset = parameter_dataset(model.space.parameters, values, model.n_links)
     if noise_sd.size:
         units = {"units": ", ".join(dict.fromkeys(si_unit(name) for name in record.channels))}
         dataset = dataset.assign(noise_sd=(("chain", "draw", "channel"), noise_sd[None], units))
@@ -172,7 +173,7 @@ def storey_parameters(model: Structure, values: Floats) -> xr.Dataset:
     local = model.table.local(values)
     return xr.Dataset(
         {p.symbol: (("draw", "storey"), local[:, :, i], {"units": p.unit}) for i, p in enumerate(model.law.parameters)},
-        coords={"storey": list(range(1, model.n_storeys + 1))},
+        coords={"storey": list(range(1, model.n_links + 1))},
     )
 
 
@@ -181,12 +182,13 @@ def response_dataset(
 ) -> xr.Dataset:
     """Histories ``(n_draws, n_storeys, n_times)`` by kind, with the names of storeys, floors and times."""
     place = {kind: {"acceleration": "floor", BASE_DISPLACEMENT: "base"}.get(kind, "storey") for kind in rows}
+    floors = list(range(1, rows["acceleration"].shape[1] + 1)) if "acceleration" in rows else storeys
     return xr.Dataset(
         {
             kind: ((over, place[kind], "time"), values.astype(np.float32, copy=False), {"units": _UNITS[kind]})
             for kind, values in rows.items()
         },
-        coords={"storey": storeys, "floor": storeys, "time": ("time", times, {"units": "s"})},
+        coords={"storey": storeys, "floor": floors, "time": ("time", times, {"units": "s"})},
     )
 
 
@@ -211,18 +213,19 @@ def parameter_dataset(parameters: Sequence[FreeParameter], values: Floats, n_sto
     return xr.Dataset(variables, coords=coords)
 
 
-def constant_dataset(model: Structure, record: Record, storeys: list[int]) -> xr.Dataset:
-    """The excitation, masses and heights; where sensors allow, the measured storey forces; a specimen's own force."""
-    dataset = _histories(record, {record.excitation_kind: ("time", np.array(record.excitation))})
-    if isinstance(model, ShearBuilding):
+def constant_dataset(model: Structure, record: Record) -> xr.Dataset:
+    """What drives, masses and heights; where sensors allow, the measured storey forces; a specimen's own force."""
+    dataset = _histories(record, {name: ("time", np.array(signal)) for name, signal in record.drivers.items()})
+    floors = list(range(1, model.n_floors + 1))
+    if not model.is_driven:
         own = {"mass": ("floor", list(model.masses), {"units": "kg"})}
         own |= {"height": ("storey", list(model.heights), {"units": "m"})} if model.heights is not None else {}
-        dataset = dataset.assign(own).assign_coords(floor=storeys)
-    if isinstance(model, ShearBuilding) and set(storeys) <= set(record.floors):
-        forces = _or_nothing(record, record.storey_forces(masses(model)))
+        dataset = dataset.assign(own).assign_coords(floor=floors)
+    if model.is_chain and floors and set(floors) <= set(record.floors):
+        forces = _or_nothing(record, record.storey_forces(model.masses))
     elif "force" in record.channels:
         forces = _or_nothing(record, record.channels["force"])[None]
     else:
         return dataset
     measured = (("storey", "time"), forces, {"units": "N"})
-    return dataset.assign(measured_storey_force=measured).assign_coords(storey=storeys)
+    return dataset.assign(measured_storey_force=measured).assign_coords(storey=floors or [1])

@@ -38,8 +38,8 @@ from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import DOUBTS, Check, Result
 from bwbn_bayes.structures.structure import Structure
 
-Beside = Callable[[Posterior, Floats], Check]
-"""A check of a posterior at its optimum ``(n_dim,)``."""
+Beside = Callable[[Posterior, Floats], tuple[Check, ...]]
+"""Checks of a posterior at its optimum ``(n_dim,)``."""
 N_ATTEMPTS = 3
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it runs with this fraction of the draws asked for: each costs it some hundred solves."""
@@ -76,7 +76,7 @@ def identify(
     listener : callable, optional
         Told what is being done.
     beside : callable, optional
-        A further check of the model, of posterior and optimum: what else would explain the record.
+        Further checks of the model, of posterior and optimum: what else would explain the record.
 
     Returns
     -------
@@ -168,7 +168,7 @@ def _doubted(fitted: _Fitted, beside: Beside | None, history: History) -> _Fitte
     found = doubts(view, best)
     if beside is not None:
         history.say("asking the catalogue what else would explain the record")
-        found = (*found, beside(view, best.point))
+        found = (*found, *beside(view, best.point))
     return fitted._replace(checks=(*fitted.checks, *found))
 
 

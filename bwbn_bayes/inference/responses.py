@@ -83,8 +83,10 @@ def batches(n_draws: int, numbers: int) -> Iterator[slice]:
 
 def observable(model: Structure) -> dict[str, tuple[str, ...]]:
     """Channels of every history that a model has, by kind."""
-    storeys = range(1, model.n_storeys + 1)
-    kinds = {kind: tuple(f"{kind}_{storey}" for storey in storeys) for kind in OBSERVED_KINDS}
+    counts = {"acceleration": model.n_floors or 1}
+    kinds = {
+        kind: tuple(f"{kind}_{i}" for i in range(1, counts.get(kind, model.n_links) + 1)) for kind in OBSERVED_KINDS
+    }
     return kinds | ({BASE_DISPLACEMENT: (BASE_DISPLACEMENT,)} if model.law.base_states else {})
 
 

@@ -285,7 +285,7 @@ def _orbit(model: Structure, a: int) -> Orbit | None:
 def _acts(model: Structure, name: str, storey: int) -> bool:
     """Whether a parameter belongs to the storey itself or to an effect that acts on it."""
     placed = (p for p in model.effects if storey in p.storeys or not p.storeys)
-    own = (*model.storey.parameters, *(parameter for one in placed for parameter in one.effect.parameters))
+    own = (*model.element.parameters, *(parameter for one in placed for parameter in one.effect.parameters))
     return any(parameter.symbol == name for parameter in own)
 
 

@@ -13,14 +13,14 @@ from typing import Self
 import arviz_stats.base as arviz_base
 import numpy as np
 
-from bwbn_bayes.engines.base import BASE_DISPLACEMENT, OBSERVED_KINDS, Engine, channel_map
+from bwbn_bayes.engines.base import Engine, channel_map
 from bwbn_bayes.inference.accuracy import Discretisation
 from bwbn_bayes.inference.arrays import noise_scales, posterior_tree
 from bwbn_bayes.inference.identifiability import describe, flag
 from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.responses import N_DRAWS, Singles, evenly, summarised
+from bwbn_bayes.inference.responses import N_DRAWS, Singles, evenly, observable, summarised
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
@@ -34,7 +34,6 @@ from bwbn_bayes.results import (
     StageFacts,
 )
 from bwbn_bayes.structures.equations import structure_equations
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 _NEAR_A_BOUND = 0.01
@@ -138,7 +137,7 @@ def build_result(
         n_stages=len(stages),
         elapsed_s=elapsed(),
         effective_sample_size=draws.effective_sample_size,
-        storeys=model.n_storeys,
+        storeys=model.n_links,
         verdict=_verdict(parameters, checks, method, asked, record),
         identifiability=describe(modes[0].information, posterior.space.names),
         checks=checks,
@@ -155,19 +154,20 @@ def build_result(
 
 def observe(engine: Engine, model: Structure, values: Floats, record: Record) -> dict[str, Floats]:
     """Every observable history ``(n_draws, n_storeys, n_times)`` by kind; of a base that can move, one row."""
-    names = [f"{kind}_{storey}" for kind in OBSERVED_KINDS for storey in range(1, model.n_storeys + 1)]
-    names += [BASE_DISPLACEMENT] if model.law.base_states else []
-    response = engine.simulate(model, values, record, names).values
-    n_rows = len(OBSERVED_KINDS) * model.n_storeys
-    shaped = response[:, :n_rows].reshape(len(values), len(OBSERVED_KINDS), model.n_storeys, record.n_times)
-    rows = {kind: shaped[:, i] for i, kind in enumerate(OBSERVED_KINDS)}
-    return rows | ({BASE_DISPLACEMENT: response[:, n_rows:]} if model.law.base_states else {})
+    kinds = observable(model)
+    response = engine.simulate(model, values, record, [name for names in kinds.values() for name in names]).values
+    ends = np.cumsum([len(names) for names in kinds.values()])
+    return dict(zip(kinds, np.split(response, ends[:-1], axis=1), strict=True))
 
 
 def predicted_channels(model: Structure, record: Record, rows: Mapping[str, Floats]) -> Floats:
     """Measured channels ``(n_draws, n_channels, n_times)`` from histories already solved."""
+    own = {**rows}
+    # Links that carry no floor have a row all the same, which no channel reads.
+    none = np.zeros((*rows["drift"].shape[:-2], model.n_links - rows["acceleration"].shape[-2], record.n_times))
+    own["acceleration"] = np.concatenate([rows["acceleration"], none], axis=-2)
     return channel_map(model, tuple(record.channels)).apply(
-        np.concatenate(list(rows.values()), axis=1), record.excitation
+        np.concatenate(list(own.values()), axis=1), record.excitation
     )
 
 
@@ -312,7 +312,7 @@ def _taken_over(checks: Sequence[Check], road: str) -> str:
 def conventions(model: Structure) -> tuple[str, ...]:
     """What every identification of a model takes for granted, in sentences."""
     lines = ["Energy is the work on the hysteretic spring in joules; delta_nu, delta_eta and delta_s are per joule."]
-    if isinstance(model, ShearBuilding):
+    if not model.is_driven:
         lines.append("The structure starts at rest; the ground acceleration is linear between samples.")
         lines.append(
             "R-t is the correlation of the storey force histories; R-x is taken at equal steps of the travelled drift."

@@ -12,7 +12,16 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.column_map import Item, Meaning, find_column, parse_columns
 from bwbn_bayes.records.labels import Labels
-from bwbn_bayes.records.record import CHANNEL_NAMES, MIN_TIMES, ExcitationKind, Record, one_line, quantity_of, si_unit
+from bwbn_bayes.records.record import (
+    CHANNEL_NAMES,
+    MIN_TIMES,
+    ExcitationKind,
+    Record,
+    is_input,
+    one_line,
+    quantity_of,
+    si_unit,
+)
 from bwbn_bayes.records.time_base import CLOCK_JITTER, Source, uniform_step
 from bwbn_bayes.records.units import frequency_factor, si_factor
 
@@ -109,7 +118,7 @@ def _record_of(table: Table, items: Sequence[Item], columns: str | None) -> Reco
     if stated is not None:
         labels = replace(labels, time_step=stated, has_time=True)
     kind = excitation_kind_of(tuple(used), table.source.header, has_step=labels.time_step is not None)
-    values = _in_si(used, kind, table)
+    values = _in_si(used, kind if kind in used else next(filter(is_input, used)), table)
     has_time = "time" in used or labels.time_step is not None
     step = 1.0 if labels.time_step is None else labels.time_step
     if "time" in used:
@@ -118,11 +127,14 @@ def _record_of(table: Table, items: Sequence[Item], columns: str | None) -> Reco
         step = uniform_step(times, quantum, labels.time_step, table.source)
         if abs(times[0]) > CLOCK_JITTER * step:
             labels = replace(labels, provenance={"start_time": f"{times[0]:.12g} s", **labels.provenance})
+    forces = {name: values.pop(name) for name in [*values] if is_input(name)}
+    still = np.zeros(len(next(iter(forces.values())))) if forces else None
     return Record(
         name=labels.name,
         time_step=step,
-        excitation=values.pop(kind),
+        excitation=values.pop(kind, still),
         excitation_kind=kind,
+        forces=forces,
         channels=values,
         provenance=labels.provenance,
         truth=labels.truth,
@@ -176,14 +188,20 @@ def excitation_kind_of(names: Sequence[str], header: str, *, has_step: bool = Fa
                 f"{header}, column {name}: the name is not known, use time, ground_acceleration, {CHANNEL_NAMES}, "
                 "or displacement and force for a cyclic test, or say by a column map which columns to read"
             )
+    forced = any(is_input(name) for name in names)
     if "ground_acceleration" in names and "displacement" in names:
         raise UserError(f"{header}: both ground_acceleration and displacement drive a record, keep one")
     if "displacement" in names:
         kind: ExcitationKind = "displacement"
-    elif "ground_acceleration" in names:
+    elif "ground_acceleration" in names or forced:
         kind = "ground_acceleration"
     else:
-        raise UserError(f"{header}: column ground_acceleration is missing (displacement for a cyclic test), add it")
+        raise UserError(
+            f"{header}: column ground_acceleration is missing (applied_force_1 for a force on floor 1, displacement "
+            "for a cyclic test), add it"
+        )
+    if forced and kind == "displacement":
+        raise UserError(f"{header}: both a force and displacement drive a record, keep one")
     if kind == "ground_acceleration" and "time" not in names and not has_step:
         raise UserError(f"{header}: column time is missing, add it or state the time_step")
     for name in names:

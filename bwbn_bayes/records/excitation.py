@@ -1,8 +1,11 @@
-"""Excitations: El Centro 1940, a sine, and filtered noise. Each is a :class:`Record` without channels."""
+"""Excitations: El Centro 1940, sines, sweeps and noise. Each is a :class:`Record` without channels.
+
+Each moves the ground; :func:`as_force` makes it push at a floor.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -105,6 +108,121 @@ def sine(amplitude: float, frequency_hz: float, duration: float, time_step: floa
         time_step=time_step,
         excitation=amplitude * np.sin(2.0 * np.pi * frequency_hz * times),
         provenance={"excitation": f"sine, amplitude {amplitude:g} m/s^2, frequency {frequency_hz:g} Hz"},
+    )
+
+
+def multisine(
+    rng: np.random.Generator,
+    band_hz: tuple[float, float],
+    n_per_period: int,
+    time_step: float,
+    *,
+    rms: float,
+    n_periods: int = 1,
+) -> Record:
+    """Sines of equal amplitude and random phase at every whole number of cycles per period within a band.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        For the phases.
+    band_hz : (float, float)
+        Lowest and highest frequency, below half the sampling rate. [Hz]
+    n_per_period : int
+        Samples of a period.
+    time_step : float
+        Time between samples. [s]
+    rms : float
+        Of the whole. [m/s^2]
+    n_periods : int
+        How often the period is run through.
+
+    Raises
+    ------
+    UserError
+        If a number is not positive, or no line lies in the band.
+
+    References
+    ----------
+    .. [1] R. Pintelon and J. Schoukens, "System Identification: A Frequency Domain Approach", 2012, section 2.3.
+    """
+    _require_positive("time_step", time_step, "s")
+    _require_positive("rms", rms, "m/s^2")
+    low, high = band_hz
+    lines = np.arange(1, (n_per_period + 1) // 2)
+    frequency = lines / (n_per_period * time_step)
+    lines = lines[(frequency >= low) & (frequency <= high)]
+    if not lines.size or n_periods < 1:
+        raise UserError(
+            f"multisine: no line of a period of {n_per_period} samples lies between {low:g} and {high:g} Hz, or "
+            f"n_periods = {n_periods} is none: give a longer period or a wider band"
+        )
+    spectrum = np.zeros(n_per_period // 2 + 1, dtype=np.complex128)
+    spectrum[lines] = np.exp(2j * np.pi * rng.random(lines.size))
+    period = np.fft.irfft(spectrum, n_per_period)
+    period *= rms / float(np.sqrt(np.mean(np.square(period))))
+    return Record(
+        name="multisine",
+        time_step=time_step,
+        excitation=np.tile(period, n_periods),
+        provenance={"excitation": f"random-phase multisine, {low:g} to {high:g} Hz, {n_periods} periods"},
+    )
+
+
+def sweep(amplitude: float, band_hz: tuple[float, float], duration: float, time_step: float) -> Record:
+    """A sine whose frequency goes evenly in time from one end of a band to the other.
+
+    Parameters
+    ----------
+    amplitude : float
+        Peak acceleration. [m/s^2]
+    band_hz : (float, float)
+        First and last frequency, below half the sampling rate. [Hz]
+    duration, time_step : float
+        Time of the last sample and time between samples. [s]
+
+    Raises
+    ------
+    UserError
+        If a number is not positive, or the sampling is too coarse.
+    """
+    times = _times(duration, time_step)
+    _require_positive("amplitude", amplitude, "m/s^2")
+    first, last = band_hz
+    if not 0.0 < min(band_hz) <= max(band_hz) < 0.5 / time_step:
+        raise UserError(
+            f"band_hz is {band_hz}: both ends must lie between 0 and half the sampling rate, {0.5 / time_step:g} Hz"
+        )
+    turns = first * times + 0.5 * (last - first) / times[-1] * np.square(times)
+    return Record(
+        name=f"sweep {first:g} to {last:g} Hz",
+        time_step=time_step,
+        excitation=amplitude * np.sin(2.0 * np.pi * turns),
+        provenance={"excitation": f"sweep, amplitude {amplitude:g}, from {first:g} to {last:g} Hz"},
+    )
+
+
+def as_force(record: Record, floor: int = 1) -> Record:
+    """What a record's ground does in m/s^2 as a force of so many newtons on a floor; the ground stays still.
+
+    Parameters
+    ----------
+    record : Record
+        Without channels.
+    floor : int
+        The floor (from 1) that is pushed.
+
+    Raises
+    ------
+    UserError
+        If the record is that of a cyclic test or has channels, which were measured under another input.
+    """
+    if record.excitation_kind != "ground_acceleration" or record.channels:
+        raise UserError(f"record {record.name!r} is not a bare ground motion: only such a one can become a force")
+    return replace(
+        record,
+        excitation=np.zeros(record.n_times),
+        forces={**record.forces, f"applied_force_{floor}": record.excitation},
     )
 
 

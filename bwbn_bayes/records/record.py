@@ -1,4 +1,4 @@
-"""A measured or simulated record: one excitation, the channels measured under it, and what is known about them.
+"""A measured or simulated record: what drives, the channels measured under it, and what is known about them.
 
 Everything is in SI units, on a uniform time base that starts at zero. Floors and storeys count from 1.
 """
@@ -40,7 +40,16 @@ _SI_UNITS = {
     "displacement": "m",
     "drift": "m",
     "force": "N",
+    "applied_force": "N",
 }
+
+
+_APPLIED = re.compile(r"applied_force_([1-9][0-9]*)", re.ASCII)
+
+
+def is_input(column: str) -> bool:
+    """Whether a column is a force from outside, ``applied_force_i`` on floor i, which drives and is not measured."""
+    return _APPLIED.fullmatch(column) is not None
 
 
 def quantity_of(column: str) -> str | None:
@@ -48,6 +57,8 @@ def quantity_of(column: str) -> str | None:
     numbered = _NUMBERED.fullmatch(column)
     if numbered:
         return numbered.group(1)
+    if is_input(column):
+        return "applied_force"
     return column if column in ("time", "ground_acceleration", "displacement", "force") else None
 
 
@@ -82,6 +93,9 @@ class Record:
         Ground acceleration [m/s^2], or the imposed displacement of a cyclic test [m].
     excitation_kind : {"ground_acceleration", "displacement"}
         Base-excited building, or displacement-driven cyclic test.
+    forces : mapping of str to (n_times,) array
+        Forces from outside by name, ``applied_force_i`` on floor i. [N] A record may have them beside a ground
+        acceleration, or one of zeros.
     channels : mapping of str to (n_times,) array
         Measured channels in order. Building: ``acceleration_i`` (total, what an accelerometer on floor i shows) and
         ``relative_acceleration_i`` [m/s^2], ``displacement_i`` (relative to the ground) and ``drift_i`` (relative to
@@ -111,6 +125,7 @@ class Record:
     excitation: Floats
     excitation_kind: ExcitationKind = "ground_acceleration"
     channels: Mapping[str, Floats] = field(default_factory=dict)
+    forces: Mapping[str, Floats] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
     truth: Mapping[str, float] = field(default_factory=dict)
     noise_sd: Mapping[str, float] = field(default_factory=dict)
@@ -126,6 +141,7 @@ class Record:
             "time_step": float(self.time_step),
             "excitation": _frozen_array(self.excitation, self.excitation_kind),
             "channels": MappingProxyType(channels),
+            "forces": MappingProxyType({key: _frozen_array(value, key) for key, value in self.forces.items()}),
             "counted": counted,
             "provenance": MappingProxyType({**self._told_of_time, **labels}),
             "truth": MappingProxyType({_label(k): float(v) for k, v in self.truth.items()}),
@@ -135,6 +151,7 @@ class Record:
             object.__setattr__(self, key, value)
         self._check_time_base()
         self._check_channels()
+        self._check_forces()
         self._check_labels()
 
     def _check_time_base(self) -> None:
@@ -163,6 +180,17 @@ class Record:
             if len(values) != self.n_times:
                 raise UserError(
                     f"channel {channel} has {len(values)} points but the excitation {self.n_times}: they must be equal"
+                )
+
+    def _check_forces(self) -> None:
+        for name, values in self.forces.items():
+            if not is_input(name):
+                raise UserError(f"{name} is no force from outside: write applied_force_i, i the floor that it acts on")
+            if self.excitation_kind == "displacement":
+                raise UserError(f"{name} does not belong to a cyclic test: its displacement is given")
+            if len(values) != self.n_times:
+                raise UserError(
+                    f"{name} has {len(values)} points but the excitation {self.n_times}: they must be equal"
                 )
 
     def _check_labels(self) -> None:
@@ -202,7 +230,7 @@ class Record:
 
     @property
     def columns(self) -> dict[str, Floats]:
-        """Excitation and channels by name, ``(n_times,)`` each, for files and tables.
+        """What drives and the channels by name, ``(n_times,)`` each, for files and tables.
 
         Raises
         ------
@@ -210,7 +238,18 @@ class Record:
             If some samples do not count, see :func:`require_whole`.
         """
         require_whole(self)
-        return {self.excitation_kind: self.excitation, **self.channels}
+        return {**self.drivers, **self.channels}
+
+    @property
+    def drivers(self) -> dict[str, Floats]:
+        """What drives, by name: the excitation, unless forces do and the ground stays still, then the forces."""
+        still = bool(self.forces) and not np.any(self.excitation)
+        return {**({} if still else {self.excitation_kind: self.excitation}), **self.forces}
+
+    @property
+    def forced_floors(self) -> tuple[int, ...]:
+        """Floors (from 1) that forces act on, in the order of ``forces``."""
+        return tuple(int(name.rpartition("_")[2]) for name in self.forces)
 
     @cached_property
     def measured(self) -> Floats:
@@ -239,9 +278,9 @@ class Record:
         the same data give the same hash.
         """
         digest = hashlib.sha256()
-        header = [repr(self.time_step), str(self.n_times), self.excitation_kind, *self.channels]
+        header = [repr(self.time_step), str(self.n_times), self.excitation_kind, *self.forces, *self.channels]
         digest.update("\n".join(header).encode())
-        for values in (self.excitation, *self.channels.values()):
+        for values in (self.excitation, *self.forces.values(), *self.channels.values()):
             digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
         if self.counted is not None:
             digest.update(np.packbits(self.counted).tobytes())
@@ -257,12 +296,14 @@ class Record:
         """Whether two records agree in every number, name and label, order of the channels included."""
         own, others = self._plain_fields(), other._plain_fields()
         arrays, of_other = (
-            [one.excitation, np.arange(one.n_times)[one.kept], *one.channels.values()] for one in (self, other)
+            [one.excitation, np.arange(one.n_times)[one.kept], *one.forces.values(), *one.channels.values()]
+            for one in (self, other)
         )
         arrays_agree = all(np.array_equal(mine, theirs) for mine, theirs in zip(arrays, of_other, strict=False))
         for plain in (own, others):
-            del plain["excitation"], plain["channels"], plain["counted"]
-        return bool(arrays_agree and list(self.channels) == list(other.channels) and own == others)
+            del plain["excitation"], plain["forces"], plain["channels"], plain["counted"]
+        named_alike = [*self.forces, *self.channels] == [*other.forces, *other.channels]
+        return bool(arrays_agree and named_alike and own == others)
 
     def until(self, time: float) -> Record:
         """The first part of the record, up to and including ``time`` [s]."""
@@ -276,6 +317,7 @@ class Record:
             self,
             time_step=step * self.time_step,
             excitation=self.excitation[::step],
+            forces={key: values[::step] for key, values in self.forces.items()},
             channels={key: values[::step] for key, values in self.channels.items()},
             counted=None if self.counted is None else self.counted[::step],
             provenance={**self.provenance, "points kept": f"one in {step}"},
@@ -304,6 +346,7 @@ class Record:
         return replace(
             self,
             excitation=self.excitation[first : last + 1],
+            forces={key: values[first : last + 1] for key, values in self.forces.items()},
             channels={key: values[first : last + 1] for key, values in self.channels.items()},
             counted=None if self.counted is None else self.counted[first : last + 1],
             provenance={**self.provenance, "part": f"{part} of ({earlier})" if earlier else part},
@@ -353,7 +396,7 @@ class Record:
         )
 
     def storey_forces(self, masses: Sequence[float] | Floats, *, lowest_storey: int = 1) -> Floats:
-        """Measured storey forces ``V_i = -sum_{j>=i} m_j a_j``, viscous force included.
+        """Measured storey forces ``V_i = sum_{j>=i} (f_j - m_j a_j)``, viscous force included.
 
         Equilibrium of the floors above storey i; no model of the storeys enters.
 
@@ -387,6 +430,8 @@ class Record:
             )
         floors = range(lowest_storey, len(mass) + 1)
         inertia = np.stack([mass[floor - 1] * self.channels[f"acceleration_{floor}"] for floor in floors])
+        for floor in set(floors) & set(self.forced_floors):
+            inertia[floor - lowest_storey] -= self.forces[f"applied_force_{floor}"]
         return -np.cumsum(inertia[::-1], axis=0)[::-1]
 
     def _plain_fields(self) -> dict[str, object]:

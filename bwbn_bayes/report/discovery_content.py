@@ -20,7 +20,6 @@ from bwbn_bayes.report.comparison import Part, parts_of
 from bwbn_bayes.report.content import DRIFT_RATIO, Marginal, Quantity, gather, shown
 from bwbn_bayes.results import Equation
 from bwbn_bayes.structures.equations import structure_equations
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 MAX_EXPLANATIONS = 10
@@ -173,7 +172,7 @@ def _heat_map(discovery: Discovery, title: str, seen: Disagreement) -> HeatMap:
     """Storey forces where they are measured, and the other channels."""
     model, record = discovery.model, discovery.record
     rows = seen.rows(model)
-    forces = f"storey forces ({_MASSES_TIMES})" if isinstance(model, ShearBuilding) else "measured force"
+    forces = f"storey forces ({_MASSES_TIMES})" if not model.is_driven else "measured force"
     kinds = {row.storey is not None: forces if row.storey is not None else "channels" for row in rows}
     return HeatMap(
         title=title,
@@ -203,8 +202,8 @@ def _planes(model: Structure, stages: Sequence[tuple[str, Disagreement]]) -> tup
 
 def _loops(discovery: Discovery) -> tuple[LoopPair, ...]:
     stages = [discovery.histories[name] for name in (("before", "after") if discovery.added else ("before",))]
-    places = range(1, discovery.model.n_storeys + 1)
-    of_building = isinstance(discovery.model, ShearBuilding)
+    places = range(1, discovery.model.n_links + 1)
+    of_building = not discovery.model.is_driven
     return tuple(
         LoopPair(
             title=storey_in_words(discovery.model, storey).capitalize(),
@@ -218,10 +217,10 @@ def _loops(discovery: Discovery) -> tuple[LoopPair, ...]:
 
 
 def _measured_force(model: Structure, record: Record, storey: int) -> Floats | None:
-    if not isinstance(model, ShearBuilding):
+    if model.is_driven:
         force = record.channels.get("force")
         return force if force is None or record.counted is None else np.where(record.counted, force, np.nan)
-    if any(f"acceleration_{floor}" not in record.channels for floor in range(storey, model.n_storeys + 1)):
+    if any(f"acceleration_{floor}" not in record.channels for floor in range(storey, model.n_floors + 1)):
         return None
     return np.asarray(record.storey_forces(model.masses, lowest_storey=storey)[0])
 

@@ -17,7 +17,6 @@ from bwbn_bayes.report.html import ReportFiles, data_address, mathml_of, templat
 from bwbn_bayes.report.numbers import NOTHING, percent
 from bwbn_bayes.report.tables import quantity_table
 from bwbn_bayes.results import Equation
-from bwbn_bayes.structures.shear_building import ShearBuilding
 
 
 def write_discovery(discovery: Discovery, directory: Path) -> ReportFiles:
@@ -46,7 +45,7 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
     """The page as text: HTML with inline style and figures; texts are escaped, equations are MathML."""
     discovery = content.discovery
     held_out = discovery.held_out
-    by_storey = ", by storey or floor" if isinstance(discovery.model, ShearBuilding) else ""
+    by_storey = ", by storey or floor" if not discovery.model.is_driven else ""
     return template("discovery.html.j2").render(
         model=discovery.name,
         record=discovery.record.name,
@@ -92,7 +91,7 @@ def _extent(record: Record) -> str:
 
 def _counted(discovery: Discovery) -> str:
     """How many storeys and channels: ``3 storeys, 1 channel``."""
-    n_storeys, n_channels = discovery.model.n_storeys, len(discovery.record.channels)
+    n_storeys, n_channels = discovery.model.n_links, len(discovery.record.channels)
     storeys = f"{n_storeys} store{'y' if n_storeys == 1 else 'ys'}"
-    of = storeys if isinstance(discovery.model, ShearBuilding) else "a specimen"
+    of = storeys if not discovery.model.is_driven else "a specimen"
     return f"{of}, {n_channels} channel{'' if n_channels == 1 else 's'}"

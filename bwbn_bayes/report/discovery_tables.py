@@ -24,7 +24,6 @@ from bwbn_bayes.report.numbers import (
     with_uncertainty,
 )
 from bwbn_bayes.report.tables import KeyFigure, Table, parameter_row
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 MAX_SPOTS = 6
@@ -171,8 +170,8 @@ def limits_table(limits: tuple[DetectionLimit, ...], model: Structure) -> Table:
         row = cells.setdefault(key, {})
         if place not in row or limit.smallest < row[place].smallest:
             row[place] = limit
-    of_specimen = not isinstance(model, ShearBuilding)
-    places = [0, *range(1, model.n_storeys + 1)]
+    of_specimen = model.is_driven
+    places = [0, *range(1, model.n_links + 1)]
     used = [place for place in places if any(place in row for row in cells.values())]
     rows = tuple(_limit_row(*key, [row.get(place) for place in used]) for key, row in cells.items())
     headings = [SPECIMEN if of_specimen else str(place or place_in_words("structure", ())) for place in used]

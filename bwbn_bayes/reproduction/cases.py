@@ -19,6 +19,7 @@ from bwbn_bayes.records.record import Record
 from bwbn_bayes.reproduction.options import Options
 from bwbn_bayes.reproduction.printed import Row, one_row, printed
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
 
 MethodName = Literal["IPV", "GA", "TMCMC"]
 Excitation = Literal["Sin", "ElCentro"]
@@ -95,7 +96,7 @@ def truth_of(case: Case) -> dict[str, float]:
     }
 
 
-def building(case: Case, options: Options, *, identified: bool) -> ShearBuilding:
+def building(case: Case, options: Options, *, identified: bool) -> Structure:
     """The three-storey building: with the printed bounds as uniform priors, or at its true values.
 
     Parameters

@@ -26,7 +26,7 @@ from bwbn_bayes.records.record import Record
 from bwbn_bayes.reproduction.cases import STOREYS, Case, Excitation, building, excitation_of, truth_of
 from bwbn_bayes.reproduction.options import Options
 from bwbn_bayes.results import Facts, Result
-from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
 
 _ACCELERATIONS = tuple(f"acceleration_{i}" for i in STOREYS)
 _CLEAN_CHANNELS = (*_ACCELERATIONS, *(f"drift_{i}" for i in STOREYS), *(f"force_{i}" for i in STOREYS))
@@ -176,7 +176,7 @@ def _mean_force(result: Result) -> Floats:
 
 
 @cache
-def clean_record(model: ShearBuilding, excitation: Excitation, options: Options) -> Record:
+def clean_record(model: Structure, excitation: Excitation, options: Options) -> Record:
     """Noise-free accelerations, drifts and forces of a known building by the reference engine."""
     return simulate(model, excitation_of(excitation, options), {}, channels=_CLEAN_CHANNELS)
 
@@ -201,7 +201,7 @@ def _agreement(found: Floats, clean: Record, noisy: Floats) -> dict[str, dict[st
 
 
 def _parameters(
-    case: Case, facts: Facts, model: ShearBuilding, record: Record, options: Options
+    case: Case, facts: Facts, model: Structure, record: Record, options: Options
 ) -> dict[str, dict[str, float]]:
     if not facts.parameters:
         return {}
@@ -225,14 +225,12 @@ _UNSEEN = 1e-10
 """Share of the information in a direction, and of a parameter's in such a direction, that rounding may leave."""
 
 
-def cramer_rao_sd(
-    model: ShearBuilding, truth: Mapping[str, float], record: Record, noise_sd: tuple[float, ...]
-) -> Floats:
+def cramer_rao_sd(model: Structure, truth: Mapping[str, float], record: Record, noise_sd: tuple[float, ...]) -> Floats:
     """Smallest standard deviation of an unbiased estimate of each parameter, ``(n_parameters,)`` in its own unit.
 
     Parameters
     ----------
-    model : ShearBuilding
+    model : Structure
     truth : mapping of str to float
         Where the Fisher information is taken.
     record : Record
@@ -261,7 +259,7 @@ def _group(result: Result, name: str) -> xr.Dataset:
     return result.tree.children[name].to_dataset()
 
 
-def _draws(group: xr.Dataset, model: ShearBuilding) -> Floats:
+def _draws(group: xr.Dataset, model: Structure) -> Floats:
     """Parameter draws ``(n, n_parameters)`` from a group with one variable per symbol."""
     columns = []
     for parameter in model.space.parameters:
@@ -273,7 +271,7 @@ def _draws(group: xr.Dataset, model: ShearBuilding) -> Floats:
     return np.column_stack(columns).astype(np.float64)
 
 
-def _redundant(result: Result, model: ShearBuilding) -> dict[str, float]:
+def _redundant(result: Result, model: Structure) -> dict[str, float]:
     draws = _draws(_group(result, "posterior"), model)
     correlation = np.atleast_2d(np.corrcoef(draws, rowvar=False))
     with_a = correlation[model.space.names.index("A")]
@@ -286,7 +284,7 @@ def _other(excitation: Excitation) -> Excitation:
     return "ElCentro" if excitation == "Sin" else "Sin"
 
 
-def _prediction(case: Case, options: Options, result: Result, model: ShearBuilding) -> dict[str, float]:
+def _prediction(case: Case, options: Options, result: Result, model: Structure) -> dict[str, float]:
     """The same building, its damages at the same times, under the other excitation."""
     clean = clean_record(building(case, options, identified=False), _other(case.excitation), options)
     true = np.stack([clean.channels[channel] for channel in _ACCELERATIONS])

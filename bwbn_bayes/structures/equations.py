@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bwbn_bayes.elements.equations import WrittenEquation, law_equations, sensor_equations
 from bwbn_bayes.elements.law import FLOOR_FORCE, FLOOR_MASS
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 _GROUND = "<msub><mi>a</mi><mi>g</mi></msub>"
@@ -23,7 +22,7 @@ def structure_equations(model: Structure) -> tuple[WrittenEquation, ...]:
     tuple of WrittenEquation
         With one storey the subscripts are left out.
     """
-    motion = _building(model) if isinstance(model, ShearBuilding) else (_SPECIMEN,)
+    motion = _building(model) if not model.is_driven else (_SPECIMEN,)
     return motion + law_equations(model.law) + sensor_equations(model.sensors)
 
 
@@ -35,8 +34,8 @@ _SPECIMEN = WrittenEquation(
 )
 
 
-def _building(model: ShearBuilding) -> tuple[WrittenEquation, ...]:
-    n_storeys, law = model.n_storeys, model.law
+def _building(model: Structure) -> tuple[WrittenEquation, ...]:
+    n_storeys, law = model.n_floors, model.law
     subjects = {definition.subject for definition in law.definitions}
     # With one storey the indices are left out, unless floor or base have laws of their own, which write them.
     many = n_storeys > 1 or law.acceleration is not None or law.base is not None

@@ -20,7 +20,6 @@ from bwbn_bayes.records.column_map import EXAMPLE, parse_columns
 from bwbn_bayes.records.noise import MOST_DECIBELS
 from bwbn_bayes.records.readers import RECORD_SUFFIXES, read_record
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.starting_model import starting_model
 from bwbn_bayes.structures.starting_source import UNIT_MASSES
 from bwbn_bayes.structures.structure import Structure
@@ -89,7 +88,7 @@ def load_model_file(path: Path | str, columns: str | None = None) -> ModelFile:
     names = _run(path)
     model = names.get("model")
     if not isinstance(model, Structure):
-        raise UserError(f"{path} does not define `model` as a ShearBuilding or a Specimen")
+        raise UserError(f"{path} does not define `model` as a structure: ShearBuilding, Oscillator or Specimen")
     excitation = names.get("excitation")
     if excitation is not None and not isinstance(excitation, Record):
         raise UserError(f"{path}: `excitation` must be a Record, such as el_centro() returns")
@@ -114,7 +113,7 @@ def _of_record(path: Path, columns: str | None) -> ModelFile:
         name=path.stem,
         model=model,
         record=record,
-        assumptions=(*told, UNIT_MASSES) if isinstance(model, ShearBuilding) else told,
+        assumptions=(*told, UNIT_MASSES) if not model.is_driven else told,
         columns=columns,
     )
 

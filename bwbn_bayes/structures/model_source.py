@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 
+from bwbn_bayes.elements.element import Element
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import PerStorey, Prior, Truncated
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import PlacedEffect, Structure
 
 WIDTH = 118
@@ -64,18 +64,33 @@ class ModelWriter:
             By field, source in the place of its value.
         """
         remarks, written = remarks or {}, written or {}
-        lines = [f"model = {self._class(type(model))}("]
-        if isinstance(model, ShearBuilding):
+        first, *others = model.links
+        braces = [(group.element, pair) for group in others for pair in group.joins]
+        if first.joins != tuple((i, i + 1) for i in range(max(model.n_floors, 1))) or any(
+            len(group.joins) > 1 for group in others
+        ):
+            raise UserError("only storeys of one element, and single links beside them, can be written as a model file")
+        lines = [f"model = {self._named('Specimen' if model.is_driven else 'ShearBuilding')}("]
+        if not model.is_driven:
             lines.append(f"    masses={written.get('masses', _listed(model.masses))},  # kg")
             lines += [f"    heights={_listed(model.heights)},  # m"] if model.heights is not None else []
-        lines.append(f"    storey={self._class(type(model.storey))}(")
-        units = {parameter.symbol: parameter.unit for parameter in model.storey.parameters}
-        for symbol, value in model.storey.values.items():
+        lines += [f"    storey={self._class(type(first.element))}(", *self._fields(first.element, remarks, written)]
+        lines += ["    ),", ")"]
+        for element, pair in braces:
+            lines += ["model = model.with_link(", f"    {self._class(type(element))}("]
+            lines += [*self._fields(element, {}, {}), "    ),", f"    joins={pair},", ")"]
+        return "\n".join(lines)
+
+    def _fields(self, element: Element, remarks: Mapping[str, str], written: Mapping[str, str]) -> list[str]:
+        """Values of an element, each with its unit, below remarks."""
+        lines: list[str] = []
+        units = {parameter.symbol: parameter.unit for parameter in element.parameters}
+        for symbol, value in element.values.items():
             unit = f"  # {units[symbol]}" if units[symbol] else ""
             lines += comment(remarks.get(symbol, ""), indent=8)
             own = self._value(value, _number)
             lines.append(f"        {symbol}={written.get(symbol, own)},{unit}")
-        return "\n".join([*lines, "    ),", ")"])
+        return lines + (["        hardens=True,"] if getattr(element, "hardens", False) else [])
 
     def placed(self, one: PlacedEffect, *, remarks: Sequence[str] = (), rounded: bool = False) -> str:
         """One effect joining the model, below remarks; its numbers exact, or rounded to what priors are worth."""
@@ -117,6 +132,10 @@ class ModelWriter:
         if isinstance(value, (int, float)):
             return _number_or_inf(value, number)
         return quoted(value) if isinstance(value, str) else repr(value)
+
+    def _named(self, constructor: str) -> str:
+        self.from_package.add(constructor)
+        return constructor
 
     def _class(self, needed: type) -> str:
         inside = needed.__module__.split(".")[0] == _PACKAGE

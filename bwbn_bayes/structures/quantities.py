@@ -110,41 +110,50 @@ def tangent_stiffness(parameters: xr.Dataset, energy: xr.DataArray) -> xr.DataAr
     return alpha * k + (1.0 - alpha) * k * _initial_rate(parameters) / _degradation_factor("eta", parameters, energy)
 
 
-def storey_matrix(coefficients: Floats) -> Floats:
-    """Matrix of a shear building from its storeys' coefficients: stiffness from k, damping from c.
+Joints = Sequence[tuple[int, int]]
+"""The nodes that each link joins; 0 is the ground."""
+
+
+def link_matrix(coefficients: Floats, joints: Joints | None = None) -> Floats:
+    """Matrix of a structure from its links' coefficients: stiffness from k, damping from c.
 
     Parameters
     ----------
-    coefficients : (..., n_storeys) array
-        One coefficient for each storey, from the ground up. [N/m] or [N s/m]
+    coefficients : (..., n_links) array
+        One coefficient for each link. [N/m] or [N s/m]
+    joints : sequence of (int, int), optional
+        The nodes that each link joins; those of a chain of storeys from the ground up where left out.
 
     Returns
     -------
-    (..., n_storeys, n_storeys) array
-        Tridiagonal and symmetric, in the unit of the coefficients.
+    (..., n_floors, n_floors) array
+        Symmetric, in the unit of the coefficients.
     """
-    n_storeys = coefficients.shape[-1]
-    difference = np.eye(n_storeys) - np.eye(n_storeys, k=-1)
+    ends = np.array([(i, i + 1) for i in range(coefficients.shape[-1])] if joints is None else joints)
+    nodes = np.arange(1, np.max(ends) + 1)
+    difference = (ends[:, 1:] == nodes).astype(np.float64) - (ends[:, :1] == nodes)
     return np.asarray(np.einsum("si,...s,sj->...ij", difference, coefficients, difference))
 
 
-def modes(stiffness: Floats, damping: Floats, masses: Floats) -> tuple[Floats, Floats]:
-    """Undamped periods and modal damping ratios of shear buildings, longest period first.
+def modes(stiffness: Floats, damping: Floats, masses: Floats, joints: Joints | None = None) -> tuple[Floats, Floats]:
+    """Undamped periods and modal damping ratios, longest period first.
 
     Parameters
     ----------
-    stiffness : (..., n_storeys) array
-        Storey stiffnesses. [N/m]
-    damping : (..., n_storeys) array
-        Storey damping coefficients. [N s/m]
-    masses : (..., n_storeys) array
+    stiffness : (..., n_links) array
+        Stiffnesses of the links. [N/m]
+    damping : (..., n_links) array
+        Damping coefficients of the links. [N s/m]
+    masses : (..., n_floors) array
         Floor masses. [kg]
+    joints : sequence of (int, int), optional
+        As for :func:`link_matrix`.
 
     Returns
     -------
-    periods : (..., n_storeys) array
+    periods : (..., n_floors) array
         ``2 pi / omega_j`` of ``K phi = omega^2 M phi``. [s]
-    damping_ratios : (..., n_storeys) array
+    damping_ratios : (..., n_floors) array
         ``phi_j^T C phi_j / (2 omega_j)`` with ``phi_j^T M phi_j = 1``; the coupling of modes by C is left out.
 
     References
@@ -152,10 +161,10 @@ def modes(stiffness: Floats, damping: Floats, masses: Floats) -> tuple[Floats, F
     .. [1] A. K. Chopra, "Dynamics of Structures", 4th ed., 2012, sections 10.2 and 10.10.
     """
     root = np.sqrt(masses)
-    squares, vectors = np.linalg.eigh(storey_matrix(stiffness) / (root[..., :, None] * root[..., None, :]))
+    squares, vectors = np.linalg.eigh(link_matrix(stiffness, joints) / (root[..., :, None] * root[..., None, :]))
     omega = np.sqrt(squares)
     shapes = vectors / root[..., :, None]
-    modal_damping = np.einsum("...im,...ij,...jm->...m", shapes, storey_matrix(damping), shapes)
+    modal_damping = np.einsum("...im,...ij,...jm->...m", shapes, link_matrix(damping, joints), shapes)
     return 2.0 * np.pi / omega, modal_damping / (2.0 * omega)
 
 
@@ -208,6 +217,7 @@ def engineering_quantities(
     masses: Sequence[float] | Floats,
     law: StoreyLaw,
     heights: Sequence[float] | None = None,
+    joints: Joints | None = None,
 ) -> xr.Dataset:
     """What an engineer asks next, for every draw.
 
@@ -219,13 +229,15 @@ def engineering_quantities(
         :func:`landmarks_of` reads from histories.
     storey_parameters : Dataset (draw, storey)
         Every parameter of the storey law by symbol; effects that are absent cost nothing.
-    masses : (n_storeys,) array
+    masses : (n_floors,) array
         Floor masses. [kg] An identified error of a mass, and damping in proportion to the masses, are taken from
         ``storey_parameters``; periods are those on a rigid base and without appendages.
     law : StoreyLaw
         Whose parameters they are.
     heights : (n_storeys,) array, optional
         Storey heights. [m]
+    joints : sequence of (int, int), optional
+        As for :func:`link_matrix`.
 
     Returns
     -------
@@ -254,9 +266,12 @@ def engineering_quantities(
         }
     ).drop_vars("time_point", errors="ignore")
     if heights is not None:
-        tall = xr.DataArray(np.asarray(heights, dtype=np.float64), dims="storey")
+        none = np.full(dataset.sizes["storey"] - len(heights), np.nan)  # of links that are no storeys
+        tall = xr.DataArray(np.concatenate([np.asarray(heights, dtype=np.float64), none]), dims="storey")
         dataset = dataset.assign(peak_drift_ratio=dataset["peak_drift"] / tall)
-    return dataset.merge(_modal_quantities(energy, storey_parameters, np.asarray(masses, dtype=np.float64), law))
+    return dataset.merge(
+        _modal_quantities(energy, storey_parameters, np.asarray(masses, dtype=np.float64), law, joints)
+    )
 
 
 def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset) -> xr.DataArray:
@@ -296,17 +311,19 @@ def _initial_rate(parameters: xr.Dataset) -> xr.DataArray:
     return parameters["A"] if "A" in parameters else xr.ones_like(parameters["k"])
 
 
-def _modal_quantities(energy: xr.DataArray, given: xr.Dataset, masses: Floats, law: StoreyLaw) -> xr.Dataset:
+def _modal_quantities(
+    energy: xr.DataArray, given: xr.Dataset, masses: Floats, law: StoreyLaw, joints: Joints | None
+) -> xr.Dataset:
     time = energy["time_point"]
     stiffness = tangent_stiffness(parameters_at(law, given, time), energy).transpose("draw", "time_point", "storey")
     parameters = parameters_at(law, given, float(time[0]))
     if "e_m" in parameters:
-        masses = masses * (1.0 + parameters["e_m"].transpose("draw", "storey").values)
+        masses = masses * (1.0 + parameters["e_m"].transpose("draw", "storey").values[:, : len(masses)])
     else:
-        masses = np.broadcast_to(masses, stiffness.values[:, 0].shape)
-    periods, _ = modes(stiffness.values, np.zeros_like(stiffness.values), masses[:, None])
+        masses = np.broadcast_to(masses, (stiffness.sizes["draw"], len(masses)))
+    periods, _ = modes(stiffness.values, np.zeros_like(stiffness.values), masses[:, None], joints)
     damping = parameters["c"].transpose("draw", "storey").values
-    modal_period, damping_ratio = modes(stiffness.values[:, 0], damping, masses)
+    modal_period, damping_ratio = modes(stiffness.values[:, 0], damping, masses, joints)
     if "c_m" in parameters:
         # Of c_m M each mode gains c_m / (2 omega): the same in every storey's row.
         damping_ratio = damping_ratio + parameters["c_m"].isel(storey=[0]).values * modal_period / (4.0 * np.pi)
@@ -316,5 +333,5 @@ def _modal_quantities(energy: xr.DataArray, given: xr.Dataset, masses: Floats, l
             "modal_damping_ratio": (("draw", "mode"), damping_ratio),
             "period": (("draw", "time_point"), periods[..., 0]),
         },
-        coords={"mode": np.arange(1, stiffness.sizes["storey"] + 1), "time": ("time_point", time.values)},
+        coords={"mode": np.arange(1, masses.shape[1] + 1), "time": ("time_point", time.values)},
     )

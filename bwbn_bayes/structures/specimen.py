@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, override
-
-from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.elements.element import Element
+from bwbn_bayes.structures.structure import Links, Structure
 
 
-@dataclass(frozen=True, kw_only=True)
-class Specimen(Structure):
+def Specimen(*, storey: Element) -> Structure:  # noqa: N802  a model reads like the class it once was
     """One link driven by a displacement history that is straight between samples.
 
     Parameters
     ----------
-    storey : BoucWen
-        The element; its drift is the displacement.
+    storey : Element
+        Its drift is the displacement.
     """
-
-    excitation_kind: ClassVar[str] = "displacement"
-
-    @property
-    @override
-    def n_storeys(self) -> int:
-        return 1
+    return Structure(masses=(), links=(Links(element=storey, joins=((0, 1),)),), excitation_kind="displacement")

@@ -146,7 +146,7 @@ def _specimen(record: Record) -> Specimen:
     )
 
 
-def _building(record: Record, masses: Sequence[float] | None) -> ShearBuilding:
+def _building(record: Record, masses: Sequence[float] | None) -> Structure:
     n_storeys = max(map(_place, record.channels))
     masses = [1.0] * n_storeys if masses is None else masses
     omega = 2.0 * np.pi * first_frequency(record)

@@ -10,7 +10,6 @@ from bwbn_bayes.parameters import LogNormal, PerStorey
 from bwbn_bayes.records.cycles import half_cycles
 from bwbn_bayes.records.record import Record, si_unit
 from bwbn_bayes.structures.model_source import ModelWriter, comment, docstring, quoted
-from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.starting_model import starting_model
 from bwbn_bayes.structures.structure import Structure
 
@@ -68,12 +67,12 @@ def starting_source(record: Record, file: Path, columns: str | None = None) -> S
     model, writer = starting_model(record), ModelWriter()
     read = writer.function("read_record")
     place = f"Path({quoted(str(file))})" if file.is_absolute() else f"Path(__file__).parent / {quoted(file.as_posix())}"
-    is_building = isinstance(model, ShearBuilding)
+    is_building = not model.is_driven
     blocks = [
         *([] if columns is None else [f"columns = {quoted(columns)}"]),
         f"record = {read}({place}{'' if columns is None else ', columns'})",
         "",
-        *(_masses(model) if isinstance(model, ShearBuilding) else ()),
+        *(_masses(model) if not model.is_driven else ()),
         writer.structure(
             model,
             remarks=_OF_BUILDING if is_building else _OF_SPECIMEN,
@@ -87,7 +86,7 @@ def starting_source(record: Record, file: Path, columns: str | None = None) -> S
 _TO_DO = ("Type the mass of each floor where the file says so: with 1 kg each, only stiffness per mass can be told.",)
 
 
-def _masses(model: ShearBuilding) -> tuple[str, ...]:
+def _masses(model: Structure) -> tuple[str, ...]:
     told = (
         "TYPE THE MASS OF EACH FLOOR HERE, the lowest first, and lengthen the list if floors above the highest sensor "
         "are missing. With 1 kg each only stiffness per mass can be told, and forces and energies are per kilogram."
@@ -100,7 +99,7 @@ def _per_mass(model: Structure) -> Mapping[str, str]:
     """Stiffness and damping in proportion to the masses that will be typed."""
     written = {"masses": "masses"}
     for symbol in ("k", "c"):
-        value = model.storey.values[symbol]
+        value = model.element.values[symbol]
         if isinstance(value, PerStorey) and isinstance(value.value, LogNormal):
             written[symbol] = f"PerStorey(LogNormal({value.value.median!r} * mass, {value.value.log_sd!r}))"
     return written
@@ -108,14 +107,14 @@ def _per_mass(model: Structure) -> Mapping[str, str]:
 
 def _told(record: Record, model: Structure) -> str:
     """What the record is, and what its columns say."""
-    kind = f"a building of {model.n_storeys} storeys" if isinstance(model, ShearBuilding) else "a specimen"
+    kind = f"a building of {model.n_links} storeys" if not model.is_driven else "a specimen"
     points = (
         f"{record.n_times} points, {record.time_step:g} s apart"
         if record.has_time
         else (f"{record.n_times} points without a time column: nothing that depends on a rate can be told")
     )
     cycles = len(half_cycles(record.excitation)) if record.excitation_kind == "displacement" else 0
-    columns = {record.excitation_kind: record.excitation, **record.channels}
+    columns = record.columns
     return docstring(
         f"A model to start from: {kind} under the record {record.name}.",
         f"The record has {points}" + (f"; it holds {cycles} half cycles." if cycles else "."),

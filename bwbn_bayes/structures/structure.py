@@ -1,4 +1,8 @@
-"""What every structure shares: a storey law, effects placed on storeys, and the table of its parameters."""
+"""A structure: masses at nodes, links that join them, effects placed on either, and the table of its parameters.
+
+Nodes count from 1, and 0 is the ground, or the base where an effect brings one. The first links carry the nodes: link i
+ends at node i and stands on a lower one. Further links may join any two nodes.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +12,20 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise, product
 from numbers import Integral, Real
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.combine import combine, combine_sensors, kind_of
+from bwbn_bayes.elements.element import Element, common_element
 from bwbn_bayes.elements.law import (
     DRIFT,
     DRIFT_RATE,
     FIRST_FORCE,
-    FLOOR_INPUTS,
     MASS,
+    NET_FORCE,
     RECORDED_ACCELERATION,
     Effect,
     SensorLaw,
@@ -40,6 +44,27 @@ from bwbn_bayes.parameters import (
     Prior,
     Value,
 )
+from bwbn_bayes.records.record import ExcitationKind
+
+GROUND = 0
+"""The node that every chain of links begins at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Links:
+    """Links of one element, which share what of it is not ``PerStorey``.
+
+    Attributes
+    ----------
+    element : Element
+        Their law: :class:`~bwbn_bayes.elements.bouc_wen.BoucWen` or :class:`~bwbn_bayes.elements.linear.Linear`.
+    joins : tuple of (int, int)
+        The nodes of each link: the one that it stands on, the one where it ends. Its drift is the displacement of the
+        second less that of the first.
+    """
+
+    element: Element
+    joins: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,14 +77,14 @@ class PlacedEffect:
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterTable:
-    """Where each parameter of each storey's law comes from.
+    """Where each parameter of each link's law, and of the floor that it carries, comes from.
 
     Attributes
     ----------
-    fixed : (n_storeys, n_columns) array
+    fixed : (n_links, n_columns) array
         Known values; neutral where an effect does not act. Columns are the parameters of the law, then those of the
         sensors; a parameter of the whole building stands in every row.
-    index : (n_storeys, n_columns) integer array
+    index : (n_links, n_columns) integer array
         Position among the identified parameters, -1 where the value is known.
     """
 
@@ -67,7 +92,7 @@ class ParameterTable:
     index: NDArray[np.int64]
 
     def local(self, draws: Floats) -> Floats:
-        """Parameters ``(n_draws, n_storeys, n_columns)`` of draws ``(n_draws, n_parameters)``."""
+        """Parameters ``(n_draws, n_links, n_columns)`` of draws ``(n_draws, n_parameters)``."""
         if draws.shape[1] == 0:
             return np.broadcast_to(self.fixed, (len(draws), *self.fixed.shape)).copy()
         return np.where(self.index >= 0, draws[:, np.maximum(self.index, 0)], self.fixed)
@@ -75,26 +100,131 @@ class ParameterTable:
 
 @dataclass(frozen=True, kw_only=True)
 class Structure:
-    """Base of all structures: the same Bouc-Wen element at every storey, effects where they were placed.
+    """Masses that move sideways, ``m_i (x_i'' + a_g) = f_i + sum of the links' forces``, x relative to the ground.
 
-    ``carried`` are kinds of effects that the law has although none may be placed: they stay neutral and bring no
-    identified parameter. Models with the same kinds, placed or carried, share one law and one compiled kernel.
+    It starts at rest; ``a_g`` and the forces ``f_i`` from outside are linear between samples. Floor i measures the
+    total acceleration ``x_i'' + a_g``. :func:`~bwbn_bayes.structures.shear_building.ShearBuilding`,
+    :func:`~bwbn_bayes.structures.oscillator.Oscillator` and :func:`~bwbn_bayes.structures.specimen.Specimen` make the
+    common ones.
+
+    Parameters
+    ----------
+    masses : sequence of float
+        Of nodes 1, 2 and so on; none where the displacement of the only link is given. [kg]
+    links : tuple of Links
+        All links in order; the first of them carry the nodes.
+    excitation_kind : {"ground_acceleration", "displacement"}
+        Whether the ground moves and forces act on the nodes, or the displacement of the only link is given.
+    heights : sequence of float, optional
+        Storey heights from the ground up; with them drifts are told as ratios too. [m]
+    effects : tuple of PlacedEffect
+        Use :meth:`with_effect` rather than this field.
+    carried : tuple of Effect
+        Kinds of effects that the law has although none may be placed: they stay neutral and bring no identified
+        parameter. Models with the same kinds, placed or carried, share one law and one compiled kernel.
+
+    Raises
+    ------
+    UserError
+        If a mass or a height is not positive, the heights are not one per storey, a link joins no two nodes, the links
+        do not carry the nodes in order, or a value lies outside its admissible range.
     """
 
-    storey: BoucWen
+    masses: Sequence[float]
+    links: tuple[Links, ...]
+    excitation_kind: ExcitationKind = "ground_acceleration"
+    heights: Sequence[float] | None = None
     effects: tuple[PlacedEffect, ...] = ()
     carried: tuple[Effect, ...] = ()
 
-    excitation_kind: ClassVar[str]
-
     def __post_init__(self) -> None:
         """Build the table once, so that every mistake shows where the model is written."""
+        masses = _positive(self.masses)
+        if len(masses) == 0 and self.excitation_kind != "displacement":
+            raise UserError(f"masses = {self.masses!r}: give a list with one positive number of kg for each storey")
+        object.__setattr__(self, "masses", masses)
+        if self.heights is not None:
+            heights = _positive(self.heights)
+            if len(heights) != len(masses):
+                raise UserError(
+                    f"heights = {self.heights!r}: give a list with one positive number of m for each of the "
+                    f"{len(masses)} storeys, or leave them out"
+                )
+            object.__setattr__(self, "heights", heights)
+        _check_joints(self)
         _ = self.space
 
     @property
-    def n_storeys(self) -> int:
-        """Number of storeys (links)."""
-        raise NotImplementedError
+    def joints(self) -> tuple[tuple[int, int], ...]:
+        """The nodes that each link joins: the one that it stands on, the one where it ends."""
+        return tuple(pair for group in self.links for pair in group.joins)
+
+    @property
+    def n_links(self) -> int:
+        """Number of links: storeys, then those that carry no node."""
+        return len(self.joints)
+
+    @property
+    def n_floors(self) -> int:
+        """Number of nodes with a mass."""
+        return len(self.masses)
+
+    @property
+    def is_chain(self) -> bool:
+        """Whether every link is a storey between a floor and the one below."""
+        return self.joints == tuple((i, i + 1) for i in range(self.n_floors))
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether the displacement of the only link is given: a specimen in a testing machine."""
+        return self.excitation_kind == "displacement"
+
+    def with_link(self, element: Element, *, joins: tuple[int, int]) -> Self:
+        """A new structure with one more link, a brace past a floor say.
+
+        Parameters
+        ----------
+        element : Element
+            Its law.
+        joins : (int, int)
+            The node that it stands on (0 is the ground) and the one where it ends.
+
+        Raises
+        ------
+        UserError
+            If it does not join two nodes of the structure, or its law does not go with those of the other links.
+        """
+        return replace(self, links=(*self.links, Links(element=element, joins=(joins,))))
+
+    def links_below(self, node: int) -> tuple[int, ...]:
+        """Links (from 1) on the way from the ground up to a node, whose drifts add up to its displacement."""
+        way: list[int] = []
+        while node != GROUND:
+            way.append(node)
+            node = self.joints[node - 1][0]
+        return tuple(reversed(way))
+
+    def element_of(self, link: int) -> str:
+        """Name of the element that a link (from 1) is, once its effects are counted in."""
+        placed = [one.effect.makes for one in self.effects if link in one.storeys and one.effect.makes]
+        return placed[-1] if placed else self._elements[link - 1].name
+
+    @cached_property
+    def _elements(self) -> tuple[Element, ...]:
+        return tuple(group.element for group in self.links for _ in group.joins)
+
+    @cached_property
+    def element(self) -> Element:
+        """The element in whose parameters the law of all links is written."""
+        return common_element([group.element for group in self.links])
+
+    def places_of(self, effect: Effect) -> tuple[int, ...]:
+        """Links or floors (from 1) that an effect can act on; none where it acts on the whole structure."""
+        if effect.level in WHOLE_BUILDING:
+            return ()
+        if effect.level != "link":
+            return tuple(range(1, self.n_floors + 1))
+        return tuple(i for i in range(1, self.n_links + 1) if self.element_of(i) in effect.elements)
 
     def with_effect(self, effect: Effect, storeys: Sequence[int] | None = None) -> Self:
         """A new structure with an effect at the given storeys or floors (from 1; all of them by default).
@@ -117,19 +247,34 @@ class Structure:
             if others:
                 raise UserError(f"{effect.name} already acts on the building: place it once")
             return replace(self, effects=(*self.effects, PlacedEffect(effect=effect, storeys=())))
-        if isinstance(storeys, (Integral, str)):
-            raise UserError(f"{effect.name}: storeys is {storeys!r}, it must be a list such as [{storeys}]")
-        placed = tuple(storeys) if storeys is not None else tuple(range(1, self.n_storeys + 1))
-        wrong = [s for s in placed if not 1 <= s <= self.n_storeys]
-        if wrong or not placed or any(b <= a for a, b in pairwise(placed)):
-            raise UserError(
-                f"{effect.name}: storeys {list(placed)} must be numbers from 1 to {self.n_storeys} in increasing order"
-            )
+        placed = self._placed(effect, storeys)
         for other in others:
             shared = sorted(set(placed) & set(other.storeys))
             if shared:
                 raise UserError(f"{effect.name} already acts on storey {shared}: place each effect once per storey")
         return replace(self, effects=(*self.effects, PlacedEffect(effect=effect, storeys=placed)))
+
+    def _placed(self, effect: Effect, storeys: Sequence[int] | None) -> tuple[int, ...]:
+        """The links or floors that an effect is to act on, once they are found to be such."""
+        if isinstance(storeys, (Integral, str)):
+            raise UserError(f"{effect.name}: storeys is {storeys!r}, it must be a list such as [{storeys}]")
+        if self.is_driven and effect.level != "link":
+            raise UserError(f"{effect.name} {_NOT_OF_SPECIMENS}")
+        possible, n_places = self.places_of(effect), self.n_links if effect.level == "link" else self.n_floors
+        placed = tuple(storeys) if storeys is not None else possible
+        wrong = [s for s in placed if not 1 <= s <= n_places]
+        if wrong or any(b <= a for a, b in pairwise(placed)) or (storeys is not None and not placed):
+            raise UserError(
+                f"{effect.name}: storeys {list(placed)} must be numbers from 1 to {n_places} in increasing order"
+            )
+        if not placed or not set(placed) <= set(possible):
+            elements = " or ".join(effect.elements)
+            raise UserError(
+                f"{effect.name} acts on {elements} links: the model's "
+                f"{f'link {min(set(placed) - set(possible))} is another' if placed else 'links are others'}, "
+                "leave it out there"
+            )
+        return placed
 
     def with_values(self, values: Mapping[str, float | Prior]) -> Self:
         """A new structure with other numbers or priors behind labels of its parameters, e.g. ``{"A": 1.0}``.
@@ -142,13 +287,17 @@ class Structure:
         labels: set[str] = set()
 
         def changed(parameter: Parameter, value: Value, storeys: tuple[int, ...]) -> Value:
-            pieces = _spread(parameter, value, storeys, self.n_storeys)
+            pieces = _spread(parameter, value, storeys, self.n_links)
             labels.update(name for name, _, _ in pieces)
             own = [values.get(name, one) for name, one, _ in pieces]
             return PerStorey(own) if isinstance(value, PerStorey) else own[0]
 
-        everywhere = tuple(range(1, self.n_storeys + 1))
-        own = {p.symbol: changed(p, self.storey.values[p.symbol], everywhere) for p in self.storey.parameters}
+        groups, first = [], 1
+        for group in self.links:
+            where, element = tuple(range(first, first + len(group.joins))), group.element
+            own = {p.symbol: changed(p, element.values[p.symbol], where) for p in element.parameters}
+            groups.append(replace(group, element=replace(element, **own)))  # type: ignore[type-var]
+            first += len(group.joins)
         effects = []
         for placed in self.effects:
             effect = placed.effect
@@ -160,17 +309,14 @@ class Structure:
         unknown = sorted(set(values) - labels)
         if unknown:
             raise UserError(f"the model has no parameter {', '.join(unknown)}: it has {', '.join(sorted(labels))}")
-        return replace(self, storey=replace(self.storey, **own), effects=tuple(effects))
+        return replace(self, links=tuple(groups), effects=tuple(effects))
 
     def _kinds(self, effects: tuple[Effect, ...], *, of_sensors: bool) -> tuple[Effect, ...]:
         """One effect of each kind, in an order that does not depend on how they came."""
         kinds: dict[tuple[str, ...], Effect] = {}
         for effect in effects:
-            if self.excitation_kind == "displacement" and effect.level != "link":
-                raise UserError(
-                    f"{effect.name} acts on floors, their sensors or the ground, which a specimen does not have: "
-                    "use a ShearBuilding or leave it out"
-                )
+            if self.is_driven and effect.level != "link":
+                raise UserError(f"{effect.name} {_NOT_OF_SPECIMENS}")
             if (effect.level == "observation") == of_sensors:
                 symbols = tuple(p.symbol for p in effect.parameters)
                 first = kinds.setdefault(symbols, effect)
@@ -194,7 +340,7 @@ class Structure:
 
     def _law_with(self, effects: tuple[Effect, ...]) -> StoreyLaw:
         kinds = self._kinds(effects, of_sensors=False)
-        return combine(self.storey.parameters, self.storey.constraints, kinds, self.storey.derived)
+        return combine(self.element.parameters, self.element.constraints, kinds, self.element.derived)
 
     @cached_property
     def sensors(self) -> SensorLaw:
@@ -219,7 +365,7 @@ class Structure:
 
     @property
     def table(self) -> ParameterTable:
-        """Where each storey's parameters come from."""
+        """Where each link's parameters come from."""
         return self._assembly[0]
 
     @cached_property
@@ -243,10 +389,11 @@ class Structure:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is allowed but worth knowing, in sentences."""
-        if self.storey.derived:
+        symbols = {p.symbol for p in self.element.parameters}
+        if "rho" in symbols:
             admits = any(ratio < 0.5 for ratio in self._ends("rho", 0))
         else:
-            admits = any(
+            admits = "gamma" in symbols and any(
                 gamma > beta for beta, gamma in zip(self._ends("beta", 0), self._ends("gamma", 1), strict=True)
             )
         return (ADMITS_ENERGY,) if admits else ()
@@ -263,8 +410,47 @@ ADMITS_ENERGY = (
     "(Erlicher and Bursi, arXiv 0901.1448)."
 )
 
+_NOT_OF_SPECIMENS = (
+    "acts on floors, their sensors or the ground, which a specimen does not have: use a ShearBuilding or leave it out"
+)
+
 WHOLE_BUILDING = ("structure", "excitation")
 """Levels of effects that have no place among storeys and floors."""
+
+
+def _positive(values: object) -> tuple[float, ...]:
+    """The numbers of a list, none where one of them is no positive number."""
+    try:
+        numbers = tuple(float(value) for value in values)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        return ()
+    return numbers if all(np.isfinite(one) and one > 0.0 for one in numbers) else ()
+
+
+def _check_joints(structure: Structure) -> None:
+    """Links join nodes that exist, and the first of them carry the nodes in order."""
+    if structure.is_driven:
+        if structure.joints != ((GROUND, 1),) or structure.masses:
+            raise UserError("a given displacement drives one link from node 0 to node 1, without masses: use Specimen")
+        return
+    n = structure.n_floors
+    for number, pair in enumerate(structure.joints, 1):
+        if not (len(pair) == 2 and all(isinstance(one, Integral) and 0 <= one <= n for one in pair)):
+            raise UserError(f"link {number} joins {pair}: give two nodes from 0, the ground, to {n}")
+        if pair[0] == pair[1]:
+            raise UserError(f"link {number} joins node {pair[0]} with itself: give two different nodes")
+        if pair[1] == GROUND:
+            raise UserError(f"link {number} ends on the ground: write the ground first, (0, {pair[0]})")
+        if number <= n and not (pair[1] == number and pair[0] < number):
+            raise UserError(
+                f"link {number} joins {pair}: the first {n} links carry nodes 1 to {n} in this order, each from a "
+                f"lower node or the ground, such as ({number - 1}, {number}); put other links after them"
+            )
+    if structure.n_links < n:
+        raise UserError(
+            f"{structure.n_links} links for {n} masses: every node needs one that carries it, see node "
+            f"{structure.n_links + 1}"
+        )
 
 
 def _check_symbols(law: StoreyLaw, sensors: SensorLaw) -> None:
@@ -275,7 +461,7 @@ def _check_symbols(law: StoreyLaw, sensors: SensorLaw) -> None:
         raise UserError(f"two parts of the storey law bring a parameter {', '.join(twice)}: rename one of them")
     common = {*law.symbols, *(one.subject for one in law.derived), *(event.indicator for event in law.events)}
     own = {*common, DRIFT, DRIFT_RATE, *law.states[: law.n_storey_states]}
-    floor = {*common, *law.states[law.n_storey_states :], *FLOOR_INPUTS, MASS, RECORDED_ACCELERATION}
+    floor = {*common, *law.states[law.n_storey_states :], NET_FORCE, MASS, RECORDED_ACCELERATION}
     base = {*common, *law.base_states, FIRST_FORCE, RECORDED_ACCELERATION}
     n = law.n_storey_states
     parts = [
@@ -304,18 +490,25 @@ def _field_of(effect: Effect, name: str) -> str:
 
 
 def _assemble(structure: Structure) -> tuple[ParameterTable, tuple[FreeParameter, ...]]:
-    n_storeys = structure.n_storeys
+    n_links = structure.n_links
     symbols = [p.symbol for p in structure.parameters]
-    fixed = np.tile([p.neutral for p in structure.parameters], (n_storeys, 1))
+    fixed = np.tile([p.neutral for p in structure.parameters], (n_links, 1))
     index = np.full(fixed.shape, -1, dtype=np.int64)
     free: list[FreeParameter] = []
-    everywhere = tuple(range(1, n_storeys + 1))
-    entries = [(p, structure.storey.values[p.symbol], everywhere) for p in structure.storey.parameters]
+    everywhere = tuple(range(1, n_links + 1))
+    entries, first = [], 1
+    for group in structure.links:
+        element, where = group.element, tuple(range(first, first + len(group.joins)))
+        first += len(group.joins)
+        entries += [(p, element.values[p.symbol], where) for p in element.parameters]
+        for constant in element.derived:
+            if constant.subject.name in symbols:
+                fixed[np.array(where) - 1, symbols.index(constant.subject.name)] = float(constant.expression)
     for placed in structure.effects:
         entries += [(p, placed.effect.values[p.symbol], placed.storeys) for p in placed.effect.parameters]
     for parameter, value, storeys in entries:
         column = symbols.index(parameter.symbol)
-        for name, one, where in _spread(parameter, value, storeys, n_storeys):
+        for name, one, where in _spread(parameter, value, storeys, n_links):
             rows = [s - 1 for s in where or everywhere]
             if isinstance(one, Prior):
                 prior = one.truncated(parameter.lower, parameter.upper)
@@ -329,7 +522,7 @@ def _assemble(structure: Structure) -> tuple[ParameterTable, tuple[FreeParameter
 
 
 def _spread(
-    parameter: Parameter, value: Value, storeys: tuple[int, ...], n_storeys: int
+    parameter: Parameter, value: Value, storeys: tuple[int, ...], n_links: int
 ) -> list[tuple[str, float | Prior, tuple[int, ...]]]:
     """Label, value and storeys of each separate parameter behind one field of a model."""
     symbol = parameter.symbol
@@ -339,7 +532,7 @@ def _spread(
         return [(f"{symbol}[{s}]", value.at(i, len(storeys)), (s,)) for i, s in enumerate(storeys)]
     if not isinstance(value, (Real, Prior)):
         raise UserError(f"{symbol} is {value!r}: give a number, a prior, or PerStorey of either")
-    label = symbol if len(storeys) in (0, n_storeys) else f"{symbol}[{','.join(map(str, storeys))}]"
+    label = symbol if len(storeys) in (0, n_links) else f"{symbol}[{','.join(map(str, storeys))}]"
     return [(label, value, storeys)]
 
 

@@ -85,7 +85,7 @@ def test_ipv_needs_a_mass_for_every_floor() -> None:
 
 
 def test_ipv_needs_a_building() -> None:
-    specimen = Specimen(storey=sdof_model().storey)
+    specimen = Specimen(storey=sdof_model().element)
     with pytest.raises(UserError, match="ShearBuilding"):
         identify(specimen, recorded(1), settings=Settings(method="ipv"))
 
@@ -94,7 +94,7 @@ def test_ipv_needs_a_building() -> None:
 def test_nothing_measured_or_nothing_to_find_is_one_sentence(channels: tuple[str, ...]) -> None:
     model = sdof_model()
     if channels:
-        storey = type(model.storey)(k=40.0, c=0.2, alpha=0.05, A=1.0, beta=30.0, gamma=15.0, n=1.2)
+        storey = type(model.element)(k=40.0, c=0.2, alpha=0.05, A=1.0, beta=30.0, gamma=15.0, n=1.2)
         model = ShearBuilding(masses=[1.0], storey=storey)
     with pytest.raises(UserError, match="identifies no parameter" if channels else "measures nothing"):
         identify(model, recorded(1).select(channels), settings=Settings(method="ga"))

@@ -74,7 +74,7 @@ def test_the_file_gives_the_same_model(hypothesis: Hypothesis, tmp_path: Path) -
     model = replace(hypothesis.model, carried=())
     again = read_back(improved_model_source(model, [found(hypothesis)]), tmp_path)
     assert again.space.names == model.space.names
-    assert again.storey == model.storey
+    assert again.element == model.element
     assert [one.storeys for one in again.effects] == [one.storeys for one in model.effects]
     assert np.array_equal(again.table.index, model.table.index)
     np.testing.assert_allclose(again.table.fixed, model.table.fixed, rtol=1e-3)
@@ -99,7 +99,7 @@ def test_without_discovery_the_file_gives_the_model_exactly() -> None:
 
 
 def test_storey_heights_are_kept(tmp_path: Path) -> None:
-    model = replace(BASE, heights=[3.2] * BASE.n_storeys)
+    model = replace(BASE, heights=[3.2] * BASE.n_floors)
     assert read_back(improved_model_source(model), tmp_path) == model
 
 

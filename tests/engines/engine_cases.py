@@ -98,7 +98,7 @@ def ground_motion(duration: float, *, seed: int = 7, scale: float = 4.0) -> Floa
 def record_of(model: ShearBuilding, duration: float = 4.0, channels: tuple[str, ...] | None = None) -> Record:
     """A record whose measured channels are some smooth curves: enough for misfits and sums."""
     excitation = ground_motion(duration)
-    names = channels or tuple(f"acceleration_{i + 1}" for i in range(model.n_storeys))
+    names = channels or tuple(f"acceleration_{i + 1}" for i in range(model.n_floors))
     curves = {name: np.cos(np.arange(len(excitation)) * 0.01 * (i + 1)) for i, name in enumerate(names)}
     return Record(name="test", time_step=TIME_STEP, excitation=excitation, channels=curves)
 

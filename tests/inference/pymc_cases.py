@@ -22,7 +22,7 @@ FREE = {"k": Uniform(20, 60), "beta": Uniform(1, 80), "delta_eta": Uniform(0, 2)
 def small_model(**values: object) -> ShearBuilding:
     """``models/sdof.py`` with k, beta and delta_eta identified, or what else is given."""
     v = {**SDOF.truth, **FREE, **values}
-    storey = replace(sdof_model().storey, **{name: v[name] for name in ("k", "c", "alpha", "beta", "gamma", "n")})
+    storey = replace(sdof_model().element, **{name: v[name] for name in ("k", "c", "alpha", "beta", "gamma", "n")})
     model = ShearBuilding(masses=[1.0], storey=storey)
     model = model.with_effect(StrengthDegradation(delta_nu=v["delta_nu"]))
     return model.with_effect(StiffnessDegradation(delta_eta=v["delta_eta"]))

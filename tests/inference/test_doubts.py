@@ -56,7 +56,7 @@ def test_a_right_model_is_not_doubted() -> None:
         record = recorded(seed, snr_db=SNR_DB)
         posterior = posterior_of(sdof_model(), record)
         mode = fitted(posterior, true_point(sdof_model(), record))
-        found = (*doubts(posterior, mode), alternatives_check(posterior, mode.point))
+        found = (*doubts(posterior, mode), *alternatives_check(posterior, mode.point))
         assert all(check.passed for check in found), [check.sentence for check in found if not check.passed]
 
 

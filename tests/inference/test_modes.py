@@ -79,8 +79,7 @@ def test_polish_keeps_what_is_held(posterior: Posterior, mode: Mode) -> None:
 
 def test_an_optimum_past_a_bound_is_found_on_it(posterior: Posterior) -> None:
     """The true stiffness is 40 N/m: with a prior from 41 N/m on, the constrained optimum presses on the bound."""
-    model = posterior.model
-    bounded = posterior_of(replace(sdof_model(), storey=replace(model.storey, k=Uniform(41.5, 60))), posterior.record)
+    bounded = posterior_of(sdof_model().with_values({"k": Uniform(41.5, 60)}), posterior.record)
     start = true_point(sdof_model(), posterior.record)
     start[0] = 0.2
     points, local = polish(bounded, starts_near(start, 16), n_iterations=40)
@@ -92,8 +91,7 @@ def test_an_optimum_past_a_bound_is_found_on_it(posterior: Posterior) -> None:
 
 
 def test_starts_that_cannot_be_solved_do_not_spoil_the_rest(posterior: Posterior) -> None:
-    model = posterior.model
-    stiff = posterior_of(replace(sdof_model(), storey=replace(model.storey, k=Uniform(20.0, 1e9))), posterior.record)
+    stiff = posterior_of(sdof_model().with_values({"k": Uniform(20.0, 1e9)}), posterior.record)
     starts = np.tile(true_point(stiff.model, posterior.record), (3, 1))  # type: ignore[arg-type]
     starts[1, 0] = 0.999
     points, local = polish(stiff, starts, n_iterations=4)
@@ -102,8 +100,7 @@ def test_starts_that_cannot_be_solved_do_not_spoil_the_rest(posterior: Posterior
 
 
 def test_a_prior_without_any_solution_is_a_user_error(posterior: Posterior) -> None:
-    model = posterior.model
-    hopeless = replace(sdof_model(), storey=replace(model.storey, k=Uniform(1e9, 2e9)))
+    hopeless = sdof_model().with_values({"k": Uniform(1e9, 2e9)})
     view = Posterior(model=hopeless, record=posterior.record.until(4.0), engine=ENGINE, noise=posterior.noise)
     with pytest.raises(UserError, match="none of 64 draws of the prior can be solved"):
         find_modes(view, np.random.default_rng(7), n_starts=64)

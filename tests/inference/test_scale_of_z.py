@@ -147,7 +147,7 @@ def test_a_narrow_prior_on_k_comes_back_as_its_posterior() -> None:
     record = recorded(1)
     results = [
         identify(
-            replace(own, storey=replace(own.storey, A=Uniform(0.5, 2), k=prior)),
+            own.with_values({"A": Uniform(0.5, 2), "k": prior}),
             record,
             settings=Settings(particles=2000, seed=3),
         )

@@ -14,7 +14,6 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Uniform
 from bwbn_bayes.records.cycles import half_cycles
 from bwbn_bayes.structures.model_file import load_model_file
-from bwbn_bayes.structures.specimen import Specimen
 
 MODELS = Path(__file__).parents[2] / "models"
 FILES = sorted(MODELS.glob("*.py"))
@@ -87,14 +86,14 @@ def test_the_plain_model_is_the_one_that_users_are_promised() -> None:
     file = load_model_file(MODELS / "plain_three_storey.py")
     assert {p.name: p.prior for p in file.model.space.parameters} == PLAIN
     assert file.model.masses == (1.0, 1.0, 1.0)
-    assert file.model.storey.A == 1.0
+    assert file.model.element.A == 1.0
     assert file.model.effects == ()
     assert file.excitation is None
 
 
 def test_the_single_storey_identifies_at_least_six_parameters() -> None:
     file = load_model_file(MODELS / "sdof.py")
-    assert file.model.n_storeys == 1
+    assert file.model.n_links == 1
     assert file.model.space.n_dim >= 6
 
 
@@ -126,7 +125,7 @@ def test_a_measured_record_that_is_none_is_refused(tmp_path: Path, name: str, va
 def test_the_cyclic_test_looks_like_the_column_that_it_was_written_for() -> None:
     """16 cycles to 20.7 mm and 409 kN were measured: the file's own record must be of that kind, without time."""
     file = load_model_file(MODELS / "cyclic_test.py")
-    assert isinstance(file.model, Specimen)
+    assert file.model.is_driven
     assert file.excitation is not None
     assert not file.excitation.has_time
     made = simulate(file.model, file.excitation, file.truth, snr_db=file.snr_db, seed=1)

@@ -13,9 +13,9 @@ from bwbn_bayes.structures.quantities import (
     dissipated_energy,
     engineering_quantities,
     landmarks_of,
+    link_matrix,
     modes,
     parameters_at,
-    storey_matrix,
     tangent_stiffness,
     ultimate_hysteretic_displacement,
     yield_drift,
@@ -78,11 +78,11 @@ def test_stiffness_proportional_damping_gives_ratios_proportional_to_frequency()
 def test_modes_agree_with_the_generalised_eigenproblem():
     k, c, masses = np.array([30.0, 7.0, 12.0]), np.array([0.1, 0.5, 0.02]), np.array([3.0, 1.0, 2.0])
     stiffness = np.array([[37.0, -7.0, 0.0], [-7.0, 19.0, -12.0], [0.0, -12.0, 12.0]])
-    np.testing.assert_allclose(storey_matrix(k), stiffness)
+    np.testing.assert_allclose(link_matrix(k), stiffness)
     squares, shapes = linalg.eigh(stiffness, np.diag(masses))
     periods, zeta = modes(k, c, masses)
     np.testing.assert_allclose(periods, 2 * np.pi / np.sqrt(squares), rtol=1e-12)
-    damping = np.diag(shapes.T @ storey_matrix(c) @ shapes)
+    damping = np.diag(shapes.T @ link_matrix(c) @ shapes)
     np.testing.assert_allclose(zeta, damping / (2 * np.sqrt(squares)), rtol=1e-12)
 
 
@@ -139,9 +139,9 @@ def test_every_change_has_an_expression_in_time(effect):
 
 def carriers(effect):
     """The effects that bring what this one changes."""
-    (changed,) = effect.fill(Slots()).increments
     bringing = {p.symbol: other for other in registered() for p in other.neutral_forms()[0].parameters}
-    return () if changed.name in VALUES else (bringing[changed.name].neutral_forms()[0],)
+    changed = [base.name for base in effect.fill(Slots()).increments if base.name not in VALUES]
+    return tuple(bringing[name].neutral_forms()[0] for name in changed)
 
 
 def test_drift_ratios_need_storey_heights():

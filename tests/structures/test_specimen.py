@@ -97,7 +97,7 @@ def test_opensees_approaches_the_listed_limit_too():
 
 def test_a_specimen_has_one_storey_and_no_masses():
     model = Specimen(storey=BoucWen(k=1.0, beta=1.0, gamma=1.0))
-    assert model.n_storeys == 1
+    assert model.n_links == 1
     assert model.excitation_kind == "displacement"
 
 

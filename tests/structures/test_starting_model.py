@@ -110,9 +110,9 @@ def test_priors_follow_the_units():
 
 def test_damping_needs_time():
     record = cyclic(STEEL, 0.005, 0.02)
-    assert starting_model(record).storey.c == 0.0
+    assert starting_model(record).element.c == 0.0
     timed = replace(record, has_time=True, time_step=0.01)
-    damping, faster = starting_model(timed).storey.c, starting_model(replace(timed, time_step=0.005)).storey.c
+    damping, faster = starting_model(timed).element.c, starting_model(replace(timed, time_step=0.005)).element.c
     assert isinstance(damping, HalfNormal)
     assert isinstance(faster, HalfNormal)
     assert faster.scale == pytest.approx(0.5 * damping.scale, rel=0.01)
@@ -134,7 +134,7 @@ def test_measured_stiffnesses(name: str):
         pytest.skip(f"measured file {DATA / name} is not here")
     record = read_record(DATA / name)
     assert abs(np.log(initial_stiffness(record) / MEASURED[name])) < 0.6
-    assert starting_model(record).storey.c == 0.0
+    assert starting_model(record).element.c == 0.0
 
 
 @pytest.mark.parametrize("n_storeys", [1, 3, 6])
@@ -142,14 +142,14 @@ def test_measured_stiffnesses(name: str):
 def test_the_truth_of_a_building_lies_inside(n_storeys: int, amplitude: float):
     model, record = shaken(n_storeys, amplitude)
     start = starting_model(record, masses=model.masses)
-    assert isinstance(start, ShearBuilding)
+    assert not start.is_driven
     assert start.space.n_dim == 2 * n_storeys + 4
-    inside(start, {p.symbol: model.storey.values[p.symbol] for p in start.space.parameters})
+    inside(start, {p.symbol: model.element.values[p.symbol] for p in start.space.parameters})
 
 
 def test_the_first_frequency_of_weak_motion():
     model, record = shaken(3, 0.05)
-    periods, _ = modes(np.full(3, model.storey.k), np.zeros(3), np.array(model.masses))
+    periods, _ = modes(np.full(3, model.element.k), np.zeros(3), np.array(model.masses))
     assert first_frequency(record) == pytest.approx(1.0 / periods[0], rel=0.06)
 
 
@@ -158,7 +158,7 @@ def test_every_kind_of_channel_tells_the_sizes(kind: str):
     model, record = shaken(2, 0.5)
     channels = [f"{kind}_1", f"{kind}_2"]
     other = simulate(model, record.with_channels({}), {}, engine=LANES, channels=channels)
-    expected, found = (starting_model(r, masses=model.masses).storey for r in (record, other))
+    expected, found = (starting_model(r, masses=model.masses).element for r in (record, other))
     for name in ("k", "c"):
         medians = [s.values[name].value.median for s in (expected, found)]
         assert 0.5 < medians[1] / medians[0] < 2.0
@@ -168,19 +168,19 @@ def test_every_kind_of_channel_tells_the_sizes(kind: str):
 def test_without_masses_stiffness_is_per_kilogram():
     model, record = shaken(2, 0.5)
     typed, bare = starting_model(record, masses=model.masses), starting_model(record)
-    assert isinstance(bare, ShearBuilding)
+    assert not bare.is_driven
     assert bare.masses == (1.0, 1.0)
-    assert isinstance(typed.storey.k, PerStorey)
+    assert isinstance(typed.element.k, PerStorey)
     for name in ("k", "c"):
-        ratio = typed.storey.values[name].value.median / bare.storey.values[name].value.median
+        ratio = typed.element.values[name].value.median / bare.element.values[name].value.median
         assert ratio == pytest.approx(12e3, rel=0.01)
-    assert typed.storey.u_y == bare.storey.u_y
+    assert typed.element.u_y == bare.element.u_y
 
 
 def test_storeys_reach_up_to_the_highest_measured_floor():
     _, record = shaken(3, 0.5)
-    assert starting_model(record.select(["acceleration_3"])).n_storeys == 3
-    assert starting_model(record.select(["acceleration_2", "acceleration_1"])).n_storeys == 2
+    assert starting_model(record.select(["acceleration_3"])).n_links == 3
+    assert starting_model(record.select(["acceleration_2", "acceleration_1"])).n_links == 2
 
 
 @pytest.mark.parametrize(

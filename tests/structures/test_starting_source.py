@@ -64,7 +64,7 @@ def test_masses_that_are_typed_scale_stiffness_and_damping(tmp_path: Path):
     expected = starting_model(shaken(), masses=[9e3, 11e3])
     assert typed.masses == expected.masses
     for name in ("k", "c"):
-        medians = [m.storey.values[name].value.median for m in (typed, expected)]
+        medians = [m.element.values[name].value.median for m in (typed, expected)]
         assert medians[0] == pytest.approx(medians[1], rel=0.01)
 
 

@@ -8,6 +8,7 @@ from bwbn_bayes.elements.effects.coulomb_friction import CoulombFriction
 from bwbn_bayes.elements.effects.cubic_stiffness import CubicStiffness
 from bwbn_bayes.elements.effects.foliente_pinching import FolientePinching
 from bwbn_bayes.elements.effects.gap_impact import GapImpact
+from bwbn_bayes.elements.effects.hysteresis import Hysteresis
 from bwbn_bayes.elements.effects.input_scale import InputScale
 from bwbn_bayes.elements.effects.mass_damping import MassDamping
 from bwbn_bayes.elements.effects.mass_error import MassError
@@ -31,6 +32,7 @@ __all__ = [
     "CubicStiffness",
     "FolientePinching",
     "GapImpact",
+    "Hysteresis",
     "InputScale",
     "MassDamping",
     "MassError",

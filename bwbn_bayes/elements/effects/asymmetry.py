@@ -64,6 +64,7 @@ class Asymmetry(Effect):
     term: str = "sgn z + sgn v"
     width: Value | None = None
 
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen",)
     name: ClassVar[str] = "asymmetry"
     summary: ClassVar[str] = "the loop differs between the two directions"
     source: ClassVar[str] = "Wang and Wen 2000; Song and Der Kiureghian 2006"

@@ -75,6 +75,7 @@ class FolientePinching(Effect):
     delta_psi: Value
     lambda_: Value
 
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen",)
     name: ClassVar[str] = "foliente_pinching"
     title: ClassVar[str] = "pinching after Foliente"
     summary: ClassVar[str] = "loops pinch off centre, depending on direction, and the pinch saturates"

@@ -207,7 +207,7 @@ def _parameters(model: Structure, given: dict[str, pt.TensorVariable], prefix: s
 
 
 def _storey_dimension(model: Structure, group: NamedParameters, prefix: str) -> str:
-    everywhere = group.storeys == tuple(range(1, model.n_storeys + 1))
+    everywhere = group.storeys == tuple(range(1, model.n_links + 1))
     dims = f"{prefix}storey" if everywhere else f"{prefix}storey_{group.name}"
     pm.modelcontext(None).add_coord(dims, group.storeys)
     return dims

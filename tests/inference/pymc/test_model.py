@@ -141,7 +141,7 @@ def two_storeys() -> tuple[ShearBuilding, Record]:
     """A model with a stiffness for each storey, and some record of its floors."""
     one = small_model()
     model = ShearBuilding(
-        masses=[1.0, 1.0], storey=one.storey.__class__(**{**one.storey.values, "k": PerStorey(Uniform(20, 60))})
+        masses=[1.0, 1.0], storey=one.element.__class__(**{**one.element.values, "k": PerStorey(Uniform(20, 60))})
     )
     record = small_record()
     curve = record.channels["acceleration_1"]

@@ -36,7 +36,7 @@ from bwbn_bayes.structures.model_file import ModelFile, load_model_file
 
 def run(made: Replicate, method: str, particles: int, seed: int) -> Outcome:
     """Identify a replicate blind and compare with its truth."""
-    settings = Settings(method=method, particles=particles, seed=seed)  # type: ignore[arg-type]
+    settings = Settings(method=method, particles=particles, seed=seed)
     result = identify(made.model, made.record, settings=settings)
     return judged(result, made.model, made.record, made.truth, seed)
 

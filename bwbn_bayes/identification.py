@@ -1,16 +1,14 @@
-"""One door to every method: the samplers, whose models the catalogue is held against, and the baselines."""
+"""One door to every method, with the catalogue's doubts about a model that is sampled."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bwbn_bayes.baselines.genetic import GeneticSettings
-from bwbn_bayes.baselines.ipv import Variant
-from bwbn_bayes.baselines.methods import identify_by_networks, identify_by_search
 from bwbn_bayes.discovery.alternatives import alternatives_check
 from bwbn_bayes.inference.history import Listener
-from bwbn_bayes.inference.identify import identify as identify_by_sampling
 from bwbn_bayes.inference.likelihood import Noise
+from bwbn_bayes.inference.method import Task
+from bwbn_bayes.inference.registry import method
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Result
@@ -23,8 +21,7 @@ def identify(
     *,
     settings: Settings | None = None,
     noise: Noise | None = None,
-    genetic: GeneticSettings | None = None,
-    ipv: Variant = "printed",
+    options: object = None,
     name: str = "model",
     assumptions: Sequence[str] = (),
     listener: Listener | None = None,
@@ -40,11 +37,10 @@ def identify(
     settings : Settings, optional
         Method, engine, seed, number of draws.
     noise : Noise, optional
-        How the noise scale enters a posterior; the baselines have none.
-    genetic : GeneticSettings, optional
-        Options of ``ga``; the paper's by default.
-    ipv : {"printed", "drift"}
-        Inputs of ``ipv``.
+        How the noise scale enters a posterior, by default integrated out under the priors of
+        :func:`~bwbn_bayes.inference.likelihood.default_noise`; the baselines have none.
+    options : GeneticSettings or IpvSettings, optional
+        A baseline's own; the paper's by default.
     name : str
         The model's name in reports.
     assumptions : sequence of str
@@ -60,20 +56,19 @@ def identify(
     Raises
     ------
     UserError
-        If nothing is to be identified, the record measures nothing, or record and model do not belong together.
+        If nothing is to be identified, the record measures nothing, record and model do not belong together, the
+        options are another method's, or the method's library is not installed.
     """
     settings = settings or Settings()
-    if settings.method == "ga":
-        return identify_by_search(model, record, settings, genetic or GeneticSettings(), name, assumptions, listener)
-    if settings.method == "ipv":
-        return identify_by_networks(model, record, settings, ipv, name, assumptions, listener)
-    return identify_by_sampling(
-        model,
-        record,
+    task = Task(
+        model=model,
+        record=record,
         settings=settings,
         noise=noise,
+        options=options,
         name=name,
         assumptions=assumptions,
         listener=listener,
         beside=alternatives_check,
     )
+    return method(settings.method).identify(task)

@@ -22,7 +22,8 @@ from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
 from bwbn_bayes.cli.interruption import EXIT_CODE, interruptible, stopped_with
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.settings import MOST_PARTICLES, Method, Settings
+from bwbn_bayes.inference.registry import METHODS
+from bwbn_bayes.inference.settings import MOST_PARTICLES, Settings
 from bwbn_bayes.reproduction.options import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
 
@@ -66,6 +67,12 @@ ColumnsOption = Annotated[
 EngineOption = Annotated[EngineName, typer.Option("--engine", help="What solves the model; see `bwbn engines`.")]
 
 
+def _known_method(name: str) -> str:
+    if name not in METHODS:
+        raise typer.BadParameter(f"{name!r} is not one of {', '.join(map(repr, METHODS))}.")
+    return name
+
+
 @app.callback(invoke_without_command=True)
 def about(
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
@@ -81,7 +88,13 @@ def identify(
     record: Annotated[Path | None, typer.Option("--record", help="Measured record: CSV, netCDF, MATLAB ...")] = None,
     columns: ColumnsOption = None,
     method: Annotated[
-        Method, typer.Option("--method", help="Road to the posterior; ga finds one point, ipv forces only.")
+        str,
+        typer.Option(
+            "--method",
+            metavar="|".join(METHODS),
+            callback=_known_method,
+            help="Way to the posterior; ga finds one point, ipv forces only.",
+        ),
     ] = "importance",
     out: Annotated[
         Path | None, typer.Option("--out", help="Directory to write to; reports/MODEL_METHOD by default.")

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
+from typing import override
 
 import numpy as np
 
+from bwbn_bayes.inference.by_tmcmc import two_starts
 from bwbn_bayes.inference.history import History
+from bwbn_bayes.inference.identify import Sampling
 from bwbn_bayes.inference.importance import PARETO_LIMIT, Proposal, WeightedDraws, sample_importance
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
 from bwbn_bayes.inference.pooled import FittedMixture, Pool
-from bwbn_bayes.inference.sampled import Sampled
-from bwbn_bayes.inference.settings import Settings
+from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.summary import Draws
+from bwbn_bayes.inference.tmcmc.sampler import fewest_particles
 from bwbn_bayes.results import Check
 
 _PILOT = 800
@@ -26,50 +30,35 @@ _CLEAR = 0.6
 _LEAST_EFFECTIVE = 2000
 """Weighed draws are worth so many at least, whatever was asked for: from fewer, Pareto's k can miss a heavy tail."""
 _BATCH = 4000
+_FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
+"""Where TMCMC takes over, it starts with this fraction of the draws asked for: each costs it some hundred solves."""
 _MOST_DRAWS, _MOST_UNFOLLOWED = 60_000, 6_000
 """Draws at most, and where the posterior of a model that leaves more than noise is not followed."""
 
 
-def by_importance(
-    target: Posterior,
-    modes: tuple[Mode, ...],
-    settings: Settings,
-    rng: np.random.Generator,
-    history: History,
-    *,
-    follows: bool,
-) -> tuple[Sampled, NestedLaplace | None]:
-    """Sample by importance; no draws where the weights' tail is too heavy.
+class ByImportance(Sampling):
+    """Importance sampling, and transitional MCMC where the weights' tail is too heavy."""
 
-    Parameters
-    ----------
-    target : Posterior
-    modes : tuple of Mode
-        Its optima, best first.
-    settings : Settings
-        Draws wanted, and whether something takes over.
-    rng : numpy.random.Generator
-        Random stream.
-    history : History
-        Is told of it.
-    follows : bool
-        Whether a bent posterior is worth following.
+    along_orbits = True
 
-    Returns
-    -------
-    Sampled
-        Draws, evidence, checks.
-    NestedLaplace or None
-        The sheet, where one was laid.
-    """
-    weighted, nested = _weighted(target, modes, rng, settings.particles, history, follows=follows)
-    checks = (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
-    stands = weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k))
-    draws = Draws.of_weighted(weighted, rng, settings.particles) if stands else None
-    return Sampled(draws, {"importance": (weighted.log_evidence, weighted.log_evidence_se)}, checks), nested
+    @override
+    def sample(self, given: Given) -> Sampled:
+        settings, rng, history = given.settings, given.rng, given.history
+        # Where nothing takes over, the bent posterior of a model that leaves more than noise is not worth following.
+        follows = settings.fallback or given.explains
+        weighted, nested = weighted_draws(given.target, given.modes, rng, settings.particles, history, follows=follows)
+        checks = (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
+        evidences = {"importance": (weighted.log_evidence, weighted.log_evidence_se)}
+        if weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k)):
+            return Sampled("importance", Draws.of_weighted(weighted, rng, settings.particles), evidences, checks)
+        history.say("the proposal does not cover the posterior: falling back to TMCMC")
+        fewest = max(_FEWEST_PARTICLES, fewest_particles(given.target.n_dim))
+        fewer = replace(settings, particles=max(fewest, settings.particles // _FALLBACK_SHARE))
+        second = two_starts(given._replace(settings=fewer), nested)
+        return second._replace(evidences={**evidences, **second.evidences}, checks=(*checks, *second.checks))
 
 
-def _weighted(
+def weighted_draws(
     posterior: Posterior,
     modes: tuple[Mode, ...],
     rng: np.random.Generator,

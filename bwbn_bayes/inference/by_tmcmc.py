@@ -9,20 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, override
 
 import numpy as np
 
 from bwbn_bayes.inference.accuracy import LADDER, on_rung
 from bwbn_bayes.inference.bridge import bridge, wide_mixture
 from bwbn_bayes.inference.history import History
+from bwbn_bayes.inference.identify import Sampling
 from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.method import Task
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.nested_laplace import NestedLaplace
-from bwbn_bayes.inference.sampled import Sampled
+from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import Draws
-from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, fewest_particles, sample
+from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, fewest_particles, require_particles, sample
 from bwbn_bayes.inference.tmcmc.target import DefensiveMixture
 from bwbn_bayes.results import Check
 
@@ -47,41 +49,50 @@ class _Starts(NamedTuple):
         return (_worth_check(self.first), _evidence_check(*self), _means_check(*self))
 
 
-def by_tmcmc(
-    target: Posterior,
-    modes: Sequence[Mode],
-    settings: Settings,
-    seeds: np.random.SeedSequence,
-    history: History,
-    nested: NestedLaplace | None = None,
-) -> Sampled:
+class ByTmcmc(Sampling):
+    """Transitional MCMC from two starts."""
+
+    along_orbits = True
+
+    @override
+    def refuse(self, task: Task) -> None:
+        super().refuse(task)
+        require_particles(task.settings.particles, task.model.space.n_dim)
+
+    @override
+    def sample(self, given: Given) -> Sampled:
+        return two_starts(given)
+
+
+def two_starts(given: Given, nested: NestedLaplace | None = None) -> Sampled:
     """Sample by transitional MCMC from two starts, with more particles until they agree.
 
     Parameters
     ----------
-    target : Posterior
-    modes : sequence of Mode
-        Its optima, best first.
-    settings : Settings
-        Particles of the first attempt, and the variant; the published one is compared with itself from the prior.
-    seeds : numpy.random.SeedSequence
-        Of which every attempt and start has its own.
-    history : History
-        Is told of it.
+    given : Given
+        Particles are those of the first attempt; the published variant is compared with itself from the prior. Every
+        attempt and start has seeds of its own.
     nested : NestedLaplace, optional
         The sheet through the modes, where it is known already.
     """
-    n_particles = settings.particles
-    for attempt, stream in enumerate(seeds.spawn(_N_ATTEMPTS)):
-        starts = _attempt(target, modes, nested, n_particles << attempt, settings, stream, history)
+    for attempt, stream in enumerate(given.seeds.spawn(_N_ATTEMPTS)):
+        starts = _attempt(
+            given.target,
+            given.modes,
+            nested,
+            given.settings.particles << attempt,
+            given.settings,
+            stream,
+            given.history,
+        )
         if all(check.passed for check in starts.checks):
             break
-        history.say("the two starts do not agree, or their particles are worth too little: sending out more")
+        given.history.say("the two starts do not agree, or their particles are worth too little: sending out more")
     evidences = {
         FIRST: (starts.first.log_evidence, starts.first.log_evidence_se),
         SECOND: (starts.second.log_evidence, starts.second.log_evidence_se),
     }
-    return Sampled(Draws.of_cloud(starts.first), evidences, starts.checks)
+    return Sampled("tmcmc", Draws.of_cloud(starts.first), evidences, starts.checks)
 
 
 def _attempt(

@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.registry import METHODS
 
-Method = Literal["importance", "tmcmc", "smc", "nuts", "ga", "ipv"]
-METHODS: tuple[Method, ...] = ("importance", "tmcmc", "smc", "nuts")
-"""Roads to a posterior; :mod:`bwbn_bayes.identification` adds ``ga`` and ``ipv``, which give none."""
-
-_CHOICES = {"method": get_args(Method), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
+_CHOICES = {"method": tuple(METHODS), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
 _LEAST = {"seed": 0, "particles": 1, "workers": 1}
 MOST_PARTICLES = 10_000_000
 """Beyond that memory ends before patience does."""
@@ -49,7 +46,7 @@ class Settings:
         Address of a Dask scheduler whose workers solve instead.
     """
 
-    method: Method = "importance"
+    method: str = "importance"
     engine: str = "lanes"
     seed: int = 1
     particles: int = 5000

@@ -20,6 +20,7 @@ from bwbn_bayes.inference.identifiability import describe, flag
 from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.registry import title_of
 from bwbn_bayes.inference.responses import N_DRAWS, Singles, evenly, observable, summarised
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult
 from bwbn_bayes.parameters import Floats
@@ -279,13 +280,7 @@ def _verdict(
         else ", but the model does not explain the record: what is left is not white noise, and the posterior holds "
         "only if the model does."
     )
-    roads = {
-        "importance": "importance sampling",
-        "tmcmc": "transitional MCMC",
-        "smc": "PyMC's sequential Monte Carlo",
-        "nuts": "the No-U-Turn sampler",
-    }
-    road = roads.get(method, method)
+    road = title_of(method)
     if method != asked:
         second = _taken_over(checks, road)
     elif failed:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,12 @@ from inference_cases import recorded, sdof_model
 
 from bwbn_bayes import Result, Settings, identify
 from bwbn_bayes.inference import by_tmcmc as module
-from bwbn_bayes.inference.by_importance import by_importance
-from bwbn_bayes.inference.by_tmcmc import FIRST, SECOND, by_tmcmc
+from bwbn_bayes.inference.by_importance import weighted_draws
+from bwbn_bayes.inference.by_tmcmc import FIRST, SECOND, two_starts
 from bwbn_bayes.inference.history import History
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.sampled import Sampled
+from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Floats
@@ -41,7 +42,8 @@ class Half:
 def run(posterior: Posterior, mode: Mode, told: list[str]) -> Sampled:
     history = History(lambda text, _: told.append(text), 0.0, [])
     settings = Settings(method="tmcmc", particles=400)
-    return by_tmcmc(posterior, (mode,), settings, np.random.SeedSequence(1), history)
+    rng, seeds = np.random.default_rng(1), np.random.SeedSequence(1)
+    return two_starts(Given(posterior, (mode,), settings, rng, seeds, history, True))
 
 
 def test_two_starts_agree_where_all_is_well(posterior: Posterior, mode: Mode) -> None:
@@ -76,12 +78,11 @@ def taken_over() -> Result:
     """A run whose importance sampling is said to have failed."""
 
     def failing(*arguments: Any, **options: Any) -> Any:
-        (_, evidences, (pareto, size)), nested = by_importance(*arguments, **options)
-        heavy = pareto.__class__(**{**pareto.__dict__, "value": 0.95, "passed": False})
-        return Sampled(None, evidences, (heavy, size)), nested
+        found, nested = weighted_draws(*arguments, **options)
+        return replace(found, pareto_k=0.95), nested
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bwbn_bayes.inference.identify.by_importance", failing)
+        patch.setattr("bwbn_bayes.inference.by_importance.weighted_draws", failing)
         return identify(sdof_model(), recorded(1), settings=Settings(particles=2000))
 
 

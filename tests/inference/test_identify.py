@@ -26,7 +26,6 @@ from bwbn_bayes.engines.base import require_usable
 from bwbn_bayes.inference.identify import identify_from
 from bwbn_bayes.inference.likelihood import Noise, Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.settings import METHODS
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import DOUBTS, StageFacts
 
@@ -242,10 +241,6 @@ def test_a_redundant_scale_is_said_and_sampled(record: Record) -> None:
     assert flags["A"] == "unidentified"
     assert facts.effective_sample_size >= 0.98 * 1000
     assert "residual" not in " ".join(check.sentence for check in facts.checks if not check.passed)
-
-
-def test_methods_are_four() -> None:
-    assert METHODS == ("importance", "tmcmc", "smc", "nuts")
 
 
 def test_nothing_to_identify_is_a_user_error(record: Record) -> None:

@@ -153,14 +153,14 @@ def test_a_force_on_all_floors_in_proportion_to_their_masses_is_a_ground_that_ac
 def test_hysteresis_makes_a_linear_link_a_bouc_wen_link():
     own = {"alpha": 0.4, "beta": 30.0, "gamma": -45.0, "n": 1.3}
     known = Oscillator(mass=2.0, spring=BoucWen(k=80.0, c=0.5, hardens=True, **own))
-    u_h = 0.3
-    effect = Hysteresis(r_h=0.6, beta_h=30.0 * u_h**1.3, gamma_h=-45.0 * u_h**1.3, n_h=1.3, u_h=u_h)
+    x_h = 0.3
+    effect = Hysteresis(r_h=0.6, beta_h=30.0 * x_h**1.3, gamma_h=-45.0 * x_h**1.3, n_h=1.3, x_h=x_h)
     linear = Oscillator(mass=2.0, spring=Linear(k=80.0, c=0.5)).with_effect(effect)
     record = driven(1)
-    found, expected = (
-        Reference().simulate(m, np.zeros((1, 0)), record, ["acceleration_1"]).values for m in (linear, known)
-    )
-    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-8)
+    expected = independent(known, record)
+    for engine in ENGINES.values():
+        found = engine.simulate(linear, np.zeros((1, 0)), record, ["acceleration_1"]).values[0]
+        assert np.sqrt(np.mean((found - expected) ** 2) / np.mean(expected**2)) < 2e-5
     assert linear.element_of(1) == "bouc_wen"
     degrading = [m.with_effect(StrengthDegradation(delta_nu=0.2)) for m in (linear, known)]
     found, expected = (Reference().simulate(m, np.zeros((1, 0)), record, ["drift_1"]).values for m in degrading)
@@ -169,7 +169,7 @@ def test_hysteresis_makes_a_linear_link_a_bouc_wen_link():
 
 def test_at_a_share_of_zero_hysteresis_changes_nothing():
     linear = Oscillator(mass=2.0, spring=Linear(k=80.0, c=0.5))
-    bent = linear.with_effect(Hysteresis(r_h=0.0, beta_h=1.0, gamma_h=-0.5, n_h=1.5, u_h=0.3))
+    bent = linear.with_effect(Hysteresis(r_h=0.0, beta_h=1.0, gamma_h=-0.5, n_h=1.5, x_h=0.3))
     found, expected = (
         ENGINES["lanes"].simulate(m, np.zeros((1, 0)), driven(1), ["acceleration_1"]).values for m in (bent, linear)
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -39,9 +39,12 @@ class Explanation:
     evidence : Evidence
         Under its own account of the errors.
     unnamed : tuple of int or None
-        Storeys at which it has a force of no known law, ``(1,)`` for a specimen; None where it has none.
+        Storeys in which it has a force of no known law, ``(1,)`` for a specimen; None where it has none.
+    forces : mapping of int to (n_knots,) array, optional
+        Expectation of a building's unnamed force in each of those storeys, at
+        :func:`~bwbn_bayes.discovery.pulses.knots_of` the record. [N]
     n_places : int
-        Places at which the unnamed force could be.
+        Places at which the unnamed force could be: one storey, or all.
     starts : (n, n_dim) array, optional
         Further points from which fits start.
     """
@@ -51,6 +54,7 @@ class Explanation:
     modes: tuple[Mode, ...]
     evidence: Evidence
     unnamed: tuple[int, ...] | None = None
+    forces: Mapping[int, Floats] | None = None
     n_places: int = 1
     starts: Floats | None = None
 
@@ -58,12 +62,6 @@ class Explanation:
     def has_unnamed(self) -> bool:
         """Whether a force of no known law is part of it."""
         return self.unnamed is not None
-
-    @property
-    def is_fitted_with_unnamed(self) -> bool:
-        """Whether its unnamed force was fitted, not reckoned to first order."""
-        law = self.evidence.posterior.model
-        return self.has_unnamed and (self.is_specimen or len(law.effects) > len(self.model.effects))
 
     @property
     def is_specimen(self) -> bool:
@@ -100,8 +98,8 @@ class Explanation:
         """Its effects in words."""
         parts = [hypothesis.label for hypothesis in self.added]
         if self.unnamed is not None:
-            place = f" in storey {', '.join(map(str, self.unnamed))}" if self.n_places > 1 else ""
-            parts.append(f"a force of no known law{place}")
+            place = " in every storey" if len(self.unnamed) > 1 else f" in storey {self.unnamed[0]}"
+            parts.append(f"a force of no known law{place if self.n_places > 1 else ''}")
         return " + ".join(parts) or "the model as given"
 
     @property

@@ -14,18 +14,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, scales_of, sharing_laws
-from bwbn_bayes.discovery.evidence import autoregressive, laplace
+from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
+from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation, key_of
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
-from bwbn_bayes.discovery.probability import POSSIBLE, UNNAMED_SCALE, cost_of_another
+from bwbn_bayes.discovery.probability import UNNAMED_SCALE, cost_of_another
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import Run, all_but, hypotheses_of, on_one_thread, on_threads, score_all
 from bwbn_bayes.discovery.second_look import rescanned, searched, widened
 from bwbn_bayes.discovery.unfinished import Unfinished
-from bwbn_bayes.discovery.unnamed_storey import first_order_gain, unnamed_hypothesis, with_scale_integrated
-from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.discovery.unnamed_storey import unnamed_forces
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
@@ -40,8 +39,8 @@ BEAM = 2
 """Explanations of one number of effects that are built upon at most."""
 _N_KEPT = 40
 """Fits of a round that become explanations."""
-_N_UNNAMED = 2
-"""Explanations of a building that get an unnamed force in each round, beside the best and the model as given."""
+_N_UNNAMED = 8
+"""Explanations of a building that are weighed with an unnamed force, beside those that have less than the best."""
 _MOST_RESHAPED = 2
 """Rounds in which forms of free shape are tried at a specimen."""
 _TOGETHER = ("strength_degradation", "stiffness_degradation")
@@ -71,8 +70,8 @@ def search(given: Explanation, run: Run) -> Pool:
             break
         _round(parent, pool, run)
         n_whole += not run.stopped
-    if not given.is_specimen and pool.ranked()[0].is_noise:
-        _unnamed_to_first_order(pool)
+    if not given.is_specimen:
+        _unnamed(pool, run)
         _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
     if run.stopped:
         sentence = (
@@ -104,8 +103,6 @@ def _round(parent: Explanation, pool: Pool, run: Run) -> None:
         pool.add(_reshaped(pool, run))
         pool.add(_left_out(pool, run))
         pool.weigh()
-    if not parent.is_specimen and not pool.ranked()[0].is_noise:
-        _unnamed_at_storeys(pool, run)
     _tell(f"Built upon {parent.label}", parent.label, pool, run)
 
 
@@ -333,69 +330,34 @@ def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:
     run.say(sentence, known)
 
 
-def _unnamed_to_first_order(pool: Pool) -> None:
-    """Where what the best leaves is noise: what an unnamed force at each storey adds to it, and to what has less."""
-    best = pool.ranked()[0]
-    fewer = [one for key, one in pool.plain.items() if key < best.effects_key]
-    for one in (best, *fewer):
-        for storey, gain in _first_order_gains(one, pool.run).items():
-            if (one.effects_key, (storey,)) in pool.unnamed:
-                continue
-            evidence = replace(one.evidence, log_evidence=one.evidence.log_evidence + gain, method="Laplace")
-            pool.unnamed[one.effects_key, (storey,)] = replace(one, unnamed=(storey,), evidence=evidence)
-    while pool.beliefs.unnamed >= POSSIBLE:  # what is told as likely is fitted
-        first = next(one for one in pool.beliefs.explanations if one.has_unnamed)
-        if first.is_fitted_with_unnamed:
-            return
-        assert first.unnamed is not None
-        del pool.unnamed[first.effects_key, first.unnamed]
-        for fitted in _with_unnamed((pool.plain[first.effects_key], pool.run)):
-            pool.unnamed[first.effects_key, first.unnamed] = fitted
-
-
-def _unnamed_at_storeys(pool: Pool, run: Run) -> None:
-    """The model as given and the best explanations with an unnamed force, fitted where it can gain most.
-
-    At the other storeys it is as good as to first order.
-    """
-    laws = [pool.plain[one.effects_key] for one in pool.laws_alone.explanations[:_N_UNNAMED]]
-    wanted = {one.effects_key: one for one in (*laws, pool.ranked()[0], pool.plain[frozenset()])}
+def _unnamed(pool: Pool, run: Run) -> None:
+    """The best explanations of a building, each with less, and the model as given, beside an unnamed force."""
+    best = pool.laws_alone
+    near = [one for one, log in zip(best.explanations, best.log_joint, strict=True) if log > best.log_joint[0] - REACH]
+    wanted = {one.effects_key: one for one in near[:_N_UNNAMED]}
+    wanted |= {key: one for key, one in pool.plain.items() if key < best.best.effects_key}
     waiting = [one for key, one in wanted.items() if not any(other == key for other, _ in pool.unnamed)]
-    if not waiting or run.must_stop():
-        return
-    for one in waiting:
-        run.say(f"fitting {one.label} with a force of no known law")
+    run.say(f"weighing {len(waiting)} explanations beside a force of no known law")
     asked = [(one, run) for one in waiting]
-    for _, found in run.pace.each(
-        _with_unnamed, asked, run.settings.n_workers, "fitted {} models with an unnamed force"
-    ):
+    tell = "weighed {} explanations with a force of no known law"
+    for _, found in run.pace.each(_with_unnamed, asked, run.settings.n_workers, tell):
         for one in found:
             assert one.unnamed is not None
             pool.unnamed[one.effects_key, one.unnamed] = one
 
 
 def _with_unnamed(asked: tuple[Explanation, Run]) -> list[Explanation]:
-    """An explanation with an unnamed force where it gains most to first order; none if that cannot be solved."""
+    """An explanation with an unnamed force in each storey, and in all."""
     one, run = asked
-    gains = _first_order_gains(one, run)
-    storey = max(gains, key=lambda place: gains[place])
-    hypothesis = dict(_unnamed_hypotheses(one))[storey]
-    fit = race(on_one_thread(one.posterior), [hypothesis], one.points, n_workers=1, guess=False)[0]
-    if not np.isfinite(fit.log_likelihood):
-        return []
-    posterior = on_threads(fit.posterior, run.settings.n_workers)
-    accounts = (laplace(posterior, fit.modes), autoregressive(posterior, fit.modes))
-    better = max((with_scale_integrated(own, hypothesis) for own in accounts), key=lambda e: e.log_evidence)
-    return [replace(one, unnamed=(storey,), evidence=better)]
-
-
-def _unnamed_hypotheses(one: Explanation, carried: tuple[Effect, ...] = ()) -> Iterator[tuple[int, Hypothesis]]:
-    for number, scales in enumerate(scales_of(one.posterior, one.best), start=1):
-        yield number, replace(unnamed_hypothesis(one.model, number, scales, UNNAMED_SCALE), carried=carried)
-
-
-def _first_order_gains(one: Explanation, run: Run) -> dict[int, float]:
-    """What an unnamed force at each storey adds to an explanation, under one law for all, compiled once."""
-    every = _unnamed_hypotheses(one, all_but(one.added, run))
-    posterior, best = one.evidence.posterior, one.evidence.modes[0].point
-    return {storey: first_order_gain(posterior, own, best) for storey, own in every}
+    posterior, best = on_one_thread(one.evidence.posterior), one.evidence.modes[0].point
+    found = unnamed_forces(posterior, best, UNNAMED_SCALE, all_but(one.added, run))
+    log_evidence = one.evidence.log_evidence
+    return [
+        replace(
+            one,
+            unnamed=place,
+            forces=own.forces,
+            evidence=replace(one.evidence, log_evidence=log_evidence + own.gain, method="Laplace"),
+        )
+        for place, own in found.items()
+    ]

@@ -8,7 +8,7 @@ from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.outcome import UnnamedForce
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.probability import POSSIBLE, Beliefs
-from bwbn_bayes.discovery.unnamed_storey import force_of
+from bwbn_bayes.discovery.pulses import knots_of
 from bwbn_bayes.discovery.where import storey_in_words
 from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.inference.summary import observe
@@ -16,7 +16,7 @@ from bwbn_bayes.inference.summary import observe
 
 def unnamed_facts(pool: Pool, believed: Beliefs) -> UnnamedForce | None:
     """The unnamed force of the most probable explanation that has one; None where one is less likely than not."""
-    chosen = next((one for one in believed.explanations if one.is_fitted_with_unnamed), None)
+    chosen = next((one for one in believed.explanations if one.has_unnamed), None)
     if believed.unnamed < POSSIBLE or chosen is None:
         return None
     tell = _of_specimen if pool.shared is not None else _of_storey
@@ -41,26 +41,19 @@ def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
 
 
 def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
-    """The force that its weights make of the states of their optimum."""
-    assert one.unnamed is not None
-    storey, posterior = one.unnamed[0], one.evidence.posterior
+    """What is expected of it, in the storey where it is the largest share of the force."""
+    assert one.forces is not None
+    record, posterior = one.posterior.record, one.evidence.posterior
     values, _ = posterior.split(one.evidence.modes[0].point[None])
-    rows = observe(posterior.engine, posterior.model, values, posterior.record)
-    histories = {kind: history[0, storey - 1] for kind, history in rows.items()}
-    parameters = dict(
-        zip(
-            (p.symbol for p in posterior.model.law.parameters),
-            posterior.model.table.local(values)[0, storey - 1],
-            strict=False,
-        )
-    )
-    force = force_of(parameters, histories)
-    whole = float(np.sqrt(np.mean(np.square(histories["restoring_force"]))))
+    rows = observe(posterior.engine, posterior.model, values, record)
+    whole = np.sqrt(np.mean(np.square(rows["restoring_force"][0]), axis=1))
+    shares = {at: float(np.sqrt(np.mean(np.square(force)))) / whole[at - 1] for at, force in one.forces.items()}
+    storey = max(shares, key=lambda at: shares[at])
     return UnnamedForce(
         storey=storey,
         place=storey_in_words(one.model, storey),
         probability=probability,
-        share=float(np.sqrt(np.mean(np.square(force)))) / whole,
-        drift=histories["drift"],
-        force=force,
+        share=shares[storey],
+        drift=rows["drift"][0, storey - 1, knots_of(record)],
+        force=one.forces[storey],
     )

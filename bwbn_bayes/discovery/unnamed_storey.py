@@ -1,213 +1,257 @@
-"""The unnamed force at a storey, in the motion: a smooth function of its states, or a change of them with time.
+"""The unnamed force of a building: in a storey, or in all of them, a smooth force of its states that no law is.
 
-A polynomial of drift, drift rate, hysteretic displacement and work, and each of the first three times Chebyshev
-polynomials of time. Weights are independent normals, so that it is a Gaussian process in a finite basis; they are
-identified like an effect's parameters. Odd terms come first, since a storey does the same in both directions more often
-than not.
+A Gaussian process over histories of force. Two forces at two moments are alike where the storey's states are: its
+hysteretic displacement and direction, its drift, its drift rate, and the work done by then; further parts are linear in
+these states with factors that change in time, and in the drifts of the other storeys. What the sensors show of it
+follows to first order (:mod:`~bwbn_bayes.discovery.pulses`), so that its evidence is a closed form: no law is compiled
+for it and nothing is fitted, whatever functions it is made of. One part forgets itself within a quarter of a cycle:
+what no law of few parameters holds. The scale of the whole is integrated out.
+
+References
+----------
+.. [1] M. C. Kennedy and A. O'Hagan, "Bayesian calibration of computer models", J. R. Statist. Soc. B 63(3), 2001,
+   doi:10.1111/1467-9868.00294.
+.. [2] C. E. Rasmussen and C. K. I. Williams, "Gaussian Processes for Machine Learning", MIT Press, 2006, ch. 2.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import ClassVar, Self, override
+from dataclasses import dataclass
 
 import numpy as np
-import sympy as sp
-from numpy.polynomial.chebyshev import chebval
-from scipy.special import logsumexp, ndtri
+from scipy.special import logsumexp
 
-from bwbn_bayes.discovery.candidates import Hypothesis
-from bwbn_bayes.discovery.evidence import Evidence
+from bwbn_bayes.discovery.pulses import answers, knots_of
 from bwbn_bayes.discovery.score import Slopes
-from bwbn_bayes.elements.law import (
-    DRIFT,
-    DRIFT_RATE,
-    ENERGY,
-    HYSTERETIC_DISPLACEMENT,
-    AddedState,
-    Effect,
-    Slots,
-    symbol,
-)
-from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
-from bwbn_bayes.inference.importance import laplace_log_evidence
-from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.parameters import Floats, Normal, Parameter, Value
-from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
+from bwbn_bayes.inference.residuals import noise_floors
+from bwbn_bayes.inference.summary import observe
+from bwbn_bayes.parameters import Floats
 
 _RELATIVE_SCALES = np.geomspace(1e-2, 6.0, 97)
 """Scales of the force over the standard deviation of their half-normal prior, over which it is integrated."""
-_NEAR = 1e-4
-"""How far from neutral a weight is moved for its slope, in prior probability."""
-_SOURCE = "Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294"
-
-POWERS = (
-    *((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0)),
-    *((3, 0, 0, 0), (2, 1, 0, 0), (2, 0, 1, 0), (1, 2, 0, 0), (1, 1, 1, 0), (1, 0, 2, 0)),
-    *((0, 3, 0, 0), (0, 2, 1, 0), (0, 1, 2, 0), (0, 0, 3, 0)),
-    *((1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1), (0, 0, 3, 1)),
-    *((2, 0, 0, 0), (0, 0, 2, 0), (0, 2, 0, 0)),
-)
-"""Of drift, drift rate, hysteretic displacement and work, each over its largest, in every term."""
-WAVES = (*((0, k) for k in (1, 2, 3, 4)), *((1, k) for k in (1, 2)), *((2, k) for k in (1, 2, 3, 4)))
-"""Which of drift, drift rate and hysteretic displacement a term is linear in, and the degree of its factor in time."""
-_STATES = ((DRIFT, "u", "m"), (DRIFT_RATE, "v", "m/s"), (HYSTERETIC_DISPLACEMENT, "z", "m"), (ENERGY, "e", "J"))
-_CLOCK = symbol("unnamed_clock")
-_DURATION = Parameter(
-    symbol="unnamed_duration", unit="s", neutral=1.0, lower=1e-9, description="length of the record", source=_SOURCE
-)
-_SCALES = tuple(
-    Parameter(symbol=f"unnamed_{short}", unit=unit, neutral=1.0, description=f"largest {state.name}", source=_SOURCE)
-    for state, short, unit in _STATES
-)
-_WEIGHTS = tuple(
-    Parameter(
-        symbol=f"unnamed_{number}", unit="N", neutral=0.0, description="weight of an unnamed force", source=_SOURCE
-    )
-    for number in range(1, len(POWERS) + len(WAVES) + 1)
-)
+_DENSITY = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * np.square(_RELATIVE_SCALES)) * np.gradient(_RELATIVE_SCALES)
+_LENGTHS = (0.5, 0.15)
+"""Over which a force of the states changes, each over its largest; of hysteretic displacement also within a pinch."""
+_OF_WORK, _OF_TIME = 1.0, 0.3
+"""Of the work done, and of the record's duration, over which it changes."""
+_TURNED = 0.1
+"""Of the largest drift rate: where a direction has turned."""
+_FORGOTTEN, _SOON = 0.5, 0.02
+"""Path, of the largest drift, and time, of the duration, within which a departure that no law has is forgotten."""
+_MOST_FUNCTIONS, _NEGLIGIBLE = 120, 1e-4
+"""Eigenfunctions of the process that are kept, and the variance below which one is not, over the largest."""
+_N_TURNS, _SETTLED = 8, 1e-2
+"""In which the noise level and the force's scale find each other, and the relative change of the level that ends it."""
+_MUCH = 1.5
+"""Times the noise's power that a model takes for noise, from which a second start is worth its time."""
+_KINDS = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy")
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnnamedForce(Effect):
-    """``F + sum_j w_j (u / u_0)^a (v / v_0)^b (z / z_0)^c (epsilon / epsilon_0)^d``, with :data:`POWERS`.
+class Process:
+    """Functions of which a storey's force is a sum with independent normal weights.
 
-    And ``w_j y T_k(2 t / T - 1)``, y one of the first three ratios and T_k of Chebyshev: :data:`WAVES`.
-
-    Parameters
+    Attributes
     ----------
-    weights : tuple of float or Prior
-        [N]
-    sizes : tuple of float
-        Largest drift [m], drift rate [m/s], hysteretic displacement [m] and work [J].
-    duration : float
-        Of the record. [s]
+    histories : (n_functions, n_knots) array
+        Each times the standard deviation of its weight. [N]
+    answers : (n_functions, n_channels, n_counted) array
+        What the sensors show of them, whitened, over the noise.
     """
 
-    weights: tuple[Value, ...] = field(default=(0.0,) * len(_WEIGHTS))
-    sizes: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
-    duration: float = 1.0
-
-    name: ClassVar[str] = "unnamed_force"
-    summary: ClassVar[str] = "a smooth force of the storey's states that no catalogued law is"
-    source: ClassVar[str] = _SOURCE
-    residual: ClassVar[str] = "whatever a smooth force of the states leaves"
-    confusable: ClassVar[str] = "every effect that is smooth"
-    parameters: ClassVar[tuple[Parameter, ...]] = (*_WEIGHTS, *_SCALES, _DURATION)
-
-    @property
-    @override
-    def values(self) -> Mapping[str, Value]:
-        return dict(zip((p.symbol for p in self.parameters), (*self.weights, *self.sizes, self.duration), strict=True))
-
-    @classmethod
-    def of(cls, scales: Scales, share: float) -> Self:
-        """With priors whose sum is a share of the largest storey force."""
-        weight = Normal(0.0, share * scales.force)
-        sizes = (scales.drift, scales.drift_rate, scales.hysteretic_displacement, scales.energy)
-        return cls(weights=(weight,) * len(_WEIGHTS), sizes=sizes, duration=scales.duration)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {parameter.symbol: (0.0,) for parameter in _WEIGHTS}
-
-    @override
-    def fill(self, slots: Slots) -> Slots:
-        ratios = [state / symbol(scale.symbol) for (state, _, _), scale in zip(_STATES, _SCALES, strict=True)]
-        smooth = [sp.Mul(*(ratio**power for ratio, power in zip(ratios, powers, strict=True))) for powers in POWERS]
-        waves = [ratios[state] * sp.chebyshevt(k, 2 * _CLOCK - 1) for state, k in WAVES]
-        terms = (symbol(weight.symbol) * term for weight, term in zip(_WEIGHTS, (*smooth, *waves), strict=True))
-        clock = AddedState(state=_CLOCK, rate=1 / symbol(_DURATION.symbol))
-        return replace(slots, added_force=slots.added_force + sp.Add(*terms), added_states=(*slots.added_states, clock))
+    histories: Floats
+    answers: Floats
 
 
-def unnamed_hypothesis(base: Structure, storey: int, scales: Scales, share: float) -> Hypothesis:
-    """A model with an unnamed force at one storey, its scale a share of the largest force there."""
-    return Hypothesis(base=base, effect=UnnamedForce.of(scales, share), storeys=(storey,), scales=scales)
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """An unnamed force, given what a model leaves.
 
-
-def with_scale_integrated(evidence: Evidence, hypothesis: Hypothesis) -> Evidence:
-    """The evidence of a fitted unnamed force, its scale integrated out: half-normal of the share it was fitted with.
-
-    Under one scale for good a law that only makes a term of the force larger would be worth what the scale forbids.
-    About the optimum the likelihood is taken for normal in the weights, the other parameters projected out, so that the
-    evidence of every scale is known at once.
-
-    Parameters
+    Attributes
     ----------
-    evidence : Evidence
-        At an optimum of the likelihood, weights included.
-    hypothesis : Hypothesis
-        The unnamed force.
+    gain : float
+        Log Bayes factor of the model with it over that without. [nat]
+    forces : mapping of int to (n_knots,) array
+        Its expectation at each of its storeys, at :func:`~bwbn_bayes.discovery.pulses.knots_of` the record. [N]
     """
-    posterior, mode = evidence.posterior, evidence.modes[0]
-    columns = np.isin(posterior.space.names, hypothesis.amplitudes)
-    weights = ndtri(mode.point[columns])
-    slope = np.ones(posterior.n_dim)
-    slope[columns] = np.exp(-0.5 * np.square(weights)) / np.sqrt(2.0 * np.pi)
-    information = mode.information * np.outer(slope, slope)
-    others, between = information[~columns][:, ~columns], information[~columns][:, columns]
-    projected = between.T @ np.linalg.solve(others + PRIOR_PRECISION * np.eye(len(others)), between)
-    known, turned = np.linalg.eigh(information[columns][:, columns] - projected)
-    known = np.maximum(known, 0.0)
-    at_neutral = -0.5 * float(known @ np.square(weights @ turned))
-    gain = at_neutral + _gain_over_scales(known, known * (weights @ turned))
-    log_evidence = laplace_log_evidence([replace(mode, information=others)]) + gain
-    return replace(evidence, log_evidence=log_evidence - posterior.space.log_admissible_mass)
+
+    gain: float
+    forces: Mapping[int, Floats]
 
 
-def _gain_over_scales(information: Floats, gradient: Floats) -> float:
-    """Log Bayes factor of independent weights over none, their scale integrated out, in nat.
-
-    Parameters
-    ----------
-    information, gradient : (n,) array
-        Of the log likelihood at neutral, along directions without products; a weight of one is the prior's
-        standard deviation of the scale.
-    """
-    variance = np.square(_RELATIVE_SCALES)[:, None]
-    spread = 1.0 + variance * information
-    value = 0.5 * np.sum(variance * np.square(gradient) / spread - np.log(spread), axis=1)
-    half_normal = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * np.square(_RELATIVE_SCALES))
-    return float(logsumexp(value, b=half_normal * np.gradient(_RELATIVE_SCALES)))
-
-
-def first_order_gain(posterior: Posterior, hypothesis: Hypothesis, point: Floats) -> float:
-    """Log Bayes factor of an unnamed force, its scale integrated out, to first order in its weights, in nat.
-
-    To be believed where what a fit leaves is small.
+def unnamed_forces(
+    posterior: Posterior, point: Floats, share: float, carried: tuple[Effect, ...] = ()
+) -> dict[tuple[int, ...], Estimate]:
+    """Unnamed forces beside a model: in each of its storeys, and in all of them.
 
     Parameters
     ----------
     posterior : Posterior
-        Of the model without it.
-    hypothesis : Hypothesis
-        With it.
+        Of the model, under its own account of the errors.
     point : (n_dim,) array
-        The optimum without it.
+        Its fit, in the unit cube.
+    share : float
+        Standard deviation of the scale's half-normal prior, over the largest force of each storey.
+    carried : tuple of Effect
+        Others that share the compiled law.
     """
-    view, names = posterior.with_model(hypothesis.model), hypothesis.amplitudes
-    rows = [hypothesis.neutral_points(point, names[0], 0.0)]
-    rows += [hypothesis.neutral_points(point, name, _NEAR) for name in names]
-    values = view.split(np.concatenate(rows))[0]
-    columns = [view.space.names.index(name) for name in names]
-    steps = values[1:][np.arange(len(names)), columns] - values[0, columns]
-    response = view.engine.simulate(view.model, values, view.record).values
-    sds = np.array([view.space.parameters[column].prior.sd for column in columns])
-    slopes = (response[1:] - response[0]) * (sds / steps)[:, None, None]
-    gradient, information = Slopes.at(posterior, point).projected_together(response[0], slopes)
-    known, turned = np.linalg.eigh(information)
-    return _gain_over_scales(np.maximum(known, 0.0), gradient @ turned)
+    record, slopes = posterior.record, Slopes.at(posterior, point)
+    values, _ = posterior.split(point[None])
+    rows = observe(posterior.engine, posterior.model, values, record)
+    states = {kind: rows[kind][0][:, knots_of(record)] for kind in _KINDS}
+    predicted = posterior.engine.simulate(posterior.model, values, record).values[0]
+    processes = {}
+    for storey in range(1, posterior.model.n_links + 1):
+        largest = float(np.max(np.abs(rows["restoring_force"][0, storey - 1])))
+        histories = share * largest * functions(states, storey - 1)
+        shown = answers(posterior, point, storey, histories, largest, carried)
+        processes[storey] = Process(histories=histories, answers=slopes.scaled(shown))
+    residual = slopes.scaled(record.measured - predicted)
+    return {
+        place: _estimate(posterior, slopes, residual, {storey: processes[storey] for storey in place})
+        for place in places_of(posterior.model.n_links)
+    }
 
 
-def force_of(parameters: Mapping[str, float], histories: Mapping[str, Floats]) -> Floats:
-    """The unnamed force ``(n_times,)`` [N] of a storey's parameters, by symbol, and histories, by kind."""
-    kinds = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy")
-    ratios = [histories[kind] / parameters[scale.symbol] for kind, scale in zip(kinds, _SCALES, strict=True)]
-    smooth = [np.prod([ratio**power for ratio, power in zip(ratios, powers, strict=True)], axis=0) for powers in POWERS]
-    clock = np.linspace(-1.0, 1.0, len(ratios[0]))  # a record is uniform in time
-    waves = [ratios[state] * chebval(clock, [0.0] * k + [1.0]) for state, k in WAVES]
-    terms = (parameters[weight.symbol] * term for weight, term in zip(_WEIGHTS, (*smooth, *waves), strict=True))
-    return np.asarray(sum(terms))
+def places_of(n_storeys: int) -> tuple[tuple[int, ...], ...]:
+    """Where an unnamed force may act: in one storey, or in all."""
+    every = tuple(range(1, n_storeys + 1))
+    return (*((storey,) for storey in every), *([every] if n_storeys > 1 else []))
+
+
+def functions(states: Mapping[str, Floats], place: int) -> Floats:
+    """Functions ``(n_functions, n_knots)`` of a force whose variance is one on the average over the record.
+
+    Parameters
+    ----------
+    states : mapping of str to (n_storeys, n_knots) array
+        Histories by kind.
+    place : int
+        Of the storey among them.
+    """
+    every = {kind: own / np.maximum(np.max(np.abs(own), axis=1, keepdims=True), 1e-300) for kind, own in states.items()}
+    drift, rate, z, work = (every[kind][place] for kind in _KINDS)
+    time = np.linspace(0.0, 1.0, len(drift))
+    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(drift)))])
+    (long, short), worn = _LENGTHS, _alike(work, _OF_WORK)
+    turned = _alike(np.tanh(rate / _TURNED), 1.0) * worn
+    linear = sum(np.outer(own, own) for own in (drift, rate, z))
+    others = [own for kind in _KINDS[:2] for i, own in enumerate(every[kind]) if i != place]
+    parts = [
+        *(_alike(z, length) * turned for length in (long, short)),
+        *(_alike(own, long) * worn for own in (drift, rate)),
+        linear * _alike(time, _OF_TIME),
+        *([np.transpose(others) @ np.array(others)] if others else []),
+        np.exp(-np.abs(path[:, None] - path) / _FORGOTTEN) * _alike(time, _SOON),
+    ]
+    covariance = sum(part / max(float(np.mean(np.diag(part))), 1e-300) for part in parts) / len(parts)
+    variance, turned_to = np.linalg.eigh(covariance)
+    kept = np.flatnonzero(variance > _NEGLIGIBLE * variance[-1])[-_MOST_FUNCTIONS:]
+    return np.asarray((turned_to[:, kept] * np.sqrt(variance[kept])).T)
+
+
+def _alike(state: Floats, length: float) -> Floats:
+    """Squared exponential covariance ``(n, n)`` over a state ``(n,)``."""
+    return np.asarray(np.exp(-0.5 * np.square((state[:, None] - state) / length)))
+
+
+def _estimate(posterior: Posterior, slopes: Slopes, residual: Floats, processes: Mapping[int, Process]) -> Estimate:
+    """Of forces that are independent of each other, of one scale."""
+    noise, (n_channels, n_counted) = posterior.noise, residual.shape
+    assert isinstance(noise, IntegratedNoise)
+    base = slopes.base.T.reshape(-1, n_channels, n_counted)
+    columns = np.concatenate([base, *(own.answers for own in processes.values()), residual[None]])
+    products = np.array([own @ own.T for own in np.moveaxis(columns, 1, 0)])
+    level = slopes.noise[:, 0]
+    sums = Sums(products=products, n_base=len(base), n_counted=n_counted, noise=noise, level=level)
+    # A model that lacks much takes it for noise: begin there, and where the noise is by itself.
+    by_itself = np.square(level / np.maximum(noise_floors(posterior.record), 1e-300))
+    starts = [np.ones(n_channels), *([by_itself] if np.any(by_itself > _MUCH) else [])]
+    gain, weights = max((sums.settled(start) for start in starts), key=lambda pair: pair[0])
+    ends = np.cumsum([len(own.histories) for own in processes.values()])[:-1]
+    own_weights = np.split(weights, ends)
+    return Estimate(
+        gain=gain,
+        forces={at: own @ one.histories for (at, one), own in zip(processes.items(), own_weights, strict=True)},
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sums:
+    """A linear model's products: its slopes, the answers to a force and the residual, with each other, by channel.
+
+    Attributes
+    ----------
+    products : (n_channels, n, n) array
+        Of slopes, then answers, then the residual, over the noise.
+    n_base : int
+        Slopes among them.
+    n_counted : int
+        Samples of each channel.
+    noise : IntegratedNoise
+    level : (n_channels,) array
+        Noise standard deviation of the model without the force, over which the products are.
+    """
+
+    products: Floats
+    n_base: int
+    n_counted: int
+    noise: IntegratedNoise
+    level: Floats
+
+    def settled(self, precision: Floats) -> tuple[float, Floats]:
+        """The log Bayes factor of the force, and what its weights are expected to be.
+
+        With the force the noise may be smaller: its level and the force's scale are looked for in turns.
+
+        Parameters
+        ----------
+        precision : (n_channels,) array
+            Where that begins, over that without the force.
+        """
+        as_without = np.ones(len(precision))
+        alone, _ = self._without(as_without)
+        best, weights = -np.inf, np.zeros(self.products.shape[1] - self.n_base - 1)
+        for _ in range(_N_TURNS):
+            plain, left = self._without(precision)
+            information, turned = np.linalg.eigh(left[:-1, :-1])
+            information, slope = np.maximum(information, 0.0), left[:-1, -1] @ turned
+            variance = np.square(_RELATIVE_SCALES)[:, None]
+            spread = 1.0 + variance * information
+            by_scale = 0.5 * np.sum(variance * np.square(slope) / spread - np.log(spread), axis=1)
+            gain = plain - alone + float(logsumexp(by_scale, b=_DENSITY))
+            at = int(np.argmax(by_scale + np.log(_DENSITY)))
+            mean = turned @ (variance[at, 0] * slope / spread[at])
+            if gain > best:
+                best, weights = gain, mean
+            wanted = self._precision(precision, mean, float(variance[at, 0]))
+            if np.all(np.abs(np.log(wanted / precision)) < _SETTLED):
+                break
+            precision = wanted
+        return best, weights
+
+    def _without(self, precision: Floats) -> tuple[float, Floats]:
+        """Log evidence without the force, but for a constant, and the products with the slopes projected out."""
+        n, whole = self.n_base, np.tensordot(precision, self.products, axes=1)
+        others = whole[:n, :n] + PRIOR_PRECISION * np.eye(n)
+        left = whole[n:, n:] - whole[n:, :n] @ np.linalg.solve(others, whole[:n, n:])
+        as_one = self.noise.correlation_samples
+        rate = as_one * np.asarray(self.noise.scale) / np.square(self.level)
+        of_level = np.sum((0.5 * self.n_counted / as_one + self.noise.shape) * np.log(precision) - precision * rate)
+        return float(of_level - 0.5 * left[-1, -1] - 0.5 * np.linalg.slogdet(others)[1]), left
+
+    def _precision(self, precision: Floats, weights: Floats, variance: float) -> Floats:
+        """The precision that what is left on the average, over weights and the other parameters, deserves."""
+        n, whole = self.n_base, np.tensordot(precision, self.products, axes=1)
+        prior = np.append(np.full(n, PRIOR_PRECISION), np.full(len(weights), 1.0 / variance))
+        spread = np.linalg.inv(whole[:-1, :-1] + np.diag(prior))
+        others = np.linalg.solve(whole[:n, :n] + PRIOR_PRECISION * np.eye(n), whole[:n, -1] - whole[:n, n:-1] @ weights)
+        own = np.concatenate([others, weights, [-1.0]])
+        misfit = np.array([own @ one @ own + np.sum(spread * one[:-1, :-1]) for one in self.products])
+        squared = np.square(self.level)
+        (deserved,) = self.noise.precision((misfit * squared)[None], self.n_counted, np.empty((1, 0)))
+        return np.asarray(squared * deserved)

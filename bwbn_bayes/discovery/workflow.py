@@ -21,9 +21,11 @@ from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import set_apart
 from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.discovery.pulses import with_pulse
 from bwbn_bayes.discovery.run import DiscoverySettings, Listener, Run
 from bwbn_bayes.discovery.search import search
 from bwbn_bayes.discovery.suitable import require_suitable
+from bwbn_bayes.discovery.unnamed_storey import places_of
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.journal import Journal
 from bwbn_bayes.engines.precompile import precompile
@@ -153,7 +155,7 @@ def _fit_given(model: Structure, record: Record, journal: Journal | None, run: R
         posterior=posterior,
         modes=modes,
         evidence=laplace(posterior, modes),
-        n_places=model.n_links,
+        n_places=len(places_of(model.n_links)),
         starts=np.array([mode.point for mode in distinct(points, local)[:2]]),
     )
 
@@ -161,7 +163,8 @@ def _fit_given(model: Structure, record: Record, journal: Journal | None, run: R
 def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
     """Compile laws beside the first fits; the thread that waits for a specimen's, which has but one.
 
-    Of a building they are the last laws of the first round and the one under which later ones are scored. Laws do not
+    Of a building they are the last laws of the first round and those of all effects, by which later ones are scored and
+    pulses are answered. Laws do not
     depend on the sizes that effects are expected to have, so that any sizes do; where a user's effect has no prior at
     these, nothing is compiled ahead.
     """
@@ -176,9 +179,10 @@ def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
         )
     except UserError:
         return None
-    common = [h.model.law for h in sharing_laws(considered, np.inf) if h.carried][-1:]
+    of_all = [h.model for h in sharing_laws(considered, np.inf) if h.carried][-1:]
     if model.excitation_kind == "displacement":
-        return precompile(dict.fromkeys(common, True), driven=True)
+        return precompile({one.law: True for one in of_all}, driven=True)
+    common = [law for one in of_all for law in (one.law, with_pulse(one, 1, 1.0, one.carried).law)]
     later = list(dict.fromkeys(h.model.law for h in considered if h.carried))[1:]
     laws = dict.fromkeys(later[: -1 - _LAWS_AHEAD : -1], True)
     precompile({**dict.fromkeys(common, False), **laws}, driven=False)

@@ -9,11 +9,12 @@ one likelihood.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_toeplitz
+from scipy.linalg import cho_factor, cho_solve, solve_discrete_lyapunov, solve_toeplitz
 from scipy.signal import lfilter
 
 from bwbn_bayes.parameters import Floats
@@ -84,7 +85,15 @@ class Correlation:
     def log_volume(self) -> float:
         """Minus half the log determinant of the correlation matrix, and the cost of its choice, in nat."""
         spread = 0.0 if self.shared is None else 0.5 * float(np.sum(np.log1p(self.shared.variance)))
-        return self.log_prior - spread
+        return self.log_prior - spread - sum(float(np.sum(np.log(np.diag(own)))) for own in self.beginnings)
+
+    @cached_property
+    def beginnings(self) -> tuple[Floats, ...]:
+        """Lower Cholesky factor ``(order, order)`` of each channel's first samples, which have no past to be told by.
+
+        Their covariance is that of the stationary process, in the variance of what is new in each sample.
+        """
+        return tuple(_beginning(own) for own in self.coefficients)
 
     def whitened(self, rows: Floats) -> Floats:
         """Rows ``(..., n_channels, n_times)`` times the inverse root of the correlation matrix."""
@@ -93,7 +102,12 @@ class Correlation:
             flat = rows.reshape(-1, rows.shape[-1])  # one product of matrices, not one of a vector for every row
             whole = flat - ((flat @ self.shared.functions) * share) @ self.shared.functions.T
             return np.asarray(whole.reshape(rows.shape))
-        return np.stack([_filtered(own, rows[..., c, :]) for c, own in enumerate(self.coefficients)], axis=-2)
+        filtered = [_filtered(own, rows[..., c, :]) for c, own in enumerate(self.coefficients)]
+        for c, first in enumerate(self.beginnings):
+            if len(first):
+                own = rows[..., c, : len(first)]
+                filtered[c][..., : len(first)] = own @ np.linalg.inv(first).T
+        return np.stack(filtered, axis=-2)
 
     def products(self, rows: Floats) -> Floats:
         """Products under the inverse correlation matrix of rows ``(n, k, n_channels, n_times)`` with each other.
@@ -180,5 +194,17 @@ def order_cost(order: int, n_times: int) -> float:
 
 
 def _filtered(coefficients: Floats, rows: Floats) -> Floats:
-    """What of rows ``(..., n_times)`` their own past does not tell; before the first sample there was nothing."""
+    """What of rows ``(..., n_times)`` their own past does not tell, as if before the first sample there was nothing."""
     return rows if len(coefficients) == 0 else np.asarray(lfilter(np.append(1.0, -coefficients), [1.0], rows))
+
+
+def _beginning(coefficients: Floats) -> Floats:
+    order = len(coefficients)
+    if order == 0:
+        return np.empty((0, 0))
+    onward = np.eye(order, k=-1)
+    onward[0] = coefficients
+    new = np.zeros((order, order))
+    new[0, 0] = 1.0
+    # The state holds the last samples first; the covariance of a stationary process is the same read backwards.
+    return np.asarray(np.linalg.cholesky(solve_discrete_lyapunov(onward, new)[::-1, ::-1]))

@@ -1,40 +1,31 @@
-"""The force of no known law: its functions, what it takes up and what it leaves, its force, its first-order gain."""
+"""The force of no known law: its functions, what it takes up and what it leaves, its history, its Bayes factor."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-import sympy as sp
-from scipy.integrate import quad
-from scipy.stats import multivariate_normal, norm
+from scipy.integrate import quad, solve_ivp
+from scipy.signal import lsim
+from scipy.special import logsumexp
+from scipy.stats import norm
 
 from bwbn_bayes.discovery.evidence import laplace, with_shared
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.probability import UNNAMED_SCALE, beliefs
+from bwbn_bayes.discovery.pulses import answers
 from bwbn_bayes.discovery.unnamed import unnamed_basis
 from bwbn_bayes.discovery.unnamed_facts import unnamed_facts
-from bwbn_bayes.discovery.unnamed_storey import (
-    POWERS,
-    WAVES,
-    UnnamedForce,
-    first_order_gain,
-    force_of,
-    unnamed_hypothesis,
-)
+from bwbn_bayes.discovery.unnamed_storey import Sums, functions, places_of, unnamed_forces
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, ENERGY, HYSTERETIC_DISPLACEMENT, symbol
-from bwbn_bayes.elements.scales import NOMINAL
-from bwbn_bayes.engines.base import Response
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.correlation import SharedFunctions
-from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, Posterior
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
 from bwbn_bayes.parameters import Floats, Normal, Uniform
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
-from bwbn_bayes.structures.structure import Structure
 
 N = 240
 PATH = 0.02 * np.sin(np.linspace(0.0, 8.0 * np.pi, N)) * np.linspace(0.3, 1.0, N)
@@ -49,7 +40,7 @@ SD = 0.002
 @pytest.fixture(scope="module")
 def law() -> Floats:
     """Force ``(N,)`` of the specimen as it is."""
-    return ENGINE.simulate(SPECIMEN, np.array([[0.15]]), PUSHED, ("force",)).values[0, 0]
+    return np.asarray(ENGINE.simulate(SPECIMEN, np.array([[0.15]]), PUSHED, ("force",)).values[0, 0])
 
 
 def fitted(force: Floats) -> Explanation:
@@ -132,91 +123,153 @@ def test_what_no_force_explains_is_no_force(law: Floats) -> None:
         assert unnamed_facts(pool, believed) is None
 
 
-BUILDING = ShearBuilding(masses=[2.0, 1.0], storey=BoucWen(k=Uniform(40, 80), c=0.4, alpha=0.15, beta=12.0, gamma=2.0))
+STOREY = BoucWen(k=Uniform(40, 80), c=0.4, alpha=1.0, beta=12.0, gamma=2.0)
+LINEAR = ShearBuilding(masses=[2.0, 1.0], storey=STOREY)
+"""With nothing hysteretic in its force."""
+GROUND = Record(
+    name="ground",
+    time_step=0.02,
+    excitation=np.sin(2.0 * np.pi * 0.8 * np.arange(200) * 0.02),
+    channels={"acceleration_1": np.zeros(200), "drift_2": np.zeros(200)},
+)
 
 
-N_WEIGHTS = len(POWERS) + len(WAVES)
-
-
-def test_at_neutral_values_it_changes_nothing_and_else_adds_its_force() -> None:
-    """The law with it less the law without, at random states, against powers and Chebyshev's cosines written out."""
-    placed = BUILDING.with_effect(UnnamedForce())
-    added = sp.expand(placed.law.force - BUILDING.law.force)
-    assert added.subs({symbol(f"unnamed_{n}"): 0 for n in range(1, N_WEIGHTS + 1)}) == 0
-    assert len(placed.law.rates) == len(BUILDING.law.rates) + 1  # a clock that runs from 0 to 1
-    rng = np.random.default_rng(2)
-    states, clock = rng.standard_normal((4, 50)), np.linspace(0.0, 1.0, 50)
-    sizes, weights = np.array([0.3, 2.0, 0.1, 5.0]), rng.standard_normal(N_WEIGHTS)
-    u, v, z, work = states / sizes[:, None]
-    wave = [np.cos(k * np.arccos(2.0 * clock - 1.0)) for k in range(5)]
-    terms = [
-        u, v, z, u**3, u * u * v, u * u * z, u * v * v, u * v * z, u * z * z, v**3, v * v * z, v * z * z, z**3,
-        u * work, v * work, z * work, z**3 * work, u * u, z * z, v * v,
-        *(u * wave[k] for k in (1, 2, 3, 4)), *(v * wave[k] for k in (1, 2)), *(z * wave[k] for k in (1, 2, 3, 4)),
-    ]  # fmt: skip
-    expected = sum(w * term for w, term in zip(weights, terms, strict=True))
-    names = {f"unnamed_{n}": w for n, w in enumerate(weights.tolist(), start=1)}
-    names |= {f"unnamed_{short}": size for short, size in zip("uvze", sizes.tolist(), strict=True)}
-    states_and_clock = (DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, ENERGY, symbol("unnamed_clock"))
-    by_law = sp.lambdify(states_and_clock, added.subs({symbol(name): value for name, value in names.items()}))
-    np.testing.assert_allclose(by_law(*states, clock), expected, rtol=1e-9)
-    kinds = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy")
-    np.testing.assert_allclose(force_of(names, dict(zip(kinds, states, strict=True))), expected, rtol=1e-9)
-
-
-def test_its_weights_share_what_the_largest_force_allows() -> None:
-    scales = replace(NOMINAL, force=50.0, drift=0.2)
-    hypothesis = unnamed_hypothesis(BUILDING, 2, scales, UNNAMED_SCALE)
-    assert hypothesis.storeys == (2,)
-    assert len(hypothesis.amplitudes) == len(hypothesis.brought) == N_WEIGHTS
-    own = {p.name: p.prior for p in hypothesis.model.space.parameters}
-    assert {own[name] for name in hypothesis.brought} == {Normal(0.0, 5.0)}
-    assert hypothesis.effect.values["unnamed_u"] == 0.2
-
-
-@dataclass(frozen=True)
-class LinearEngine:
-    """A response that is linear in every parameter, each with a history of its own; not a model of anything."""
-
-    histories: dict[str, Floats]
-    name: str = "linear"
-
-    def simulate(self, model: Structure, draws: Floats, record: Record, *_: Any) -> Response:
-        columns = np.array([self.histories[name] for name in model.space.names])
-        values = np.einsum("dp,pct->dct", draws, columns)
-        return Response(channels=tuple(record.channels), values=values, status=np.zeros(len(draws), dtype=np.int64))
-
-    def sensitivities(self, model: Structure, draws: Floats, record: Record, **_: Any) -> tuple[Response, Floats]:
-        columns = np.array([self.histories[name] for name in model.space.names])
-        return self.simulate(model, draws, record), np.repeat(columns[None], len(draws), axis=0)
-
-
-def test_the_first_order_gain_is_the_bayes_factor_of_a_linear_model() -> None:
-    """By multivariate normals, with the weights' priors in the covariance and without, over scales by quadrature.
-
-    The stiffness stands in both with the prior's precision of 12 in the unit cube, about the fit.
-    """
-    rng = np.random.default_rng(3)
-    hypothesis = unnamed_hypothesis(BUILDING, 1, replace(NOMINAL, force=2.0), 0.1)
-    names = hypothesis.model.space.names
-    histories = {name: 0.3 * rng.standard_normal((1, 60)) for name in names}
-    record = Record(
-        name="drawn", time_step=0.01, excitation=np.ones(60), channels={"acceleration_1": rng.standard_normal(60)}
+@pytest.mark.parametrize("storey", [1, 2])
+def test_answers_are_those_of_the_equation_of_motion(storey: int) -> None:
+    """Of a linear building with a force in a storey, by SciPy's simulation of its state space."""
+    posterior = Posterior(
+        model=LINEAR, record=GROUND, engine=ENGINE, noise=IntegratedNoise(shape=1.0, scale=(1.0, 1.0))
     )
-    engine: Any = LinearEngine(histories)
-    posterior = Posterior(model=BUILDING, record=record, engine=engine, noise=KnownNoise(sd=(0.5,)))
-    point = np.array([0.4])
-    stiffness = 40.0 + 0.4 * 40.0
-    residual = record.channels["acceleration_1"] - stiffness * histories["k"][0]
-    without = 0.25 * np.eye(60) + 40.0**2 / 12.0 * np.outer(histories["k"][0], histories["k"][0])
-    weights = np.array([histories[name][0] for name in names if name != "k"])
-    assert len(weights) == N_WEIGHTS
-    nothing = multivariate_normal(np.zeros(60), without).logpdf(residual)
+    history = np.exp(-np.square((np.arange(200) - 80) / 15.0)) * np.sin(np.arange(200) / 9.0)
+    shown = answers(posterior, np.array([0.5]), storey, np.array([history, 2.0 * history]), 50.0, ())
+    mass, drifts = np.diag([2.0, 1.0]), np.array([[1.0, 0.0], [-1.0, 1.0]])
+    stiffness = drifts.T @ drifts
+    rate = -np.linalg.solve(mass, np.hstack([60.0 * stiffness, 0.4 * stiffness]))
+    pushed = -np.linalg.solve(mass, drifts[storey - 1])[:, None]
+    system = (
+        np.block([[np.zeros((2, 2)), np.eye(2)], [rate]]),
+        np.vstack([np.zeros((2, 1)), pushed]),
+        np.vstack([rate[:1], [-1.0, 1.0, 0.0, 0.0]]),
+        np.vstack([pushed[:1], [[0.0]]]),
+    )
+    _, expected, _ = lsim(system, history, np.arange(200) * 0.02)
+    largest = np.max(np.abs(expected), axis=0)[:, None]
+    np.testing.assert_allclose(shown[0] / largest, expected.T / largest, atol=2e-3)
+    np.testing.assert_allclose(shown[1], 2.0 * shown[0], rtol=1e-6, atol=1e-12)
 
-    def weighed(scale: float) -> float:
-        with_it = without + (0.2 * scale) ** 2 * weights.T @ weights
-        ratio = np.exp(multivariate_normal(np.zeros(60), with_it).logpdf(residual) - nothing)
-        return float(ratio * 2.0 * norm.pdf(scale))
 
-    expected = np.log(quad(weighed, 0.0, 8.0, limit=200)[0])
-    assert first_order_gain(posterior, hypothesis, point) == pytest.approx(expected, abs=0.02)
+def test_functions_of_a_storeys_states_have_unit_variance_and_few_are_left_out() -> None:
+    rng = np.random.default_rng(4)
+    states = {
+        kind: np.cumsum(rng.standard_normal((2, 300)), axis=1)
+        for kind in ("drift", "drift_rate", "hysteretic_displacement")
+    }
+    states["hysteretic_energy"] = np.cumsum(np.abs(rng.standard_normal((2, 300))), axis=1)
+    for place in (0, 1):
+        power = np.sum(np.square(functions(states, place)), axis=0)
+        assert np.mean(power) == pytest.approx(1.0, abs=0.03)
+    with_no_force = functions({kind: np.zeros((2, 300)) for kind in states}, 0)
+    assert np.all(np.isfinite(with_no_force))
+
+
+def sums(rng: np.random.Generator, shape: float, hidden: float) -> Sums:
+    """A linear model of one slope with three functions of a force, 80 samples of two channels."""
+    columns = rng.standard_normal((5, 2, 80))
+    columns[:4] *= np.array([3.0, 0.2, 0.3, 0.1])[:, None, None]
+    columns[4] += hidden * (columns[1] - columns[2])
+    products = np.array([own @ own.T for own in np.moveaxis(columns, 1, 0)])
+    noise = IntegratedNoise(shape=shape, scale=(shape, shape))
+    return Sums(products=products, n_base=1, n_counted=80, noise=noise, level=np.ones(2))
+
+
+def log_marginal(given: Sums, scale: float, precision: Floats) -> float:
+    """By a normal of 160 samples whose covariance holds slope and force; from sums of products, by Woodbury."""
+    n = len(given.products[0]) - 1
+    prior = np.diag([1.0 / 12.0, *[scale**2] * 3][:n])
+    whole = np.tensordot(precision, given.products, axes=1)
+    inner = np.eye(n) + prior @ whole[:n, :n]
+    quadratic = whole[n, n] - whole[n, :n] @ np.linalg.solve(inner, prior @ whole[:n, n])
+    return float(0.5 * (80 * np.sum(np.log(precision)) - quadratic - np.linalg.slogdet(inner)[1]))
+
+
+@pytest.mark.parametrize("hidden", [0.0, 2.0])
+def test_the_gain_of_a_linear_model_is_its_bayes_factor(hidden: float) -> None:
+    """Under noise as good as known, over scales by quadrature."""
+    given = sums(np.random.default_rng(3), 1e6, hidden)
+    known = np.ones(2)
+    nothing = log_marginal(given, 0.0, known)
+    expected = quad(lambda s: np.exp(log_marginal(given, s, known) - nothing) * 2.0 * norm.pdf(s), 0.0, 8.0, limit=200)
+    assert given.settled(known)[0] == pytest.approx(np.log(expected[0]), abs=0.02)
+
+
+def test_where_the_force_explains_what_was_taken_for_noise_the_noise_is_smaller() -> None:
+    """Over scales and both noise levels by sums over grids, from either start; the weights are those hidden."""
+    given = sums(np.random.default_rng(5), 1.0, 8.0)
+    # The noise of the model alone, over which products are: with the force it is a good deal smaller.
+    misfit = given.products[:, -1, -1]
+    level = np.sqrt((2.0 + misfit) / 82.0)
+    own = Sums(
+        products=given.products / np.square(level)[:, None, None],
+        n_base=1,
+        n_counted=80,
+        noise=given.noise,
+        level=level,
+    )
+    grid = np.linspace(-1.5, 3.0, 61)
+
+    def marginal(scale: float) -> float:
+        values = [
+            log_marginal(own, scale, np.exp([a, b]))
+            + sum(x - np.exp(x) / v for x, v in zip((a, b), np.square(level), strict=True))
+            for a in grid
+            for b in grid
+        ]
+        return float(logsumexp(values))
+
+    scales = np.linspace(0.05, 6.0, 60)
+    density = 2.0 * norm.pdf(scales) * (scales[1] - scales[0])
+    expected = logsumexp([marginal(s) for s in scales], b=density) - marginal(0.0)
+    for start in (np.ones(2), np.square(level)):
+        gain, weights = own.settled(start)
+        assert gain == pytest.approx(expected, abs=1.0)
+        np.testing.assert_allclose(weights, [8.0, -8.0, 0.0], atol=1.5)
+
+
+def test_it_is_found_in_the_storey_that_has_it_with_its_history() -> None:
+    """A force of the second storey's drift that no law is, by SciPy; the building as given explains nothing of it."""
+    posterior = Posterior(
+        model=LINEAR, record=GROUND, engine=ENGINE, noise=IntegratedNoise(shape=1.0, scale=(1e-4, 1e-8))
+    )
+    mass, drifts = np.array([2.0, 1.0]), np.array([[1.0, 0.0], [-1.0, 1.0]])
+
+    def force(drift: Floats) -> Floats:
+        return np.array([np.zeros_like(drift[0]), 1.5 * np.sin(drift[1] / 0.05)])
+
+    def rate(t: float, y: Floats) -> Floats:
+        drift, speed = drifts @ y[:2], drifts @ y[2:]
+        pull = drifts.T @ (60.0 * drift + 0.4 * speed + force(drift))
+        return np.concatenate([y[2:], -np.sin(2.0 * np.pi * 0.8 * t) - pull / mass])
+
+    times = np.arange(200) * 0.02
+    found = solve_ivp(rate, (0.0, times[-1]), np.zeros(4), t_eval=times, rtol=1e-9, atol=1e-11).y
+    relative = np.array([rate(t, y)[2:] for t, y in zip(times, found.T, strict=True)])
+    rng = np.random.default_rng(2)
+    total = relative[:, 0] + np.sin(2.0 * np.pi * 0.8 * times)
+    channels = {"acceleration_1": total, "drift_2": found[1] - found[0]}
+    noisy = {name: own + 0.002 * np.std(own) * rng.standard_normal(200) for name, own in channels.items()}
+    measured = posterior.record.with_channels(noisy)
+    posterior = replace(posterior, record=measured)
+    modes = distinct(*polish(posterior, np.full((1, 1), 0.5), n_iterations=20))
+    estimates = unnamed_forces(posterior, modes[0].point, UNNAMED_SCALE)
+    assert set(estimates) == {(1,), (2,), (1, 2)}
+    assert estimates[(2,)].gain > max(100.0, estimates[(1,)].gain + 20.0)
+    true = force(drifts @ found[:2])[1]
+    # The stiffness may take up the part that is linear in the drift.
+    drift = channels["drift_2"]
+    apart = [own - drift * (drift @ own) / (drift @ drift) for own in (true, estimates[(2,)].forces[2])]
+    assert np.corrcoef(*apart)[0, 1] > 0.9
+
+
+def test_where_a_building_has_it() -> None:
+    assert places_of(1) == ((1,),)
+    assert places_of(3) == ((1,), (2,), (3,), (1, 2, 3))

@@ -8,8 +8,10 @@ from scipy import signal
 
 from bwbn_bayes.discovery import search, workflow
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, hypotheses, scales_of
+from bwbn_bayes.discovery.pulses import with_pulse
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
+from bwbn_bayes.discovery.unnamed_storey import Estimate
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping
@@ -41,12 +43,12 @@ def record() -> Record:
 
 @pytest.fixture
 def without_unnamed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is asked of an unnamed force: each model that is asked costs a law of twenty more parameters."""
+    """Nothing is asked of an unnamed force: its pulses take a law of their own."""
 
-    def nothing(*_: Any) -> dict[int, float]:
+    def nothing(*_: Any) -> dict[tuple[int, ...], Estimate]:
         return {}
 
-    monkeypatch.setattr(search, "_first_order_gains", nothing)
+    monkeypatch.setattr(search, "unnamed_forces", nothing)
 
 
 def test_without_hypotheses_a_smooth_disagreement_is_an_unnamed_force(record: Record) -> None:
@@ -80,8 +82,11 @@ def test_laws_compiled_ahead_are_those_of_the_run(record: Record, monkeypatch: p
         for most in (MOST_CARRIED, np.inf)
     )
     (laws,) = ahead
+    every = hypotheses(MODEL, scales, measured=("drift_1",), most_carried=np.inf)
+    of_all = [h.model for h in every if h.carried][-1]
     assert list(laws.items()) == [
         (later[-1], False),
+        (with_pulse(of_all, 1, 1.0, of_all.carried).law, False),
         *((law, True) for law in list(dict.fromkeys(first_round))[:-3:-1]),
     ]
     assert first_round[0] not in laws

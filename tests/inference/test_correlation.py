@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from bwbn_bayes.inference.correlation import Correlation, SharedFunctions, autoregression, conditioned, order_cost
@@ -11,20 +13,18 @@ N = 60
 
 
 def covariance_of_autoregression(coefficients: Floats) -> Floats:
-    """Of errors that start from nothing: ``F^-1 F^-T`` with the filter's matrix written out."""
-    matrix = np.eye(N)
-    for lag, coefficient in enumerate(coefficients, start=1):
-        matrix -= coefficient * np.eye(N, k=-lag)
-    inverse = np.linalg.inv(matrix)
-    return inverse @ inverse.T
+    """Of a process without beginning: the squared sum of the answers to what was new, far back into the past."""
+    answer = lfilter([1.0], np.concatenate([[1.0], -coefficients]), np.eye(1, 3000)[0])
+    return toeplitz([float(answer[lag:] @ answer[: len(answer) - lag]) for lag in range(N)])
 
 
-@pytest.mark.parametrize("coefficients", [[], [0.7], [1.2, -0.4]])
+@pytest.mark.parametrize("coefficients", [[], [0.7], [1.2, -0.4], [0.9, 0.2, -0.3, 0.1]])
 def test_a_filter_is_the_normal_density_of_its_errors(coefficients: list[float]) -> None:
     own = np.array(coefficients)
     residual = np.random.default_rng(1).standard_normal((1, N))
-    white = Correlation(coefficients=(own,)).whitened(residual)[0]
-    density = -0.5 * np.sum(np.square(white)) - 0.5 * N * np.log(2.0 * np.pi)
+    correlation = Correlation(coefficients=(own,))
+    white = correlation.whitened(residual)[0]
+    density = -0.5 * np.sum(np.square(white)) - 0.5 * N * np.log(2.0 * np.pi) + correlation.log_volume
     expected = multivariate_normal(np.zeros(N), covariance_of_autoregression(own)).logpdf(residual[0])
     assert density == pytest.approx(expected)
 

@@ -1,0 +1,152 @@
+"""How a record answers to forces in a storey, whatever their history, to first order.
+
+A short force at one moment changes the response a little. Its answers at many moments, one after the other, are the
+columns of a matrix that turns any history of the force into what the sensors show of it: the equation of motion,
+linearised about the present fit, with the storey's own law in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, override
+
+import numpy as np
+import sympy as sp
+
+from bwbn_bayes.elements.law import AddedState, Effect, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.parameters import Floats, Normal, Parameter, Uniform, Value
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import PlacedEffect, Structure
+
+MOST_KNOTS = 1000
+"""Moments at which pulses stand, at most: they overlap, so that between two moments a history is a straight line."""
+_NEAR = 1e-5
+"""A pulse over the storey's largest force."""
+_MOST_NUMBERS = 2e7
+"""Numbers of a response that are held at a time."""
+_SOURCE = "first-order response to a triangular pulse"
+_CLOCK = symbol("pulse_clock")
+_FORCE, _TIME, _WIDTH = (
+    Parameter(symbol=name, unit=unit, neutral=neutral, description=text, source=_SOURCE)
+    for name, unit, neutral, text in (
+        ("pulse_force", "N", 0.0, "largest force of a pulse"),
+        ("pulse_time", "s", 0.0, "moment of a pulse"),
+        ("pulse_width", "s", 1.0, "half of a pulse's duration"),
+    )
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulse(Effect):
+    """``F + pulse_force max(0, 1 - |t - pulse_time| / pulse_width)``.
+
+    Parameters
+    ----------
+    width : float
+        Half of its duration. [s]
+    """
+
+    width: float = 1.0
+
+    name: ClassVar[str] = "pulse"
+    summary: ClassVar[str] = "a short force at one moment"
+    source: ClassVar[str] = _SOURCE
+    residual: ClassVar[str] = "an answer to a blow"
+    confusable: ClassVar[str] = "nothing"
+    parameters: ClassVar[tuple[Parameter, ...]] = (_FORCE, _TIME, _WIDTH)
+
+    @property
+    @override
+    def values(self) -> Mapping[str, Value]:
+        free = {_FORCE.symbol: Normal(0.0, 1.0), _TIME.symbol: Uniform(0.0, 1.0)}
+        return {**free, _WIDTH.symbol: self.width}
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        raise NotImplementedError("a pulse is a probe, not an effect that a structure may have")
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {_FORCE.symbol: (0.0,), _TIME.symbol: (0.0,)}
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        force, time, width = (symbol(p.symbol) for p in self.parameters)
+        pulse = force * sp.Max(0, 1 - sp.Abs(_CLOCK - time) / width)
+        clock = AddedState(state=_CLOCK, rate=sp.Integer(1))
+        return replace(slots, added_force=slots.added_force + pulse, added_states=(*slots.added_states, clock))
+
+
+def knots_of(record: Record) -> slice:
+    """Samples at which pulses stand, the last perhaps beyond the last of them."""
+    return slice(None, None, int(np.ceil(record.n_times / MOST_KNOTS)))
+
+
+def answers(
+    posterior: Posterior,
+    point: Floats,
+    storey: int,
+    histories: Floats,
+    largest: float,
+    carried: tuple[Effect, ...],
+) -> Floats:
+    """What channels show of forces in a storey, to first order.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the present model.
+    point : (n_dim,) array
+        Its fit, in the unit cube.
+    storey : int
+        From 1.
+    histories : (n_histories, n_knots) array
+        Of each force, at :func:`knots_of` the record. [N]
+    largest : float
+        The storey's largest force. [N]
+    carried : tuple of Effect
+        Others that share the compiled law.
+
+    Returns
+    -------
+    (n_histories, n_channels, n_times) array
+        [units of the channels]
+    """
+    record = posterior.record
+    result = np.zeros((len(histories), len(record.channels), record.n_times))
+    begun = 0
+    for rows in _pulses(posterior, point, storey, _NEAR * largest, carried):
+        result += np.tensordot(histories[:, begun : begun + len(rows)], rows, axes=1)
+        begun += len(rows)
+    return result
+
+
+def _pulses(
+    posterior: Posterior, point: Floats, storey: int, size: float, carried: tuple[Effect, ...]
+) -> Iterator[Floats]:
+    """Answers ``(n, n_channels, n_times)`` to unit pulses, so many moments at a time."""
+    record, base = posterior.record, posterior.model
+    times = np.arange(record.n_times)[knots_of(record)] * record.time_step
+    model = with_pulse(base, storey, record.time_step * knots_of(record).step, carried)
+    (values,), _ = posterior.split(point[None])
+    known = dict(zip(base.space.names, values, strict=True))
+    rows = np.array([[known.get(name, 0.0) for name in model.space.names]])
+    symbols = [p.symbol for p in model.space.parameters]
+    force, moment = symbols.index(_FORCE.symbol), symbols.index(_TIME.symbol)
+    at_rest = posterior.engine.simulate(model, rows, record).values
+    n_at_once = max(int(_MOST_NUMBERS / (len(record.channels) * record.n_times)), 16)
+    for first in range(0, len(times), n_at_once):
+        some = times[first : first + n_at_once]
+        draws = np.repeat(rows, len(some), axis=0)
+        draws[:, force], draws[:, moment] = size, some
+        yield (posterior.engine.simulate(model, draws, record).values - at_rest) / size
+
+
+def with_pulse(base: Structure, storey: int, width: float, carried: tuple[Effect, ...]) -> Structure:
+    """The model with a pulse in a storey, under a law that it shares with others."""
+    placed = PlacedEffect(effect=Pulse(width=width), storeys=(storey,))
+    return replace(base, carried=carried, effects=(*base.effects, placed))

@@ -161,13 +161,13 @@ def blind(seed: int, n_periods: int, workers: int) -> dict[str, object]:
     began = time.perf_counter()
     settings = DiscoverySettings(seed=seed, n_workers=workers, most_rounds=2, particles=1000)
     found = discover(BARE, estimation(n_periods, seed), settings=settings)
-    improved = found.improved
-    means = {name: float(np.mean(improved.result.tree["posterior"][name])) for name in improved.model.space.names}
+    posterior, improved = found.result.tree["posterior"], found.improved
+    means = {name: float(np.mean(posterior[name])) for name in improved.space.names}
     return {
         "model": "found from a linear oscillator",
         "verdict": found.verdict,
         "probabilities": dict(found.probabilities),
-        "rmse_m": errors(improved.model, improved.model.draws(means)),
+        "rmse_m": errors(improved, improved.draws(means)),
         "mean": means,
         "elapsed_s": time.perf_counter() - began,
     }

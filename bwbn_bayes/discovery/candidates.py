@@ -278,7 +278,7 @@ def _present(base: Structure, effect: Effect, storeys: tuple[int, ...]) -> bool:
         return False
     # Yield displacement and ratio together stand for beta and gamma; what made a linear link hysteretic has its own.
     element = base.element.values
-    values = [element[name] for name in (own, "u_y", "rho") if name in element]
+    values = [element[name] for name in ([own] if own in element else ["u_y", "rho"]) if name in element]
     free_here = all(isinstance(v, PerStorey) or (base.n_links == 1 and isinstance(v, Prior)) for v in values)
     return len(storeys) > 1 or free_here
 

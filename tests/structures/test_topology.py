@@ -11,7 +11,21 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import bwbn_bayes
-from bwbn_bayes import BoucWen, Linear, Oscillator, Record, ShearBuilding, UserError, as_force, multisine, sweep
+from bwbn_bayes import (
+    BoucWen,
+    Linear,
+    Oscillator,
+    Record,
+    ShearBuilding,
+    UserError,
+    as_dataframe,
+    as_force,
+    multisine,
+    read_record,
+    record_from_dataframe,
+    sweep,
+    write_record,
+)
 from bwbn_bayes.elements.effects import BaseFlexibility, CubicStiffness, Hysteresis, MassError, StrengthDegradation
 from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes
@@ -229,3 +243,30 @@ def test_no_room_asks_which_constructor_made_a_structure():
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("isinstance", "issubclass"):
                 asked = {one.id for one in ast.walk(node.args[1]) if isinstance(one, ast.Name)}
                 assert not asked & {"ShearBuilding", "Specimen", "Oscillator"}, path
+
+
+def test_forces_survive_every_kind_of_file(tmp_path):
+    record = Record(
+        name="pushed",
+        time_step=0.01,
+        excitation=np.zeros(20),
+        forces={"applied_force_1": np.sin(np.arange(20.0))},
+        channels={"displacement_1": np.cos(np.arange(20.0))},
+    )
+    for name in ("record.csv", "record.nc"):
+        write_record(record, tmp_path / name)
+        found = read_record(tmp_path / name)
+        assert found.content_hash == record.content_hash, name
+    assert record_from_dataframe(as_dataframe(record)).content_hash == record.content_hash
+    shaken = Record(**{**record._plain_fields(), "excitation": np.ones(20)})
+    write_record(shaken, tmp_path / "both.csv")
+    assert read_record(tmp_path / "both.csv").content_hash == shaken.content_hash
+
+
+def test_a_record_s_storey_forces_count_the_forces_from_outside():
+    record = driven(2)
+    channels = [f"acceleration_{i}" for i in (1, 2, 3)] + ["force_1", "force_2"]
+    plain = ShearBuilding(masses=MASSES, storey=STOREY)
+    values = dict(zip(channels, Reference().simulate(plain, np.zeros((1, 0)), record, channels).values[0], strict=True))
+    measured = record.with_channels({name: values[name] for name in channels[:3]}).storey_forces(MASSES)
+    np.testing.assert_allclose(measured[:2], [values["force_1"], values["force_2"]], atol=1e-9)

@@ -19,6 +19,7 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -68,7 +69,7 @@ GIVEN = Oscillator(
 BARE = Oscillator(mass=MASS, spring=Linear(k=LogNormal(8e4, 0.5), c=Uniform(0.0, 200.0)))
 
 
-@numba.njit
+@numba.njit  # type: ignore[untyped-decorator]
 def solved(force: Floats, step: float) -> Floats:
     """Displacement of the benchmark's own equations at every instant of a finely sampled force, by RK4 from rest."""
     m, c, k, a, b, g, d = 2.0, 10.0, 5e4, 5e4, 1e3, 0.8, -1.1
@@ -136,12 +137,12 @@ def errors(model: Structure, point: Floats) -> dict[str, float]:
     return found
 
 
-def with_structure(seed: int) -> dict[str, object]:
+def with_structure(seed: int) -> dict[str, Any]:
     """Identify the Bouc-Wen oscillator; are the true values in their 99 % intervals, and what do the means predict."""
     began = time.perf_counter()
     result = identify(GIVEN, estimation(N_PERIODS, seed), settings=Settings(seed=seed, particles=2000))
     posterior = result.tree["posterior"]
-    draws = {name: posterior[name].values.ravel() for name in TRUTH}
+    draws = {name: np.ravel(posterior[name]) for name in TRUTH}
     inside = {
         name: bool(np.quantile(values, 0.005) <= TRUTH[name] <= np.quantile(values, 0.995))
         for name, values in draws.items()
@@ -156,7 +157,7 @@ def with_structure(seed: int) -> dict[str, object]:
     }
 
 
-def blind(seed: int, n_periods: int, workers: int) -> dict[str, object]:
+def blind(seed: int, n_periods: int, workers: int) -> dict[str, Any]:
     """Discover what a linear oscillator lacks, and what the improved model predicts."""
     began = time.perf_counter()
     settings = DiscoverySettings(seed=seed, n_workers=workers, most_rounds=2, particles=1000)

@@ -432,7 +432,7 @@ def _check_joints(structure: Structure) -> None:
         return
     n = structure.n_floors
     for number, pair in enumerate(structure.joints, 1):
-        if not (len(pair) == 2 and all(isinstance(one, Integral) and 0 <= one <= n for one in pair)):
+        if len(list(pair)) != 2 or not set(pair) <= set(range(n + 1)):
             raise UserError(f"link {number} joins {pair}: give two nodes from 0, the ground, to {n}")
         if pair[0] == pair[1]:
             raise UserError(f"link {number} joins node {pair[0]} with itself: give two different nodes")

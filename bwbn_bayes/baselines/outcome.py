@@ -210,7 +210,7 @@ def _measurement(
     groups = {
         "observed_data": xr.Dataset(measured, coords=time),
         "prediction": xr.Dataset(predicted, coords=time),
-        "constant_data": constant_dataset(model, record, storeys),
+        "constant_data": constant_dataset(model, record),
     }
     if truth is not None:
         groups["true_response"] = response_dataset(truth, record.times, storeys).isel(draw=0)

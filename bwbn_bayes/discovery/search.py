@@ -260,9 +260,13 @@ def _left_out(pool: Pool, run: Run) -> Iterator[Explanation]:
         kept = [one for one in best.added if one is not left_out]
         if key_of(kept) in pool.plain or run.must_stop():
             continue
-        added = rebuilt(pool.plain[frozenset()], kept, run)
+        try:
+            added = rebuilt(pool.plain[frozenset()], kept, run)
+            own = added[-1].model.space.names
+        except UserError:  # what is kept acts on what the other one makes of a link
+            continue
         names = best.posterior.space.names
-        columns = [names.index(name) for name in added[-1].model.space.names]
+        columns = [names.index(name) for name in own]
         points = np.array([mode.point[columns] for mode in best.modes[:N_CANDIDATES]])
         yield from _fitted(pool.plain[frozenset()], added, run, points=points)
 

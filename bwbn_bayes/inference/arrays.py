@@ -182,7 +182,7 @@ def response_dataset(
 ) -> xr.Dataset:
     """Histories ``(n_draws, n_storeys, n_times)`` by kind, with the names of storeys, floors and times."""
     place = {kind: {"acceleration": "floor", BASE_DISPLACEMENT: "base"}.get(kind, "storey") for kind in rows}
-    floors = list(range(1, rows["acceleration"].shape[1] + 1))
+    floors = list(range(1, rows["acceleration"].shape[1] + 1)) if "acceleration" in rows else storeys
     return xr.Dataset(
         {
             kind: ((over, place[kind], "time"), values.astype(np.float32, copy=False), {"units": _UNITS[kind]})

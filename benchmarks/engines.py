@@ -149,7 +149,7 @@ def _observer(kernel: ModuleType) -> Callable[..., None]:
     return compiled
 
 
-def building(n_storeys: int, sigma: float) -> ShearBuilding:
+def building(n_storeys: int, sigma: float) -> Structure:
     """The paper's storey, with slip of width sigma and three storeys' times of damage."""
     storey = BoucWen(
         k=PerStorey(Uniform(5, 15)),
@@ -188,7 +188,7 @@ TRUTH = {
 }
 
 
-def draws_around_truth(model: ShearBuilding) -> Floats:
+def draws_around_truth(model: Structure) -> Floats:
     """Draws ``(64, n_parameters)`` within some per cent of the truth, the truth itself first."""
     truth = np.array([TRUTH[parameter.symbol] for parameter in model.space.parameters])
     spread = np.random.default_rng(1).normal(size=(N_DRAWS, len(truth)))
@@ -279,7 +279,7 @@ def ratios_at(rows: Sequence[Row], sigma: float, error: float) -> dict[str, floa
     }
 
 
-def growth(sizes: Sequence[float], cases: Sequence[tuple[ShearBuilding, Record]], n_rounds: int) -> dict[str, object]:
+def growth(sizes: Sequence[float], cases: Sequence[tuple[Structure, Record]], n_rounds: int) -> dict[str, object]:
     """Cost per solve of the lanes against size, and the exponent of the power law fitted to it.
 
     Equal steps: how many a refined solve takes depends on how often it slips, which changes along the record.

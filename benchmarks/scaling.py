@@ -25,6 +25,7 @@ from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.executors import spread
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.summary import processor_name
+from bwbn_bayes.structures.structure import Structure
 
 ENGINE = Lanes(resolution=0.25, n_threads=1)
 CASES = ((1, 1000), (1, 10_000), (1, 100_000), (3, 7500), (10, 7500), (30, 2000))
@@ -43,7 +44,7 @@ class Cost:
     efficiency: float
 
 
-def problem(storeys: int, samples: int) -> tuple[ShearBuilding, Record]:
+def problem(storeys: int, samples: int) -> tuple[Structure, Record]:
     """A building and what it is solved under; the measured signals are zero, which costs the same."""
     storey = BoucWen(k=PerStorey(Uniform(1e4, 3e4)), c=50.0, alpha=0.1, A=1.0, beta=2.0, gamma=1.0, n=1.5)
     ground = filtered_noise(np.random.default_rng(1), (samples - 1) * TIME_STEP, TIME_STEP, rms=1.0)
@@ -51,7 +52,7 @@ def problem(storeys: int, samples: int) -> tuple[ShearBuilding, Record]:
     return ShearBuilding(masses=[10.0] * storeys, storey=storey), ground.with_channels(channels)
 
 
-def seconds(engine: Engine, model: ShearBuilding, record: Record, draws: np.ndarray) -> float:
+def seconds(engine: Engine, model: Structure, record: Record, draws: np.ndarray) -> float:
     """Best time of a batch."""
     times = []
     for _ in range(ROUNDS):

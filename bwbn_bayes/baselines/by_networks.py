@@ -36,6 +36,10 @@ class ByNetworks:
         model, record, settings, listener = task.model, task.record, task.settings, task.listener
         if model.is_driven:
             raise UserError("IPV needs a ShearBuilding: in a specimen the force is measured, there is none to learn")
+        if not model.is_chain or record.forces:
+            raise UserError(
+                "IPV needs storeys alone under a moving ground: it cannot tell a brace or an applied force apart"
+            )
         require_usable(model, record)
         require_whole(record)
         if listener is not None:

@@ -248,14 +248,15 @@ def _places(effect_class: type[Effect], base: Structure, measured: Sequence[str]
         return ((),) if not base.is_driven else ()
     if effect_class.level != "link" and base.is_driven:
         return ()
-    storeys = range(1, (base.n_links if effect_class.level == "link" else base.n_floors) + 1)
     if effect_class.level == "link":
-        storeys = tuple(i for i in storeys if base.element_of(i) in effect_class.elements)
+        storeys = tuple(i for i in range(1, base.n_links + 1) if base.element_of(i) in effect_class.elements)
+    else:
+        storeys = tuple(range(1, base.n_floors + 1))
     if effect_class.level == "observation":
         return tuple((s,) for s in storeys if f"acceleration_{s}" in measured)
     single = tuple((s,) for s in storeys)
     # Storeys are alike more often than floors are: what one lacks, all may lack.
-    return (*single, tuple(storeys)) if effect_class.level == "link" and len(storeys) > 1 else single
+    return (*single, storeys) if effect_class.level == "link" and len(storeys) > 1 else single
 
 
 def _addable(base: Structure, effect: Effect) -> bool:
@@ -276,9 +277,9 @@ def _present(base: Structure, effect: Effect, storeys: tuple[int, ...]) -> bool:
     own = getattr(effect, "parameter", None) if effect.name == "storey_parameter" else None
     if own is None:
         return False
-    # Yield displacement and ratio together stand for beta and gamma.
+    # Yield displacement and ratio together stand for beta and gamma; what made a linear link hysteretic has its own.
     element = base.element.values
-    values = [element[name] for name in ([own] if own in element else ["u_y", "rho"])]
+    values = [element[name] for name in ([own] if own in element else ["u_y", "rho"]) if name in element]
     free_here = all(isinstance(v, PerStorey) or (base.n_links == 1 and isinstance(v, Prior)) for v in values)
     return len(storeys) > 1 or free_here
 

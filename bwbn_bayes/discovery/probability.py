@@ -190,7 +190,8 @@ def log_prior(one: Explanation, n_effects: int, variants: Mapping[str, int]) -> 
     count = n_added * np.log(ANOTHER) if one.has_unnamed else (n_added - 1) * np.log(ANOTHER)
     result = np.log1p(-NOTHING_MISSING) + count + np.log1p(-ANOTHER) + gammaln(n_added + 1)
     result += np.log(UNNAMED) - np.log(one.n_places) if one.has_unnamed else np.log1p(-UNNAMED)
-    return float(result - sum(np.log(n_effects * variants[hypothesis.name]) for hypothesis in one.added))
+    # What the model as given has no place for can still act on what another effect makes of it.
+    return float(result - sum(np.log(n_effects * max(variants[hypothesis.name], 1)) for hypothesis in one.added))
 
 
 def cost_of_another(name: str, variants: Mapping[str, int]) -> float:

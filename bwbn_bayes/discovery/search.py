@@ -260,9 +260,13 @@ def _left_out(pool: Pool, run: Run) -> Iterator[Explanation]:
         kept = [one for one in best.added if one is not left_out]
         if key_of(kept) in pool.plain or run.must_stop():
             continue
-        added = rebuilt(pool.plain[frozenset()], kept, run)
+        try:
+            added = rebuilt(pool.plain[frozenset()], kept, run)
+            own = added[-1].model.space.names
+        except UserError:  # what is kept acts on what the other one makes of a link
+            continue
         names = best.posterior.space.names
-        columns = [names.index(name) for name in added[-1].model.space.names]
+        columns = [names.index(name) for name in own]
         points = np.array([mode.point[columns] for mode in best.modes[:N_CANDIDATES]])
         yield from _fitted(pool.plain[frozenset()], added, run, points=points)
 
@@ -333,12 +337,13 @@ def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:
 def _unnamed(pool: Pool, run: Run) -> None:
     """The best explanations of a building, each with less, and the model as given, beside an unnamed force."""
     best = pool.laws_alone
-    near = [one for one, log in zip(best.explanations, best.log_joint, strict=True) if log > best.log_joint[0] - REACH]
+    most = best.log_joint[0]
+    near = [one for one, log in zip(best.explanations, best.log_joint, strict=True) if log > most - REACH]
     wanted = {one.effects_key: one for one in near[:_N_UNNAMED]}
     wanted |= {key: one for key, one in pool.plain.items() if key < best.best.effects_key}
-    waiting = [one for key, one in wanted.items() if not any(other == key for other, _ in pool.unnamed)]
-    run.say(f"weighing {len(waiting)} explanations beside a force of no known law")
-    asked = [(one, run) for one in waiting]
+    run.say(f"weighing {len(wanted)} explanations beside a force of no known law")
+    behind = dict(zip((one.effects_key for one in best.explanations), most - best.log_joint, strict=True))
+    asked = [(one, float(behind[key]), run) for key, one in wanted.items()]
     tell = "weighed {} explanations with a force of no known law"
     for _, found in run.pace.each(_with_unnamed, asked, run.settings.n_workers, tell):
         for one in found:
@@ -346,18 +351,18 @@ def _unnamed(pool: Pool, run: Run) -> None:
             pool.unnamed[one.effects_key, one.unnamed] = one
 
 
-def _with_unnamed(asked: tuple[Explanation, Run]) -> list[Explanation]:
-    """An explanation with an unnamed force in each storey, and in all."""
-    one, run = asked
+def _with_unnamed(asked: tuple[Explanation, float, Run]) -> list[Explanation]:
+    """An explanation with an unnamed force in each storey, and in all; so many nats behind the best without one."""
+    one, behind, run = asked
     posterior, best = on_one_thread(one.evidence.posterior), one.evidence.modes[0].point
-    found = unnamed_forces(posterior, best, UNNAMED_SCALE, all_but(one.added, run))
-    log_evidence = one.evidence.log_evidence
+    found = unnamed_forces(posterior, best, UNNAMED_SCALE, all_but(one.added, run), matters=behind)
+    evidence = one.evidence
     return [
         replace(
             one,
             unnamed=place,
-            forces=own.forces,
-            evidence=replace(one.evidence, log_evidence=log_evidence + own.gain, method="Laplace"),
+            estimate=own,
+            evidence=replace(evidence, log_evidence=evidence.log_evidence + own.gain, method="Laplace"),
         )
         for place, own in found.items()
     ]

@@ -46,13 +46,16 @@ def _experiments(record: Record, period: float) -> Mapping[str, Record]:
     """The same motion weaker and stronger; for a building a sine at the first period that grows to its peak too."""
     of_building = record.excitation_kind == "ground_acceleration"
     motion = "The same ground motion" if of_building else "The same displacement history"
+    motion = "The same forces" if record.forces else motion
     scaled = {
         f"{motion} at {strength:g} times its {'strength' if of_building else 'size'}": replace(
-            record, excitation=strength * record.excitation
+            record,
+            excitation=strength * record.excitation,
+            forces={name: strength * force for name, force in record.forces.items()},
         )
         for strength in STRENGTHS
     }
-    if not of_building:
+    if not of_building or record.forces:
         return scaled
     time = record.times
     growth = np.minimum(time / (N_CYCLES * period), 1.0)

@@ -119,7 +119,11 @@ def _law_of(
     known = {one.subject: one.expression for one in derived if one.expression.is_number}
     shown = [one for one in derived if one.subject in slots.increments or one.subject not in known]
     known = {subject: value for subject, value in known.items() if subject not in slots.increments}
-    shown += [replace(one, expression=one.expression.xreplace(known)) for one in definitions]
+    written = [replace(one, expression=one.expression.xreplace(known)) for one in definitions]
+    # A link without a hysteretic spring is told without its states.
+    is_linear = not {HYSTERETIC_DISPLACEMENT, ENERGY} & outputs[FORCE].free_symbols
+    idle = {step("f"), rate_of(HYSTERETIC_DISPLACEMENT), rate_of(ENERGY)} if is_linear and known else set()
+    shown += [one for one in written if one.subject not in idle]
     return StoreyLaw(
         parameters=parameters,
         states=(*own, *(added.state for added in slots.floor_states)),

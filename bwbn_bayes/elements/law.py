@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self, cast
 
 import sympy as sp
 
@@ -344,9 +344,11 @@ class StoreyLaw:
     def derived_from[T](self, parameters: Mapping[str, T]) -> dict[str, T]:
         """The derived symbols by name from the parameters by symbol, numbers or arrays of one shape."""
         own = [parameters[one.name] for one in self.symbols]
-        values = {one.subject.name: sp.lambdify(self.symbols, one.expression, "numpy")(*own) for one in self.derived}
-        # A number takes the shape of the parameters.
-        return {name: value + 0.0 * own[0] if isinstance(value, int) else value for name, value in values.items()}
+        values: dict[str, Any] = {
+            one.subject.name: sp.lambdify(self.symbols, one.expression, "numpy")(*own) for one in self.derived
+        }
+        nought = 0.0 * cast(Any, own[0])  # a number takes the shape of the parameters
+        return {name: value + nought if isinstance(value, int) else value for name, value in values.items()}
 
     @cached_property
     def event_parameters(self) -> tuple[int, ...]:

@@ -48,11 +48,6 @@ class PlaceResponse:
         return float(self.histories["hysteretic_energy"][-1])
 
     @property
-    def travel(self) -> float:
-        """Way [m] that the drift has gone."""
-        return float(np.sum(np.abs(np.diff(self.histories["drift"]))))
-
-    @property
     def loop(self) -> tuple[Floats, Floats]:
         """Drift [m] and storey force [N]."""
         return self.histories["drift"], self.histories["restoring_force"]

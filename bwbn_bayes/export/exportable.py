@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
+from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.engines.base import Status
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.errors import UserError
@@ -83,6 +84,12 @@ class Exportable:
         return not self.masses
 
 
+_STOREYS_ALONE = (
+    "only storeys under a moving ground are exported to OpenSees: leave out links that carry no floor, and applied "
+    "forces"
+)
+
+
 def of_model(model: Structure, record: Record, values: Mapping[str, float], *, name: str) -> Exportable:
     """A model at known values.
 
@@ -101,6 +108,8 @@ def of_model(model: Structure, record: Record, values: Mapping[str, float], *, n
     UserError
         If a value is missing or wrong, or the model cannot be solved there.
     """
+    if not (model.is_chain or model.is_driven) or record.forces:
+        raise UserError(_STOREYS_ALONE)
     draws = model.draws(values)
     channels = [f"{kind}_{storey}" for storey in range(1, model.n_links + 1) for kind in _HISTORIES]
     response = Reference().simulate(model, draws, record, channels)
@@ -146,6 +155,8 @@ def of_result(result: Result, at: Point = "mean") -> Exportable:
                 "export one of a method that identifies parameters, such as importance"
             )
     constant = tree["constant_data"].to_dataset()
+    if "mass" in constant and constant.sizes.get("floor") != tree["parameters_by_storey"].sizes["storey"]:
+        raise UserError(_STOREYS_ALONE)
     kind = next((kind for kind in _TRUSTED_EXCITATIONS if kind in constant), None)
     if kind is None or (kind == "ground_acceleration" and "mass" not in constant):
         raise UserError("the result does not say its masses and its excitation: identify once more with this version")
@@ -180,6 +191,8 @@ def _link(number: int, parameters: Mapping[str, float], histories: Sequence[Floa
     if wrong:
         raise UserError(f"storey {number}: {', '.join(wrong)} is not finite, which no script can hold")
     drift, drift_rate, force = histories
+    if "alpha" not in parameters:
+        parameters = {**parameters, **{one.subject.name: float(one.expression) for one in Linear.derived}}
     return Link(number=number, parameters=parameters, drift=drift, drift_rate=drift_rate, force=force)
 
 

@@ -128,11 +128,10 @@ def _record_of(table: Table, items: Sequence[Item], columns: str | None) -> Reco
         if abs(times[0]) > CLOCK_JITTER * step:
             labels = replace(labels, provenance={"start_time": f"{times[0]:.12g} s", **labels.provenance})
     forces = {name: values.pop(name) for name in [*values] if is_input(name)}
-    still = np.zeros(len(next(iter(forces.values())))) if forces else None
     return Record(
         name=labels.name,
         time_step=step,
-        excitation=values.pop(kind, still),
+        excitation=values.pop(kind) if kind in values else np.zeros(len(next(iter(forces.values())))),
         excitation_kind=kind,
         forces=forces,
         channels=values,

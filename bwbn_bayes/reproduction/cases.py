@@ -122,7 +122,13 @@ def building(case: Case, options: Options, *, identified: bool) -> Structure:
     damaged = PerStorey(times if options.damage_order == "123" else times[::-1])
     row = one_row(1, excitation=case.excitation, quantity="true")
     storey = BoucWen(
-        k=per_storey("k"), c=per_storey("c"), **{name: value(name) for name in ("alpha", "A", "beta", "gamma", "n")}
+        k=per_storey("k"),
+        c=per_storey("c"),
+        alpha=value("alpha"),
+        A=value("A"),
+        beta=value("beta"),
+        gamma=value("gamma"),
+        n=value("n"),
     )
     return (
         ShearBuilding(masses=[float(row[f"m{i}"]) for i in STOREYS], storey=storey)

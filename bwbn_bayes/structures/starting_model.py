@@ -69,10 +69,15 @@ def starting_model(record: Record, masses: Sequence[float] | None = None) -> Str
     Raises
     ------
     UserError
-        If the record measures nothing or nothing in it moves, or masses are given for a specimen.
+        If the record measures nothing, is driven by forces or nothing in it moves, or masses are given for a specimen.
     """
     if not record.channels:
         raise UserError(f"record {record.name!r} measures nothing: a model to start from needs a measured channel")
+    if record.forces:
+        raise UserError(
+            f"record {record.name!r} is driven by {', '.join(record.forces)}: stiffness is read off ground motions "
+            "alone; write a model file, for one mass an Oscillator"
+        )
     still = [
         name for name, y in [(record.excitation_kind, record.excitation), *record.channels.items()] if not np.ptp(y)
     ]
@@ -125,7 +130,7 @@ def first_frequency(record: Record) -> float:
     return float(frequency[1:][np.argmax(over_ground[1:])])
 
 
-def _specimen(record: Record) -> Specimen:
+def _specimen(record: Record) -> Structure:
     travel, peak = (float(np.max(np.abs(y))) for y in (record.excitation, record.channels["force"]))
     stiffness = initial_stiffness(record)
     damping: float | Prior = 0.0

@@ -152,6 +152,7 @@ class Structure:
                 )
             object.__setattr__(self, "heights", heights)
         _check_joints(self)
+        _check_places(self)
         _ = self.space
 
     @property
@@ -207,10 +208,11 @@ class Structure:
     def element_of(self, link: int) -> str:
         """Name of the element that a link (from 1) is, once its effects are counted in."""
         placed = [one.effect.makes for one in self.effects if link in one.storeys and one.effect.makes]
-        return placed[-1] if placed else self._elements[link - 1].name
+        return placed[-1] if placed else self.elements[link - 1].name
 
     @cached_property
-    def _elements(self) -> tuple[Element, ...]:
+    def elements(self) -> tuple[Element, ...]:
+        """The element of each link."""
         return tuple(group.element for group in self.links for _ in group.joins)
 
     @cached_property
@@ -267,13 +269,8 @@ class Structure:
             raise UserError(
                 f"{effect.name}: storeys {list(placed)} must be numbers from 1 to {n_places} in increasing order"
             )
-        if not placed or not set(placed) <= set(possible):
-            elements = " or ".join(effect.elements)
-            raise UserError(
-                f"{effect.name} acts on {elements} links: the model's "
-                f"{f'link {min(set(placed) - set(possible))} is another' if placed else 'links are others'}, "
-                "leave it out there"
-            )
+        if not placed:
+            raise UserError(f"{effect.name} acts on {' or '.join(effect.elements)} links, of which the model has none")
         return placed
 
     def with_values(self, values: Mapping[str, float | Prior]) -> Self:
@@ -435,7 +432,7 @@ def _check_joints(structure: Structure) -> None:
         return
     n = structure.n_floors
     for number, pair in enumerate(structure.joints, 1):
-        if not (len(pair) == 2 and all(isinstance(one, Integral) and 0 <= one <= n for one in pair)):
+        if len(list(pair)) != 2 or not set(pair) <= set(range(n + 1)):
             raise UserError(f"link {number} joins {pair}: give two nodes from 0, the ground, to {n}")
         if pair[0] == pair[1]:
             raise UserError(f"link {number} joins node {pair[0]} with itself: give two different nodes")
@@ -451,6 +448,18 @@ def _check_joints(structure: Structure) -> None:
             f"{structure.n_links} links for {n} masses: every node needs one that carries it, see node "
             f"{structure.n_links + 1}"
         )
+
+
+def _check_places(structure: Structure) -> None:
+    """Effects on links act on elements that they are made for."""
+    for placed in structure.effects:
+        effect = placed.effect
+        for link in placed.storeys if effect.level == "link" else ():
+            if not {structure.element_of(link), structure.elements[link - 1].name} & {*effect.elements}:
+                raise UserError(
+                    f"{effect.name} acts on {' or '.join(effect.elements)} links: storey {link} of the model is "
+                    f"{structure.element_of(link)}, leave it out there"
+                )
 
 
 def _check_symbols(law: StoreyLaw, sensors: SensorLaw) -> None:

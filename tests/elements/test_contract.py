@@ -14,6 +14,7 @@ from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import SuddenDamage
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Effect, StoreyLaw
+from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.engines.codegen import derivative
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
@@ -30,8 +31,13 @@ def label(form: Effect) -> str:
 
 
 @cache
-def law_of(effects: tuple[Effect, ...]) -> StoreyLaw:
-    return combine(PLAIN.parameters, PLAIN.constraints, effects)
+def law_of(effects: tuple[Effect, ...], base: BoucWen | Linear = PLAIN) -> StoreyLaw:
+    return combine(base.parameters, base.constraints, effects, base.derived)
+
+
+def base_of(form: Effect) -> BoucWen | Linear:
+    """What the effect can act on."""
+    return PLAIN if "bouc_wen" in form.elements else Linear(k=1.0)
 
 
 def evaluate(law: StoreyLaw, neutral: tuple[Effect, ...]) -> np.ndarray:
@@ -47,7 +53,7 @@ def evaluate(law: StoreyLaw, neutral: tuple[Effect, ...]) -> np.ndarray:
 
     symbols = (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *(event.indicator for event in law.events))
     function = sp.lambdify(symbols, (law.force, *law.rates[:2]), "numpy")
-    return np.array(function(*(values(s) for s in symbols)))
+    return np.array([np.broadcast_to(one, N_STATES) for one in function(*(values(s) for s in symbols))])
 
 
 def random_values(name: str) -> np.ndarray:
@@ -75,27 +81,28 @@ def companions(form: Effect) -> tuple[Effect, ...]:
         other
         for other in FORMS
         if not own & {p.symbol for p in other.parameters}
+        and "bouc_wen" in other.elements
         and not (isinstance(other, SuddenDamage) and other.parameter in own)
     )
 
 
 @pytest.mark.parametrize("form", FORMS, ids=label)
 def test_neutral_changes_nothing_alone(form):
-    plain, extended = evaluate(law_of(()), ()), evaluate(law_of((form,)), (form,))
+    plain, extended = (evaluate(law_of(effects, base_of(form)), effects) for effects in ((), (form,)))
     np.testing.assert_allclose(extended, plain, rtol=1e-12)
 
 
 @pytest.mark.parametrize("form", FORMS, ids=label)
 def test_neutral_changes_nothing_beside_the_others(form):
     others = companions(form)
-    without, extended = evaluate(law_of(others), ()), evaluate(law_of((*others, form)), (form,))
+    without, extended = (evaluate(law_of((*others, *own), base_of(form)), own) for own in ((), (form,)))
     np.testing.assert_allclose(extended, without, rtol=1e-12)
 
 
 @pytest.mark.parametrize("form", FORMS, ids=label)
 def test_away_from_neutral_it_changes_something(form):
     others = () if not isinstance(form, SuddenDamage) else companions(form)
-    law = law_of((*others, form))
+    law = law_of((*others, form), base_of(form))
     assert not np.allclose(evaluate(law, ()), evaluate(law, (form,)), rtol=1e-3)
 
 
@@ -103,7 +110,7 @@ def test_away_from_neutral_it_changes_something(form):
 def test_derivatives_are_those_of_finite_differences(form):
     """Of force and rates with respect to drift, drift rate, states and the effect's parameters, almost everywhere."""
     others = () if not isinstance(form, SuddenDamage) else DEGRADING
-    law = law_of((*others, form))
+    law = law_of((*others, form), base_of(form))
     own = {p.symbol for p in form.parameters}
     symbols = (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *(event.indicator for event in law.events))
     variables = [s for s in symbols if s.name in own or s in (DRIFT, DRIFT_RATE, *law.states)]

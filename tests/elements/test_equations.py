@@ -28,7 +28,12 @@ from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 
 PLAIN = BoucWen(k=1.0, beta=1.0, gamma=0.0)
-EVERYTHING = tuple(form for kind in registered() if kind.level == "link" for form in kind.neutral_forms())
+EVERYTHING = tuple(
+    form
+    for kind in registered()
+    if kind.level == "link" and "bouc_wen" in kind.elements
+    for form in kind.neutral_forms()
+)
 
 DEGRADING = tuple(
     form

@@ -103,8 +103,8 @@ def test_the_effects_of_a_record_without_time():
     """Written out by hand, so that no change of a law moves an effect from one side to the other unseen."""
     static = {form.name for form in AT_STOREYS if not form.needs_time}
     assert static == {
-        "asymmetry", "backlash", "coulomb_friction", "cubic_stiffness", "foliente_pinching", "gap_impact", "slip_lock",
-        "stiffness_degradation", "storey_parameter", "strength_degradation",
+        "asymmetry", "backlash", "coulomb_friction", "cubic_stiffness", "foliente_pinching", "gap_impact", "hysteresis",
+        "slip_lock",         "stiffness_degradation", "storey_parameter", "strength_degradation",
     }  # fmt: skip
     assert [f.form for f in AT_STOREYS if f.name == "coulomb_friction" and not f.needs_time] == ["sticking (Dahl)"]
 

@@ -34,6 +34,7 @@ NUISANCES = {
     "v_root": 0.05, "x_dahl": 0.02, "g": 0.5, "g_p": 0.5, "g_n": 0.5, "tau": 0.3, "w": 0.004, "f_t": 0.6, "m_b": 1.0,
     "k_time": 5.0, "u_uv": 0.03, "u_u": 0.03, "p_eta": 0.1, "p_nu": 0.1,
     "b_eta": 0.1, "m_eta": 0.7, "E_eta": 8.0, "b_nu": 0.1, "m_nu": 1.6, "E_nu": 8.0,
+    "beta_h": 2.0, "gamma_h": 0.5, "n_h": 1.5, "x_h": 1.1,
     "sigma_w": 0.03, "e_w": 1.0, "q_w": 0.8, "p_w": 1.6, "E_w": 8.0, "p_h": 2.2, "u_h": 1.1, "p_q": 1.6, "v_q": 2.2,
     "x_d": 0.02, "r_d": 0.8, "g_d": 0.3, "u_d": 1.1,
     **{name + side: size for side in ("", "p", "n") for name, size in

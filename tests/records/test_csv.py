@@ -215,7 +215,10 @@ BAD_FILES = [
     ),
     (
         lines(header=HEADER.replace("ground_acceleration", "drift_1")),
-        "{path}, line 1: column ground_acceleration is missing (displacement for a cyclic test), add it",
+        (
+            "{path}, line 1: column ground_acceleration is missing (applied_force_1 for a force on floor 1, "
+            "displacement for a cyclic test), add it"
+        ),
     ),
     (
         lines(header=HEADER.replace("time [s]", "drift_1 [m]")),

@@ -69,6 +69,6 @@ def identify(
         name=name,
         assumptions=assumptions,
         listener=listener,
-        beside=alternatives_check,
+        beside=alternatives_check if settings.alternatives else None,
     )
     return method(settings.method).identify(task)

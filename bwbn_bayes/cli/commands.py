@@ -112,6 +112,12 @@ def identify(
         typer.Option("--variant", help="TMCMC as calibrated or published (plain); SMC batched or PyMC's own (plain)."),
     ] = "default",
     sampler: Annotated[Literal["pymc", "nutpie"], typer.Option("--sampler", help="Whose NUTS.")] = "pymc",
+    alternatives: Annotated[
+        bool,
+        typer.Option(
+            "--alternatives/--no-alternatives", help="Ask the catalogue what else would explain the record, or not."
+        ),
+    ] = True,
     checkpoint: Annotated[
         Path | None,
         typer.Option("--checkpoint", help="Where what is solved is kept, without suffix; a run cut off goes on."),
@@ -143,6 +149,7 @@ def identify(
                 particles=particles,
                 variant=variant,
                 sampler=sampler,
+                alternatives=alternatives,
                 checkpoint=checkpoint,
                 workers=workers,
                 scheduler=scheduler,

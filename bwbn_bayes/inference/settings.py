@@ -37,6 +37,9 @@ class Settings:
         failed, unless their weights have no tail to judge by.
     sampler : {"pymc", "nutpie"}
         Whose NUTS.
+    alternatives : bool
+        Whether the catalogue is asked what else would explain the record: a second once its law is compiled, which
+        takes up to half a minute the first time.
     checkpoint : Path, optional
         Name (without suffix) under which is kept what was solved, and from which a run that was cut off goes on to the
         same result, bit for bit but for its times.
@@ -53,6 +56,7 @@ class Settings:
     variant: Literal["default", "plain"] = "default"
     fallback: bool = True
     sampler: Literal["pymc", "nutpie"] = "pymc"
+    alternatives: bool = True
     checkpoint: Path | None = None
     workers: int = 1
     scheduler: str | None = None

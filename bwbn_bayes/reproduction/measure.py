@@ -141,7 +141,9 @@ def run_case(
     result = identify(
         model,
         record,
-        settings=Settings(method=method, seed=seed, particles=options.particles, checkpoint=checkpoint),
+        settings=Settings(
+            method=method, seed=seed, particles=options.particles, checkpoint=checkpoint, alternatives=False
+        ),
         noise=_floor(record, options) if case.snr_db is None else None,
         options=options.genetic if method == "ga" else None,
         name=case.key,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,7 @@ import numpy as np
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.cross_validation import CrossValidation, cross_validated
 from bwbn_bayes.discovery.evidence import Evidence
+from bwbn_bayes.discovery.unnamed_storey import Estimate
 from bwbn_bayes.discovery.where import Disagreement, disagreement
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
@@ -40,9 +41,8 @@ class Explanation:
         Under its own account of the errors.
     unnamed : tuple of int or None
         Storeys in which it has a force of no known law, ``(1,)`` for a specimen; None where it has none.
-    forces : mapping of int to (n_knots,) array, optional
-        Expectation of a building's unnamed force in each of those storeys, at
-        :func:`~bwbn_bayes.discovery.pulses.knots_of` the record. [N]
+    estimate : Estimate, optional
+        What is expected of a building's unnamed force.
     n_places : int
         Places at which the unnamed force could be: one storey, or all.
     starts : (n, n_dim) array, optional
@@ -54,7 +54,7 @@ class Explanation:
     modes: tuple[Mode, ...]
     evidence: Evidence
     unnamed: tuple[int, ...] | None = None
-    forces: Mapping[int, Floats] | None = None
+    estimate: Estimate | None = None
     n_places: int = 1
     starts: Floats | None = None
 

@@ -173,7 +173,9 @@ class UnnamedForce:
     probability : float
         That a force of no known law is part of the model.
     share : float
-        Its root mean square over that of the force.
+        Its root mean square over that of the force; of a force in every storey, where that is largest.
+    function : str
+        What a building's is a function of, in words.
     drift, force : (n_times,) arrays
         Where it acts, and the force itself. [m], [N]
     """
@@ -182,12 +184,14 @@ class UnnamedForce:
     place: str
     probability: float
     share: float
+    function: str = ""
     drift: Floats
     force: Floats
 
     def as_json(self) -> dict[str, Any]:
         """``unnamed_force`` of ``discovery.json``."""
-        return {"storey": self.storey, "place": self.place, "probability": self.probability, "share": self.share}
+        facts = {name: getattr(self, name) for name in ("storey", "place", "probability", "share")}
+        return {**facts, **({"function": self.function} if self.function else {})}
 
 
 @dataclass(frozen=True, kw_only=True)

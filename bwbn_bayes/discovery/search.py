@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
 from bwbn_bayes.discovery.evidence import laplace
@@ -64,15 +65,16 @@ def search(given: Explanation, run: Run) -> Pool:
     pool.add([given])
     run.considered = run.considered_first = hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED)
     n_whole = 0
-    for _ in range(run.settings.most_rounds):
-        parent = _next(pool, run)
-        if parent is None:
-            break
-        _round(parent, pool, run)
-        n_whole += not run.stopped
-    if not given.is_specimen:
-        _unnamed(pool, run)
-        _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
+    with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
+        for _ in range(run.settings.most_rounds):
+            parent = _next(pool, run)
+            if parent is None:
+                break
+            _round(parent, pool, run)
+            n_whole += not run.stopped
+        if not given.is_specimen:
+            _unnamed(pool, run)
+            _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
     if run.stopped:
         sentence = (
             f"The search was stopped by the time limit of {run.settings.time_limit_s:g} s, "
@@ -337,12 +339,13 @@ def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:
 def _unnamed(pool: Pool, run: Run) -> None:
     """The best explanations of a building, each with less, and the model as given, beside an unnamed force."""
     best = pool.laws_alone
-    near = [one for one, log in zip(best.explanations, best.log_joint, strict=True) if log > best.log_joint[0] - REACH]
+    most = best.log_joint[0]
+    near = [one for one, log in zip(best.explanations, best.log_joint, strict=True) if log > most - REACH]
     wanted = {one.effects_key: one for one in near[:_N_UNNAMED]}
     wanted |= {key: one for key, one in pool.plain.items() if key < best.best.effects_key}
-    waiting = [one for key, one in wanted.items() if not any(other == key for other, _ in pool.unnamed)]
-    run.say(f"weighing {len(waiting)} explanations beside a force of no known law")
-    asked = [(one, run) for one in waiting]
+    run.say(f"weighing {len(wanted)} explanations beside a force of no known law")
+    behind = dict(zip((one.effects_key for one in best.explanations), most - best.log_joint, strict=True))
+    asked = [(one, float(behind[key]), run) for key, one in wanted.items()]
     tell = "weighed {} explanations with a force of no known law"
     for _, found in run.pace.each(_with_unnamed, asked, run.settings.n_workers, tell):
         for one in found:
@@ -350,18 +353,18 @@ def _unnamed(pool: Pool, run: Run) -> None:
             pool.unnamed[one.effects_key, one.unnamed] = one
 
 
-def _with_unnamed(asked: tuple[Explanation, Run]) -> list[Explanation]:
-    """An explanation with an unnamed force in each storey, and in all."""
-    one, run = asked
+def _with_unnamed(asked: tuple[Explanation, float, Run]) -> list[Explanation]:
+    """An explanation with an unnamed force in each storey, and in all; so many nats behind the best without one."""
+    one, behind, run = asked
     posterior, best = on_one_thread(one.evidence.posterior), one.evidence.modes[0].point
-    found = unnamed_forces(posterior, best, UNNAMED_SCALE, all_but(one.added, run))
-    log_evidence = one.evidence.log_evidence
+    found = unnamed_forces(posterior, best, UNNAMED_SCALE, all_but(one.added, run), matters=behind)
+    evidence = one.evidence
     return [
         replace(
             one,
             unnamed=place,
-            forces=own.forces,
-            evidence=replace(one.evidence, log_evidence=log_evidence + own.gain, method="Laplace"),
+            estimate=own,
+            evidence=replace(evidence, log_evidence=evidence.log_evidence + own.gain, method="Laplace"),
         )
         for place, own in found.items()
     ]

@@ -47,7 +47,8 @@ def sentences(
     if unnamed is not None:
         own.append(
             f"A force of no known law at {unnamed.place} takes up what the model does not: "
-            f"{100.0 * unnamed.share:.0f} % of the force (probability {probability_in_words(unnamed.probability)})."
+            f"{100.0 * unnamed.share:.0f} % of the force (probability {probability_in_words(unnamed.probability)})"
+            f"{f', a force {unnamed.function}' if unnamed.function else ''}."
         )
     places = {f"acceleration_{storey}" for one in added for storey in one.hypothesis.storeys}
     spots = [spot for spot in before.spots if spot.channel in places]

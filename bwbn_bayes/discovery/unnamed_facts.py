@@ -7,11 +7,10 @@ import numpy as np
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.outcome import UnnamedForce
 from bwbn_bayes.discovery.pool import Pool
-from bwbn_bayes.discovery.probability import POSSIBLE, Beliefs
-from bwbn_bayes.discovery.pulses import knots_of
+from bwbn_bayes.discovery.probability import POSSIBLE, UNNAMED_SCALE, Beliefs
+from bwbn_bayes.discovery.unnamed_storey import Neighbourhood, over_time
 from bwbn_bayes.discovery.where import storey_in_words
 from bwbn_bayes.inference.residuals import residual_of
-from bwbn_bayes.inference.summary import observe
 
 
 def unnamed_facts(pool: Pool, believed: Beliefs) -> UnnamedForce | None:
@@ -42,18 +41,18 @@ def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
 
 def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
     """What is expected of it, in the storey where it is the largest share of the force."""
-    assert one.forces is not None
-    record, posterior = one.posterior.record, one.evidence.posterior
-    values, _ = posterior.split(one.evidence.modes[0].point[None])
-    rows = observe(posterior.engine, posterior.model, values, record)
-    whole = np.sqrt(np.mean(np.square(rows["restoring_force"][0]), axis=1))
-    shares = {at: float(np.sqrt(np.mean(np.square(force)))) / whole[at - 1] for at, force in one.forces.items()}
+    found, record = one.estimate, one.posterior.record
+    assert found is not None
+    here = Neighbourhood(posterior=one.evidence.posterior, point=found.point, share=UNNAMED_SCALE, forces=found.forces)
+    whole = np.sqrt(np.mean(np.square(here.rows["restoring_force"]), axis=1))
+    shares = {at: float(np.sqrt(np.mean(np.square(force)))) / whole[at - 1] for at, force in found.forces.items()}
     storey = max(shares, key=lambda at: shares[at])
     return UnnamedForce(
         storey=storey,
-        place=storey_in_words(one.model, storey),
+        place=storey_in_words(one.model, storey) if len(shares) == 1 else "every storey",
         probability=probability,
         share=shares[storey],
-        drift=rows["drift"][0, storey - 1, knots_of(record)],
-        force=one.forces[storey],
+        function=found.kind,
+        drift=here.rows["drift"][storey - 1],
+        force=over_time(found.forces[storey], record),
     )

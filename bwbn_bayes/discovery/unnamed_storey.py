@@ -1,11 +1,11 @@
 """The unnamed force of a building: in a storey, or in all of them, a smooth force of its states that no law is.
 
-A Gaussian process over histories of force. Two forces at two moments are alike where the storey's states are: its
-hysteretic displacement and direction, its drift, its drift rate, and the work done by then; further parts are linear in
-these states with factors that change in time, and in the drifts of the other storeys. What the sensors show of it
+A Gaussian process over histories of force, of one of four kinds. Of the storey's own states: two forces at two moments
+are alike where hysteretic displacement and direction, drift, drift rate and the work done by then are. Linear in these
+states, with factors that change in time. Linear in the drifts of the other storeys. Or all of this, with a part that
+forgets itself within a quarter of a cycle: what no law of few parameters holds. What the sensors show of a force
 follows to first order (:mod:`~bwbn_bayes.discovery.pulses`), so that its evidence is a closed form: no law is compiled
-for it and nothing is fitted, whatever functions it is made of. One part forgets itself within a quarter of a cycle:
-what no law of few parameters holds. The scale of the whole is integrated out.
+for it and nothing is fitted, whatever functions it is made of. The scale is integrated out, and so is the kind.
 
 References
 ----------
@@ -16,8 +16,9 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import logsumexp
@@ -30,6 +31,7 @@ from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
 
 _RELATIVE_SCALES = np.geomspace(1e-2, 6.0, 97)
 """Scales of the force over the standard deviation of their half-normal prior, over which it is integrated."""
@@ -48,23 +50,13 @@ _N_TURNS, _SETTLED = 8, 1e-2
 """In which the noise level and the force's scale find each other, and the relative change of the level that ends it."""
 _MUCH = 1.5
 """Times the noise's power that a model takes for noise, from which a second start is worth its time."""
+_SMALL, _INEXACT = 20.0, 0.2
+"""Gain up to which the first order is enough [nat], and by what share it may be wrong of a larger one."""
+_N_FOLLOWED, _WAYS = 4, (1.0, 0.5, 0.2)
+"""Turns in which a force is followed, and shares of the way to it that are tried."""
+_EDGE = 1e-3
+"""Of the unit cube, that parameters keep from its sides."""
 _KINDS = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Process:
-    """Functions of which a storey's force is a sum with independent normal weights.
-
-    Attributes
-    ----------
-    histories : (n_functions, n_knots) array
-        Each times the standard deviation of its weight. [N]
-    answers : (n_functions, n_channels, n_counted) array
-        What the sensors show of them, whitened, over the noise.
-    """
-
-    histories: Floats
-    answers: Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,18 +67,27 @@ class Estimate:
     ----------
     gain : float
         Log Bayes factor of the model with it over that without. [nat]
+    kind : str
+        What it is a function of, in words.
     forces : mapping of int to (n_knots,) array
-        Its expectation at each of its storeys, at :func:`~bwbn_bayes.discovery.pulses.knots_of` the record. [N]
+        Its expectation in each of its storeys, at :func:`~bwbn_bayes.discovery.pulses.knots_of` the record. [N]
+    point : (n_dim,) array
+        The model's parameters beside it, in the unit cube.
     """
 
     gain: float
+    kind: str
     forces: Mapping[int, Floats]
+    point: Floats
 
 
 def unnamed_forces(
-    posterior: Posterior, point: Floats, share: float, carried: tuple[Effect, ...] = ()
+    posterior: Posterior, point: Floats, share: float, carried: tuple[Effect, ...] = (), *, matters: float = 0.0
 ) -> dict[tuple[int, ...], Estimate]:
     """Unnamed forces beside a model: in each of its storeys, and in all of them.
+
+    The one that gains most is followed where it leads, if it is not small and could matter: the response is made
+    linear again about what is expected of parameters and force.
 
     Parameters
     ----------
@@ -98,23 +99,29 @@ def unnamed_forces(
         Standard deviation of the scale's half-normal prior, over the largest force of each storey.
     carried : tuple of Effect
         Others that share the compiled law.
+    matters : float
+        Gain from which the model with it is as good as others. [nat]
     """
-    record, slopes = posterior.record, Slopes.at(posterior, point)
-    values, _ = posterior.split(point[None])
-    rows = observe(posterior.engine, posterior.model, values, record)
-    states = {kind: rows[kind][0][:, knots_of(record)] for kind in _KINDS}
-    predicted = posterior.engine.simulate(posterior.model, values, record).values[0]
-    processes = {}
-    for storey in range(1, posterior.model.n_links + 1):
-        largest = float(np.max(np.abs(rows["restoring_force"][0, storey - 1])))
-        histories = share * largest * functions(states, storey - 1)
-        shown = answers(posterior, point, storey, histories, largest, carried)
-        processes[storey] = Process(histories=histories, answers=slopes.scaled(shown))
-    residual = slopes.scaled(record.measured - predicted)
-    return {
-        place: _estimate(posterior, slopes, residual, {storey: processes[storey] for storey in place})
-        for place in places_of(posterior.model.n_links)
-    }
+    start = Neighbourhood(posterior=posterior, point=point, share=share, carried=carried)
+    found = {place: start.estimate(place, start.alone) for place in places_of(posterior.model.n_links)}
+    best = max(found, key=lambda place: found[place].gain)
+    if found[best].gain > max(_SMALL, (1.0 - _INEXACT) * matters):
+        found[best] = _followed(start, found[best], best)
+    return found
+
+
+def _followed(start: Neighbourhood, found: Estimate, place: tuple[int, ...]) -> Estimate:
+    """The estimate about what it expects itself, in turns; by a part of the way where the whole way fits no better."""
+    here = start
+    for _ in range(_N_FOLLOWED):
+        ways = (here.towards(found, share) for share in _WAYS)
+        there = next((one for one in ways if one.log_likelihood > here.log_likelihood), None)
+        if there is None:
+            break
+        here, before, found = there, found, there.estimate(place, start.alone)
+        if abs(found.gain - before.gain) < _SETTLED * before.gain:
+            break
+    return found
 
 
 def places_of(n_storeys: int) -> tuple[tuple[int, ...], ...]:
@@ -123,13 +130,19 @@ def places_of(n_storeys: int) -> tuple[tuple[int, ...], ...]:
     return (*((storey,) for storey in every), *([every] if n_storeys > 1 else []))
 
 
-def functions(states: Mapping[str, Floats], place: int) -> Floats:
-    """Functions ``(n_functions, n_knots)`` of a force whose variance is one on the average over the record.
+def over_time(force: Floats, record: Record) -> Floats:
+    """A force's history at every sample ``(n_times,)``, from that at knots."""
+    moments = np.arange(record.n_times)
+    return np.interp(moments, moments[knots_of(record)], force)
+
+
+def functions(states: Mapping[str, Floats], place: int) -> dict[str, Floats]:
+    """Functions ``(n_functions, n_knots)`` of a force of each kind, whose variance is one on the average over time.
 
     Parameters
     ----------
     states : mapping of str to (n_storeys, n_knots) array
-        Histories by kind.
+        Histories by kind of state.
     place : int
         Of the storey among them.
     """
@@ -139,19 +152,29 @@ def functions(states: Mapping[str, Floats], place: int) -> Floats:
     path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(drift)))])
     (long, short), worn = _LENGTHS, _alike(work, _OF_WORK)
     turned = _alike(np.tanh(rate / _TURNED), 1.0) * worn
-    linear = sum(np.outer(own, own) for own in (drift, rate, z))
-    others = [own for kind in _KINDS[:2] for i, own in enumerate(every[kind]) if i != place]
-    parts = [
+    of_states = [
         *(_alike(z, length) * turned for length in (long, short)),
         *(_alike(own, long) * worn for own in (drift, rate)),
-        linear * _alike(time, _OF_TIME),
-        *([np.transpose(others) @ np.array(others)] if others else []),
-        np.exp(-np.abs(path[:, None] - path) / _FORGOTTEN) * _alike(time, _SOON),
     ]
+    in_time = sum(np.outer(own, own) for own in (drift, rate, z)) * _alike(time, _OF_TIME)
+    others = [own for kind in _KINDS[:2] for i, own in enumerate(every[kind]) if i != place]
+    of_others = [np.transpose(others) @ np.array(others)] if others else []
+    fleeting = np.exp(-np.abs(path[:, None] - path) / _FORGOTTEN) * _alike(time, _SOON)
+    kinds = {
+        "of the storey's own states": of_states,
+        "that changes in time": [in_time],
+        "of the other storeys' motion": of_others,
+        "of no simple kind": [*of_states, in_time, *of_others, fleeting],
+    }
+    return {kind: _eigenfunctions(parts) for kind, parts in kinds.items() if parts}
+
+
+def _eigenfunctions(parts: Sequence[Floats]) -> Floats:
+    """Of the covariance ``(n_knots, n_knots)`` in which each part has the same share of the variance."""
     covariance = sum(part / max(float(np.mean(np.diag(part))), 1e-300) for part in parts) / len(parts)
-    variance, turned_to = np.linalg.eigh(covariance)
+    variance, turned = np.linalg.eigh(covariance)
     kept = np.flatnonzero(variance > _NEGLIGIBLE * variance[-1])[-_MOST_FUNCTIONS:]
-    return np.asarray((turned_to[:, kept] * np.sqrt(variance[kept])).T)
+    return np.asarray((turned[:, kept] * np.sqrt(np.maximum(variance[kept], 0.0))).T)
 
 
 def _alike(state: Floats, length: float) -> Floats:
@@ -159,25 +182,142 @@ def _alike(state: Floats, length: float) -> Floats:
     return np.asarray(np.exp(-0.5 * np.square((state[:, None] - state) / length)))
 
 
-def _estimate(posterior: Posterior, slopes: Slopes, residual: Floats, processes: Mapping[int, Process]) -> Estimate:
-    """Of forces that are independent of each other, of one scale."""
-    noise, (n_channels, n_counted) = posterior.noise, residual.shape
-    assert isinstance(noise, IntegratedNoise)
-    base = slopes.base.T.reshape(-1, n_channels, n_counted)
-    columns = np.concatenate([base, *(own.answers for own in processes.values()), residual[None]])
-    products = np.array([own @ own.T for own in np.moveaxis(columns, 1, 0)])
-    level = slopes.noise[:, 0]
-    sums = Sums(products=products, n_base=len(base), n_counted=n_counted, noise=noise, level=level)
-    # A model that lacks much takes it for noise: begin there, and where the noise is by itself.
-    by_itself = np.square(level / np.maximum(noise_floors(posterior.record), 1e-300))
-    starts = [np.ones(n_channels), *([by_itself] if np.any(by_itself > _MUCH) else [])]
-    gain, weights = max((sums.settled(start) for start in starts), key=lambda pair: pair[0])
-    ends = np.cumsum([len(own.histories) for own in processes.values()])[:-1]
-    own_weights = np.split(weights, ends)
-    return Estimate(
-        gain=gain,
-        forces={at: own @ one.histories for (at, one), own in zip(processes.items(), own_weights, strict=True)},
-    )
+@dataclass(frozen=True, kw_only=True)
+class Neighbourhood:
+    """The response of a model and of forces beside it, linear about some of both.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the model.
+    point : (n_dim,) array
+        Its parameters, in the unit cube.
+    forces : mapping of int to (n_knots,) array
+        By storey. [N]
+    share : float
+        Standard deviation of the scale's half-normal prior, over the largest force of each storey.
+    carried : tuple of Effect
+        Others that share the compiled law.
+    """
+
+    posterior: Posterior
+    point: Floats
+    share: float
+    forces: Mapping[int, Floats] = field(default_factory=dict)
+    carried: tuple[Effect, ...] = ()
+
+    @cached_property
+    def view(self) -> Posterior:
+        """The posterior with the forces acting on the floors that their storeys join."""
+        record, joints = self.posterior.record, self.posterior.model.joints
+        on_floors = dict(record.forces)
+        for storey, force in self.forces.items():
+            pull = over_time(force, record)
+            for floor, own in zip(joints[storey - 1], (pull, -pull), strict=True):
+                if floor > 0:
+                    name = f"applied_force_{floor}"
+                    on_floors[name] = on_floors.get(name, np.zeros(record.n_times)) + own
+        return replace(self.posterior, record=replace(record, forces=on_floors))
+
+    @cached_property
+    def log_likelihood(self) -> float:
+        """Of the parameters and the forces."""
+        return float(self.view.log_likelihood(self.point[None])[0])
+
+    @cached_property
+    def rows(self) -> dict[str, Floats]:
+        """Histories ``(n_storeys, n_times)`` by kind."""
+        values, _ = self.view.split(self.point[None])
+        rows = observe(self.view.engine, self.view.model, values, self.view.record)
+        return {kind: own[0] for kind, own in rows.items()}
+
+    @cached_property
+    def _slopes(self) -> Slopes:
+        return Slopes.at(self.view, self.point)
+
+    @cached_property
+    def _residual(self) -> Floats:
+        """What is left ``(n_channels, n_counted)``, whitened, over the noise."""
+        values, _ = self.view.split(self.point[None])
+        predicted = self.view.engine.simulate(self.view.model, values, self.view.record).values[0]
+        return self._slopes.scaled(self.view.record.measured - predicted)
+
+    @cached_property
+    def _processes(self) -> dict[str, dict[int, tuple[Floats, Floats]]]:
+        """By kind and storey: histories of the force, each times its weight's sd; answers to them and to the force."""
+        record = self.view.record
+        states = {kind: self.rows[kind][:, knots_of(record)] for kind in _KINDS}
+        found: dict[str, dict[int, tuple[Floats, Floats]]] = {}
+        for storey in self.forces or range(1, self.view.model.n_links + 1):
+            largest = float(np.max(np.abs(self.rows["restoring_force"][storey - 1])))
+            own = {kind: self.share * largest * one for kind, one in functions(states, storey - 1).items()}
+            present = self.forces.get(storey, np.zeros(states["drift"].shape[1]))
+            histories = np.vstack([*own.values(), present])
+            shown = self._slopes.scaled(answers(self.view, self.point, storey, histories, largest, self.carried))
+            *answered, to_present = np.split(shown, np.cumsum([len(one) for one in own.values()]))
+            for (kind, one), answer in zip(own.items(), answered, strict=True):
+                found.setdefault(kind, {})[storey] = one, np.concatenate([answer, to_present])
+        return found
+
+    @cached_property
+    def _starts(self) -> tuple[Floats, ...]:
+        """Precisions over that of what is left: a model that lacks much takes it for noise, begin at the noise too."""
+        by_itself = np.square(self._slopes.noise[:, 0] / np.maximum(noise_floors(self.view.record), 1e-300))
+        return (np.ones(len(by_itself)), *([by_itself] if np.any(by_itself > _MUCH) else []))
+
+    @cached_property
+    def alone(self) -> float:
+        """Log evidence of the model without a force, but for a constant."""
+        return self._sums([]).without(np.ones(len(self._residual)))[0]
+
+    def _sums(self, answered: Sequence[Floats]) -> Sums:
+        noise, (n_channels, n_counted) = self.view.noise, self._residual.shape
+        assert isinstance(noise, IntegratedNoise)
+        base = self._slopes.base.T.reshape(-1, n_channels, n_counted)
+        unforced = self._residual + sum(own[-1] for own in answered)
+        columns = np.concatenate([base, *(own[:-1] for own in answered), unforced[None]])
+        products = np.array([own @ own.T for own in np.moveaxis(columns, 1, 0)])
+        level = self._slopes.noise[:, 0]
+        return Sums(products=products, n_base=len(base), n_counted=n_counted, noise=noise, level=level)
+
+    def estimate(self, place: tuple[int, ...], alone: float) -> Estimate:
+        """Of forces in some storeys, independent of each other and of one scale; their kind is integrated out.
+
+        Parameters
+        ----------
+        place : tuple of int
+            The storeys, all of those that have a force here.
+        alone : float
+            Log evidence of the model without a force.
+        """
+        every = [
+            self._of_kind(kind, {storey: own[storey] for storey in place}, alone)
+            for kind, own in self._processes.items()
+        ]
+        gain = float(logsumexp([one.gain for one in every]) - np.log(len(every)))
+        return replace(max(every, key=lambda one: one.gain), gain=gain)
+
+    def _of_kind(self, kind: str, processes: Mapping[int, tuple[Floats, Floats]], alone: float) -> Estimate:
+        sums = self._sums([answered for _, answered in processes.values()])
+        log_evidence, step, weights = max((sums.settled(start) for start in self._starts), key=lambda found: found[0])
+        ends = np.cumsum([len(histories) for histories, _ in processes.values()])[:-1]
+        return Estimate(
+            gain=log_evidence - alone,
+            kind=kind,
+            forces={
+                storey: own @ histories
+                for (storey, (histories, _)), own in zip(processes.items(), np.split(weights, ends), strict=True)
+            },
+            point=np.clip(self.point + step, _EDGE, 1.0 - _EDGE),
+        )
+
+    def towards(self, found: Estimate, share: float) -> Neighbourhood:
+        """About what lies a share of the way to an estimate."""
+        return replace(
+            self,
+            point=self.point + share * (found.point - self.point),
+            forces={at: (1.0 - share) * self.forces.get(at, 0.0) + share * own for at, own in found.forces.items()},
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -203,8 +343,8 @@ class Sums:
     noise: IntegratedNoise
     level: Floats
 
-    def settled(self, precision: Floats) -> tuple[float, Floats]:
-        """The log Bayes factor of the force, and what its weights are expected to be.
+    def settled(self, precision: Floats) -> tuple[float, Floats, Floats]:
+        """The log evidence, but for a constant, and what the other parameters and the weights are expected to be.
 
         With the force the noise may be smaller: its level and the force's scale are looked for in turns.
 
@@ -213,44 +353,51 @@ class Sums:
         precision : (n_channels,) array
             Where that begins, over that without the force.
         """
-        as_without = np.ones(len(precision))
-        alone, _ = self._without(as_without)
-        best, weights = -np.inf, np.zeros(self.products.shape[1] - self.n_base - 1)
+        best, n = -np.inf, self.n_base
+        others, weights = np.zeros(n), np.zeros(self.products.shape[1] - n - 1)
         for _ in range(_N_TURNS):
-            plain, left = self._without(precision)
+            plain, left = self.without(precision)
             information, turned = np.linalg.eigh(left[:-1, :-1])
             information, slope = np.maximum(information, 0.0), left[:-1, -1] @ turned
             variance = np.square(_RELATIVE_SCALES)[:, None]
             spread = 1.0 + variance * information
             by_scale = 0.5 * np.sum(variance * np.square(slope) / spread - np.log(spread), axis=1)
-            gain = plain - alone + float(logsumexp(by_scale, b=_DENSITY))
+            log_evidence = plain + float(logsumexp(by_scale, b=_DENSITY))
             at = int(np.argmax(by_scale + np.log(_DENSITY)))
             mean = turned @ (variance[at, 0] * slope / spread[at])
-            if gain > best:
-                best, weights = gain, mean
-            wanted = self._precision(precision, mean, float(variance[at, 0]))
+            beside = self._beside(precision, mean)
+            if log_evidence > best:
+                best, others, weights = log_evidence, beside, mean
+            wanted = self._precision(precision, np.concatenate([beside, mean]), float(variance[at, 0]))
             if np.all(np.abs(np.log(wanted / precision)) < _SETTLED):
                 break
             precision = wanted
-        return best, weights
+        return best, others, weights
 
-    def _without(self, precision: Floats) -> tuple[float, Floats]:
+    def _beside(self, precision: Floats, weights: Floats) -> Floats:
+        """The other parameters' expectation, given the weights."""
+        n, whole = self.n_base, np.tensordot(precision, self.products, axes=1)
+        own = whole[:n, :n] + PRIOR_PRECISION * np.eye(n)
+        return np.asarray(np.linalg.solve(own, whole[:n, -1] - whole[:n, n:-1] @ weights))
+
+    def without(self, precision: Floats) -> tuple[float, Floats]:
         """Log evidence without the force, but for a constant, and the products with the slopes projected out."""
         n, whole = self.n_base, np.tensordot(precision, self.products, axes=1)
         others = whole[:n, :n] + PRIOR_PRECISION * np.eye(n)
         left = whole[n:, n:] - whole[n:, :n] @ np.linalg.solve(others, whole[:n, n:])
         as_one = self.noise.correlation_samples
-        rate = as_one * np.asarray(self.noise.scale) / np.square(self.level)
-        of_level = np.sum((0.5 * self.n_counted / as_one + self.noise.shape) * np.log(precision) - precision * rate)
+        whole_precision = precision / np.square(self.level)
+        rate = as_one * np.asarray(self.noise.scale)
+        counted = 0.5 * self.n_counted / as_one + self.noise.shape
+        of_level = np.sum(counted * np.log(whole_precision) - whole_precision * rate)
         return float(of_level - 0.5 * left[-1, -1] - 0.5 * np.linalg.slogdet(others)[1]), left
 
-    def _precision(self, precision: Floats, weights: Floats, variance: float) -> Floats:
+    def _precision(self, precision: Floats, expected: Floats, variance: float) -> Floats:
         """The precision that what is left on the average, over weights and the other parameters, deserves."""
         n, whole = self.n_base, np.tensordot(precision, self.products, axes=1)
-        prior = np.append(np.full(n, PRIOR_PRECISION), np.full(len(weights), 1.0 / variance))
+        prior = np.append(np.full(n, PRIOR_PRECISION), np.full(len(expected) - n, 1.0 / variance))
         spread = np.linalg.inv(whole[:-1, :-1] + np.diag(prior))
-        others = np.linalg.solve(whole[:n, :n] + PRIOR_PRECISION * np.eye(n), whole[:n, -1] - whole[:n, n:-1] @ weights)
-        own = np.concatenate([others, weights, [-1.0]])
+        own = np.append(expected, -1.0)
         misfit = np.array([own @ one @ own + np.sum(spread * one[:-1, :-1]) for one in self.products])
         squared = np.square(self.level)
         (deserved,) = self.noise.precision((misfit * squared)[None], self.n_counted, np.empty((1, 0)))

@@ -166,10 +166,13 @@ def test_functions_of_a_storeys_states_have_unit_variance_and_few_are_left_out()
     }
     states["hysteretic_energy"] = np.cumsum(np.abs(rng.standard_normal((2, 300))), axis=1)
     for place in (0, 1):
-        power = np.sum(np.square(functions(states, place)), axis=0)
-        assert np.mean(power) == pytest.approx(1.0, abs=0.03)
-    with_no_force = functions({kind: np.zeros((2, 300)) for kind in states}, 0)
-    assert np.all(np.isfinite(with_no_force))
+        for own in functions(states, place).values():
+            assert np.mean(np.sum(np.square(own), axis=0)) == pytest.approx(1.0, abs=0.06)
+    assert len(functions(states, 0)) == 4
+    alone = {kind: own[:1] for kind, own in states.items()}
+    assert "of the other storeys' motion" not in functions(alone, 0)
+    at_rest = functions({kind: np.zeros((2, 300)) for kind in states}, 0)
+    assert all(np.all(np.isfinite(own)) for own in at_rest.values())
 
 
 def sums(rng: np.random.Generator, shape: float, hidden: float) -> Sums:
@@ -199,7 +202,7 @@ def test_the_gain_of_a_linear_model_is_its_bayes_factor(hidden: float) -> None:
     known = np.ones(2)
     nothing = log_marginal(given, 0.0, known)
     expected = quad(lambda s: np.exp(log_marginal(given, s, known) - nothing) * 2.0 * norm.pdf(s), 0.0, 8.0, limit=200)
-    assert given.settled(known)[0] == pytest.approx(np.log(expected[0]), abs=0.02)
+    assert given.settled(known)[0] - given.without(known)[0] == pytest.approx(np.log(expected[0]), abs=0.02)
 
 
 def test_where_the_force_explains_what_was_taken_for_noise_the_noise_is_smaller() -> None:
@@ -230,8 +233,8 @@ def test_where_the_force_explains_what_was_taken_for_noise_the_noise_is_smaller(
     density = 2.0 * norm.pdf(scales) * (scales[1] - scales[0])
     expected = logsumexp([marginal(s) for s in scales], b=density) - marginal(0.0)
     for start in (np.ones(2), np.square(level)):
-        gain, weights = own.settled(start)
-        assert gain == pytest.approx(expected, abs=1.0)
+        log_evidence, _, weights = own.settled(start)
+        assert log_evidence - own.without(np.ones(2))[0] == pytest.approx(expected, abs=1.0)
         np.testing.assert_allclose(weights, [8.0, -8.0, 0.0], atol=1.5)
 
 
@@ -262,6 +265,7 @@ def test_it_is_found_in_the_storey_that_has_it_with_its_history() -> None:
     modes = distinct(*polish(posterior, np.full((1, 1), 0.5), n_iterations=20))
     estimates = unnamed_forces(posterior, modes[0].point, UNNAMED_SCALE)
     assert set(estimates) == {(1,), (2,), (1, 2)}
+    assert estimates[(2,)].kind in ("of the storey's own states", "of no simple kind")
     assert estimates[(2,)].gain > max(100.0, estimates[(1,)].gain + 20.0)
     true = force(drifts @ found[:2])[1]
     # The stiffness may take up the part that is linear in the drift.

@@ -45,7 +45,7 @@ def record() -> Record:
 def without_unnamed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is asked of an unnamed force: its pulses take a law of their own."""
 
-    def nothing(*_: Any) -> dict[tuple[int, ...], Estimate]:
+    def nothing(*_: Any, **__: Any) -> dict[tuple[int, ...], Estimate]:
         return {}
 
     monkeypatch.setattr(search, "unnamed_forces", nothing)

@@ -9,7 +9,6 @@ from bwbn_bayes.lazily import importer
 
 if TYPE_CHECKING:
     from bwbn_bayes.baselines.genetic import GeneticSettings
-    from bwbn_bayes.baselines.methods import identify
     from bwbn_bayes.discovery.outcome import Discovery
     from bwbn_bayes.discovery.run import DiscoverySettings
     from bwbn_bayes.discovery.workflow import discover
@@ -47,6 +46,7 @@ if TYPE_CHECKING:
     from bwbn_bayes.elements.linear import Linear
     from bwbn_bayes.engines.simulation import simulate
     from bwbn_bayes.errors import UserError
+    from bwbn_bayes.identification import identify
     from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, SampledNoise
     from bwbn_bayes.inference.pymc.model import to_pymc as to_pymc
     from bwbn_bayes.inference.settings import Settings
@@ -137,7 +137,7 @@ __all__ = [
 _on_first_use = importer(
     {
         "bwbn_bayes.baselines.genetic": ("GeneticSettings",),
-        "bwbn_bayes.baselines.methods": ("identify",),
+        "bwbn_bayes.identification": ("identify",),
         "bwbn_bayes.discovery.outcome": ("Discovery",),
         "bwbn_bayes.discovery.run": ("DiscoverySettings",),
         "bwbn_bayes.discovery.workflow": ("discover",),

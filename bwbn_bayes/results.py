@@ -57,6 +57,8 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.hdf5 import require_hdf5
 
 SCHEMA = 1
+DOUBTS = ("quiet residual", "within the prior", "alternatives")
+"""Checks whose failure puts a model that explains its record in doubt, and does not refuse it."""
 _LEVEL, _WORTH_PACKING = 4, 4096
 
 
@@ -150,9 +152,17 @@ class Facts:
     restoring_force: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Per storey (``"1"``), against the true one: ``nrmse``, ``correlation_time`` and ``correlation_drift`` (R-x)."""
     evidences: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Log evidence and its standard error by road, e.g. ``importance``, ``tmcmc (bridge)``, ``tmcmc (prior)``."""
+    """Log evidence and its standard error by road, e.g. ``importance``, ``tmcmc (bridge)``."""
     provenance: Mapping[str, str] = field(default_factory=dict)
     """Versions, seed, data hash, processor: label to text."""
+
+    @property
+    def grade(self) -> str:
+        """``"explains"``, ``"doubtful"`` or ``"refused"``: whether the model explains its record by the checks."""
+        failed = [check.name for check in self.checks if not check.passed]
+        if any(name.startswith("residual") for name in failed):
+            return "refused"
+        return "doubtful" if set(failed) & set(DOUBTS) else "explains"
 
     def as_json(self) -> dict[str, Any]:
         """``result.json``, schema 1; a number that is not finite becomes None, which JSON can hold."""
@@ -180,6 +190,7 @@ class Facts:
             "fit": {"nrmse": dict(self.nrmse)},
             "noise_sd": dict(self.noise_sd),
             "restoring_force": {storey: dict(values) for storey, values in self.restoring_force.items()},
+            "grade": self.grade,
             "checks": [asdict(check) for check in self.checks],
             "discretisation": dict(self.discretisation),
             "effective_sample_size": self.effective_sample_size,

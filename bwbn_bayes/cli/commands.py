@@ -22,7 +22,8 @@ from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
 from bwbn_bayes.cli.interruption import EXIT_CODE, interruptible, stopped_with
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.settings import MOST_PARTICLES, Method, Settings
+from bwbn_bayes.inference.registry import METHODS
+from bwbn_bayes.inference.settings import MOST_PARTICLES, Settings
 from bwbn_bayes.reproduction.options import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
 
@@ -66,6 +67,12 @@ ColumnsOption = Annotated[
 EngineOption = Annotated[EngineName, typer.Option("--engine", help="What solves the model; see `bwbn engines`.")]
 
 
+def _known_method(name: str) -> str:
+    if name not in METHODS:
+        raise typer.BadParameter(f"{name!r} is not one of {', '.join(map(repr, METHODS))}.")
+    return name
+
+
 @app.callback(invoke_without_command=True)
 def about(
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
@@ -81,7 +88,13 @@ def identify(
     record: Annotated[Path | None, typer.Option("--record", help="Measured record: CSV, netCDF, MATLAB ...")] = None,
     columns: ColumnsOption = None,
     method: Annotated[
-        Method, typer.Option("--method", help="Road to the posterior; ga finds one point, ipv forces only.")
+        str,
+        typer.Option(
+            "--method",
+            metavar="|".join(METHODS),
+            callback=_known_method,
+            help="Way to the posterior; ga finds one point, ipv forces only.",
+        ),
     ] = "importance",
     out: Annotated[
         Path | None, typer.Option("--out", help="Directory to write to; reports/MODEL_METHOD by default.")
@@ -99,6 +112,12 @@ def identify(
         typer.Option("--variant", help="TMCMC as calibrated or published (plain); SMC batched or PyMC's own (plain)."),
     ] = "default",
     sampler: Annotated[Literal["pymc", "nutpie"], typer.Option("--sampler", help="Whose NUTS.")] = "pymc",
+    alternatives: Annotated[
+        bool,
+        typer.Option(
+            "--alternatives/--no-alternatives", help="Ask the catalogue what else would explain the record, or not."
+        ),
+    ] = True,
     checkpoint: Annotated[
         Path | None,
         typer.Option("--checkpoint", help="Where what is solved is kept, without suffix; a run cut off goes on."),
@@ -109,9 +128,9 @@ def identify(
     ] = None,
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
-    from bwbn_bayes.baselines.methods import identify as identify_model
     from bwbn_bayes.cli.files import writable, write_result
     from bwbn_bayes.engines.available import engine as engine_by_name
+    from bwbn_bayes.identification import identify as identify_model
 
     file = _loaded(model, columns, record)
     engine_by_name(engine)
@@ -130,6 +149,7 @@ def identify(
                 particles=particles,
                 variant=variant,
                 sampler=sampler,
+                alternatives=alternatives,
                 checkpoint=checkpoint,
                 workers=workers,
                 scheduler=scheduler,

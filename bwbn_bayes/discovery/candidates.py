@@ -261,8 +261,9 @@ def _places(effect_class: type[Effect], base: Structure, measured: Sequence[str]
 
 def _addable(base: Structure, effect: Effect) -> bool:
     """Whether the model has what the effect refers to."""
-    bare = replace(base, effects=tuple(p for p in base.effects if p.effect.name != effect.name))
     try:
+        # What another effect of the model refers to cannot be taken out of it.
+        bare = replace(base, effects=tuple(p for p in base.effects if p.effect.name != effect.name))
         return bare.with_effect(effect).space.n_dim > bare.space.n_dim
     except UserError:
         return False

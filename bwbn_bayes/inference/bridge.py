@@ -68,10 +68,13 @@ def bridge(
         if np.all(nested.distance(np.array([mode.point for mode in kept])) < _ON_THE_SHEET):
             target = Transported(target=posterior, transport=nested.inflated(INFLATION).transport)
             return target.back(run(target))
-    wide = Mixture(
+    return run(posterior, reference=wide_mixture(modes, _INFLATION_OF_SEVERAL))
+
+
+def wide_mixture(modes: Sequence[Mode], inflation: float) -> Mixture:
+    """Normals at the modes from which a bridge starts, in equal shares, their variances inflated."""
+    kept = contributing(modes)
+    return Mixture(
         weights=tuple([1.0 / len(kept)] * len(kept)),
-        components=tuple(
-            TruncatedStudent.at(m.point, m.gradient, m.information, inflation=_INFLATION_OF_SEVERAL) for m in kept
-        ),
+        components=tuple(TruncatedStudent.at(m.point, m.gradient, m.information, inflation=inflation) for m in kept),
     )
-    return run(posterior, reference=wide)

@@ -1,16 +1,15 @@
 """From a model and a record to a posterior: find the modes, choose the scheme, sample, check.
 
-Two roads must agree: importance sampling from the modes, which checks itself, and transitional MCMC, which needs no
-mode when it starts from the prior. Where the first fails its check the second takes over, and the result says so.
+Importance sampling from the modes checks itself. Where it fails its check, transitional MCMC takes over from two starts
+that must agree, and the result says what ran, why, and how good it is.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import partial
-from typing import NamedTuple
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,98 +18,59 @@ from bwbn_bayes.engines.base import require_parameters, require_usable
 from bwbn_bayes.engines.executors import spread
 from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.errors import require_installed
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
-from bwbn_bayes.inference.bridge import bridge
+from bwbn_bayes.inference.doubts import doubts
 from bwbn_bayes.inference.history import History, Listener
-from bwbn_bayes.inference.importance import PARETO_LIMIT, WeightedDraws, sample_importance
-from bwbn_bayes.inference.likelihood import Noise, Posterior, default_noise, require_noise
+from bwbn_bayes.inference.likelihood import Posterior, default_noise, require_noise
+from bwbn_bayes.inference.method import Beside, Task
 from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish
-from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
+from bwbn_bayes.inference.registry import method
 from bwbn_bayes.inference.residuals import residual_checks
+from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.scale_of_z import Section, section_of
-from bwbn_bayes.inference.settings import METHODS, Settings
-from bwbn_bayes.inference.summary import Draws, build_result
-from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, fewest_particles, require_particles, sample
+from bwbn_bayes.inference.settings import Settings
+from bwbn_bayes.inference.summary import build_result
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.record import Record
-from bwbn_bayes.results import Check, Result
-from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.results import DOUBTS, Check, Result
 
 N_ATTEMPTS = 3
-_PILOT = 800
-_LEAST_EFFICIENCY = 0.5
-_PILOT_LIMIT = 0.5
-_LEAST_EFFECTIVE = 2000
-"""Weighed draws are worth so many at least, whatever was asked for: from fewer, Pareto's k can miss a heavy tail."""
-_MOST_DRAWS, _MOST_UNFOLLOWED = 60_000, 6_000
-"""Draws at most, and where the posterior of a model that leaves more than noise is not followed."""
-_N_REFINED = 3
-"""Times that a proposal whose weights turn out to have a heavy tail is bettered and drawn from anew."""
-_FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
-"""Where TMCMC takes over, it runs with this fraction of the draws asked for: each costs it some hundred solves."""
 
 
-def identify(
-    model: Structure,
-    record: Record,
-    *,
-    settings: Settings | None = None,
-    noise: Noise | None = None,
-    name: str = "model",
-    assumptions: Sequence[str] = (),
-    listener: Listener | None = None,
-) -> Result:
-    """Identify the parameters of a model from a record.
+class Sampling(ABC):
+    """A method that samples a posterior: the optima are found and the model is judged first, alike for all."""
 
-    Parameters
-    ----------
-    model : Structure
-        With priors on the parameters to identify.
-    record : Record
-        Measured channels under one excitation.
-    settings : Settings, optional
-        Method, engine, seed, number of draws.
-    noise : Noise, optional
-        How the noise scale enters; by default integrated out under the priors of
-        :func:`~bwbn_bayes.inference.likelihood.default_noise`.
-    name : str
-        The model's name in reports.
-    assumptions : sequence of str
-        What the model takes for granted; printed in the report.
-    listener : callable, optional
-        Told what is being done.
+    along_orbits: ClassVar[bool] = False
+    """Whether it samples what the record can see of a posterior with A free, and draws are spread along A's orbits."""
 
-    Returns
-    -------
-    Result
-        Posterior, checks and facts.
+    def refuse(self, task: Task) -> None:
+        """Refuse before the search what could not be done after it."""
+        if task.options is not None:
+            raise UserError(f"method {task.settings.method} has no options of its own: leave options out")
+        require_parameters(task.model, task.name)
+        require_usable(task.model, task.record)
+        if task.noise is not None:
+            require_noise(task.noise, task.record)
 
-    Raises
-    ------
-    UserError
-        If nothing is to be identified, the record measures nothing, record and model do not belong together, or the
-        method's library is not installed.
-    """
-    settings = settings or Settings()
-    if settings.method not in METHODS:
-        raise ValueError(f"method {settings.method!r} gives no posterior: call bwbn_bayes.identify")
-    require_parameters(model, name)
-    require_usable(model, record)
-    if noise is not None:
-        require_noise(noise, record)
-    _require_road(settings, model.space.n_dim)
-    history = History(listener, time.perf_counter(), [])
-    streams = _streams(settings.seed)
-    with (
-        spread(engine_by_name(settings.engine), settings.workers, settings.scheduler) as solving,
-        kept(solving, settings.checkpoint) as engine,
-    ):
-        posterior = Posterior(
-            model=model, record=record, engine=on_rung(engine, LADDER[0]), noise=noise or default_noise(record)
-        )
-        fitted = _Fitted(*_fit(posterior, streams[:N_ATTEMPTS], history))
-        return _sampled(fitted, settings, np.random.default_rng(streams[-1]), history, name, assumptions)
+    @abstractmethod
+    def sample(self, given: Given) -> Sampled:
+        """Draws, evidences and checks."""
+
+    def identify(self, task: Task) -> Result:
+        """Find the optima, judge the model, sample."""
+        settings, model, record = task.settings, task.model, task.record
+        self.refuse(task)
+        history = History(task.listener, time.perf_counter(), [])
+        streams = _streams(settings.seed)
+        with (
+            spread(engine_by_name(settings.engine), settings.workers, settings.scheduler) as solving,
+            kept(solving, settings.checkpoint) as engine,
+        ):
+            posterior = Posterior(
+                model=model, record=record, engine=on_rung(engine, LADDER[0]), noise=task.noise or default_noise(record)
+            )
+            fitted = _doubted(_Fitted(*_fit(posterior, streams[:N_ATTEMPTS], history)), task.beside, history)
+            return _result(self, fitted, settings, history, task.name, task.assumptions)
 
 
 def identify_from(
@@ -131,7 +91,7 @@ def identify_from(
     points : (n, n_dim) array
         Optima in the unit cube, best first.
     settings, name, assumptions, listener
-        As for :func:`identify`.
+        As for :func:`bwbn_bayes.identify`.
 
     Returns
     -------
@@ -139,22 +99,15 @@ def identify_from(
         Posterior, checks and facts.
     """
     settings = settings or Settings()
+    sampling = method(settings.method)
+    if not isinstance(sampling, Sampling):
+        raise ValueError(f"method {settings.method!r} samples no posterior")
     history = History(listener, time.perf_counter(), [])
-    fitted = _Fitted(*_finish(posterior, points))
-    return _sampled(fitted, settings, np.random.default_rng(_streams(settings.seed)[-1]), history, name, assumptions)
-
-
-def _require_road(settings: Settings, n_dim: int) -> None:
-    """Refuse before the search what the road asked for could not do after it."""
-    if settings.method == "tmcmc":
-        require_particles(settings.particles, n_dim)
-    if settings.method in ("smc", "nuts"):
-        nutpie = settings.method == "nuts" and settings.sampler == "nutpie"
-        require_installed("nuts" if nutpie else "pymc", "sampler nutpie" if nutpie else f"method {settings.method}")
+    return _result(sampling, _Fitted(*_finish(posterior, points)), settings, history, name, assumptions)
 
 
 def _streams(seed: int) -> list[np.random.SeedSequence]:
-    """A stream for each attempt to find the modes, one for the road from the prior, one for draws."""
+    """A stream for each attempt to find the modes, one for transitional MCMC, one for draws."""
     return np.random.SeedSequence(seed).spawn(N_ATTEMPTS + 2)
 
 
@@ -165,130 +118,54 @@ class _Fitted(NamedTuple):
     checks: tuple[Check, ...]
 
 
-class _Sampled(NamedTuple):
-    """What a road came to: its draws (none where its own check failed), evidences by road, checks."""
+def _doubted(fitted: _Fitted, beside: Beside | None, history: History) -> _Fitted:
+    """With the checks that put a model in doubt."""
+    view, best = fitted.posterior, fitted.modes[0]
+    found = doubts(view, best)
+    if beside is not None:
+        history.say("asking the catalogue what else would explain the record")
+        found = (*found, *beside(view, best.point))
+    return fitted._replace(checks=(*fitted.checks, *found))
 
-    draws: Draws | None
-    evidences: Mapping[str, tuple[float, float]]
-    checks: tuple[Check, ...]
 
-
-def _sampled(
+def _result(
+    sampling: Sampling,
     fitted: _Fitted,
     settings: Settings,
-    rng: np.random.Generator,
     history: History,
     name: str,
     assumptions: Sequence[str],
 ) -> Result:
-    """The posterior by the road asked for, and by TMCMC where importance sampling fails its check."""
+    """Sample, along the orbits of A where that is wanted, and put the result together."""
     posterior, modes = fitted.posterior, fitted.modes
+    *_, seeds, stream = _streams(settings.seed)
+    rng = np.random.default_rng(stream)
     target, at = posterior, modes
-    section = section_of(posterior) if settings.method in ("importance", "tmcmc") else None
+    section = section_of(posterior) if sampling.along_orbits else None
     if section is not None:
         history.say("A shares the scale of z with others: integrating along it")
         target, at = section, _modes_on(section, modes)
         assumptions = (*assumptions, section.sentence)
-    method: str = settings.method
-    nested: NestedLaplace | None = None
-    if method == "importance":
-        # Where nothing takes over, the bent posterior of a model that leaves more than noise is not worth following.
-        follows = settings.fallback or all(check.passed for check in fitted.checks)
-        found, nested = _by_importance(target, at, settings, rng, history, follows=follows)
-    elif method == "tmcmc":
-        found = _by_bridge(target, at, None, settings, history)
-        found = _beside_the_published_road(found, posterior, settings, history)
-    else:
-        found = _by_pymc(posterior, modes, settings, history)
-    draws, evidences, checks = found
-    if draws is None:
-        history.say("the proposal does not cover the posterior: falling back to TMCMC")
-        method = "tmcmc"
-        fewest = max(_FEWEST_PARTICLES, fewest_particles(target.n_dim))
-        fewer = replace(settings, particles=max(fewest, settings.particles // _FALLBACK_SHARE))
-        second = _by_bridge(target, at, nested, fewer, history)
-        draws, evidences, checks = second.draws, {**evidences, **second.evidences}, (*checks, *second.checks)
-    assert draws is not None
+    explains = all(check.passed for check in fitted.checks if check.name not in DOUBTS)
+    found = sampling.sample(Given(target, at, settings, rng, seeds, history, explains))
+    draws = found.draws
     if section is not None:
         draws = draws.with_points(lambda points: section.spread(points, rng))
     return build_result(
         posterior,
         modes,
         draws,
-        method=method,
+        method=found.method,
         asked=settings.method,
         seed=settings.seed,
         name=name,
         assumptions=assumptions,
-        checks=(*fitted.checks, *checks),
+        checks=(*fitted.checks, *found.checks),
         discretisation=fitted.discretisation,
         stages=tuple(history.stages),
-        evidences=evidences,
+        evidences=found.evidences,
         elapsed=lambda: time.perf_counter() - history.began,
         rng=rng,
-    )
-
-
-def _by_importance(
-    target: Posterior,
-    modes: tuple[Mode, ...],
-    settings: Settings,
-    rng: np.random.Generator,
-    history: History,
-    *,
-    follows: bool,
-) -> tuple[_Sampled, NestedLaplace | None]:
-    """Importance sampling, with the sheet that it laid; no draws where the weights' tail is too heavy."""
-    weighted, nested = _importance(target, modes, rng, settings.particles, history, follows=follows)
-    checks = (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
-    stands = weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k))
-    draws = Draws.of_weighted(weighted, rng, settings.particles) if stands else None
-    return _Sampled(draws, {"importance": (weighted.log_evidence, weighted.log_evidence_se)}, checks), nested
-
-
-def _by_bridge(
-    target: Posterior, modes: tuple[Mode, ...], nested: NestedLaplace | None, settings: Settings, history: History
-) -> _Sampled:
-    """TMCMC from the inflated approximation at the modes."""
-    history.say("sampling by transitional MCMC from the inflated approximation at the mode")
-    cloud = bridge(
-        target,
-        modes,
-        nested=nested,
-        n_particles=settings.particles,
-        rng_seed=settings.seed,
-        variant=settings.variant,
-        progress=lambda facts: history.tell_stage("bridge", facts),
-    )
-    return _Sampled(Draws.of_cloud(cloud), {"tmcmc (bridge)": (cloud.log_evidence, cloud.log_evidence_se)}, ())
-
-
-def _beside_the_published_road(
-    bridged: _Sampled, posterior: Posterior, settings: Settings, history: History
-) -> _Sampled:
-    """The bridge's draws, with the evidence of the road from the prior beside its own."""
-    road = _from_prior(posterior, settings, history)
-    own, _ = bridged.evidences["tmcmc (bridge)"]
-    evidences = {**bridged.evidences, "tmcmc (prior)": (road.log_evidence, road.log_evidence_se)}
-    return bridged._replace(evidences=evidences, checks=(*bridged.checks, _roads_check(own, road.log_evidence)))
-
-
-def _by_pymc(posterior: Posterior, modes: tuple[Mode, ...], settings: Settings, history: History) -> _Sampled:
-    """PyMC's SMC or NUTS."""
-    # Imported here: PyMC takes seconds to load, which the other roads need not pay.
-    from bwbn_bayes.inference.pymc.roads import sample_road
-
-    return _Sampled(
-        *sample_road(
-            posterior,
-            modes,
-            method="smc" if settings.method == "smc" else "nuts",
-            plain=settings.variant == "plain",
-            sampler=settings.sampler,
-            particles=settings.particles,
-            seed=settings.seed,
-            say=history.say,
-        )
     )
 
 
@@ -329,91 +206,3 @@ def _modes_on(section: Section, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:
     """The same optima among what the record can see; those on one orbit are one."""
     points = section.to_section(np.array([mode.point for mode in modes]))
     return distinct(*polish(section, points, n_iterations=20))
-
-
-def _importance(
-    posterior: Posterior,
-    modes: tuple[Mode, ...],
-    rng: np.random.Generator,
-    effective: int,
-    history: History,
-    *,
-    follows: bool,
-) -> tuple[WeightedDraws, NestedLaplace | None]:
-    """Importance sampling from the modes, or from the sheet through them where they alone cover the posterior badly."""
-    sheet, effective = Sheet(posterior, modes, rng), max(effective, _LEAST_EFFECTIVE)
-    n_refined = _N_REFINED if posterior.n_dim > 1 and follows else 0
-    pilot = sample_importance(posterior, sheet.proposal, rng, effective=_PILOT, most=_PILOT)
-    poor = pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
-    if poor and n_refined:
-        _lay(sheet, history)
-    history.say("sampling the posterior by importance")
-    tell = partial(history.tell_draws, posterior, effective)
-    most = _MOST_DRAWS if follows else _MOST_UNFOLLOWED
-    weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, most=most, progress=tell)
-    for _ in range(n_refined):
-        if weighted.pareto_k <= PARETO_LIMIT:
-            break
-        if sheet.nested is None:
-            _lay(sheet, history)
-        else:
-            sheet.refine(weighted)
-        weighted = sample_importance(posterior, sheet.proposal, rng, effective=effective, most=most, progress=tell)
-    return weighted, sheet.nested
-
-
-def _lay(sheet: Sheet, history: History) -> None:
-    history.say("the posterior is bent: laying a sheet through it")
-    sheet.lay()
-
-
-def _from_prior(posterior: Posterior, settings: Settings, history: History) -> TmcmcResult:
-    """The published road: from the prior, one Metropolis step a stage, a tenth of the particles, the coarse scheme.
-
-    Its evidence is known to fall short on long records; it is printed beside the bridge's, not used.
-    """
-    history.say("sampling by transitional MCMC from the prior")
-    fewest = max(settings.particles // 10, fewest_particles(posterior.n_dim))
-    coarse = posterior.with_engine(on_rung(posterior.engine, LADDER[0]))
-    return sample(
-        coarse,
-        n_particles=fewest,
-        # Not the bridge's: roads that share their random numbers do not check each other.
-        rng_seed=int(_streams(settings.seed)[N_ATTEMPTS].generate_state(1)[0]),
-        variant="plain",
-        progress=lambda facts: history.tell_stage("from the prior", facts),
-    )
-
-
-def _roads_check(bridged: float, from_prior: float) -> Check:
-    gap = from_prior - bridged
-    return Check(
-        name="roads agree",
-        value=abs(gap),
-        limit=1.0,
-        passed=abs(gap) < 1.0,
-        sentence=(
-            f"The published road from the prior puts the log evidence {abs(gap):.1f} nats "
-            f"{'above' if gap > 0.0 else 'below'} the bridge's; its moves are known to lag behind on long records."
-        ),
-    )
-
-
-def _pareto_check(weighted: WeightedDraws) -> Check:
-    return Check(
-        name="Pareto k",
-        value=weighted.pareto_k,
-        limit=PARETO_LIMIT,
-        passed=weighted.pareto_k <= PARETO_LIMIT,
-        sentence=f"The tail of the importance weights has Pareto shape {weighted.pareto_k:.2f}.",
-    )
-
-
-def _size_check(reached: float, wanted: float) -> Check:
-    return Check(
-        name="effective draws",
-        value=reached,
-        limit=wanted,
-        passed=reached >= 0.98 * wanted,
-        sentence=f"The weighted draws are worth {reached:.0f} independent ones.",
-    )

@@ -152,26 +152,26 @@ def sample_importance(
     batch = int(1.1 * effective) // 16 * 16 + 16
     while True:
         new = proposal.sample(rng, batch)
-        value, ratio = log_ratios(target, proposal, new)
+        value, log_target = log_targets(target, new)
         points = np.concatenate([points, new])
         log_likelihood = np.concatenate([log_likelihood, value])
-        log_ratio = np.concatenate([log_ratio, ratio])
+        log_ratio = np.concatenate([log_ratio, log_target - proposal.log_density(new)])
         reached = effective_draws(log_ratio)
         if progress is not None:
             progress(reached, len(points))
         short = effective - reached
         if short <= 0.0 or len(points) >= most or not reached >= 0.01 * len(points):
-            return _summarise(points, log_likelihood, log_ratio)
+            return summarised(points, log_likelihood, log_ratio)
         batch = int(min(1.1 * short * len(points) / reached, most - len(points))) // 16 * 16 + 16
 
 
-def log_ratios(target: Target, proposal: Proposal, points: Floats) -> tuple[Floats, Floats]:
-    """Log likelihood and log of posterior over proposal density, ``(n,)`` each, of draws ``(n, n_dim)``."""
+def log_targets(target: Target, points: Floats) -> tuple[Floats, Floats]:
+    """Log likelihood, and with the log prior, ``(n,)`` each, at points ``(n, n_dim)``; minus infinity outside."""
     log_prior = target.log_prior(points)
     inside = np.isfinite(log_prior)
     value = np.full(len(points), -np.inf)
     value[inside] = target.log_likelihood(points[inside])
-    return value, np.where(inside, value + log_prior, -np.inf) - proposal.log_density(points)
+    return value, np.where(inside, value + log_prior, -np.inf)
 
 
 def effective_draws(log_ratio: Floats) -> float:
@@ -197,7 +197,8 @@ def pareto_smoothed(log_ratio: Floats) -> tuple[Floats, float]:
     return log_weights, float(shape)
 
 
-def _summarise(points: Floats, log_likelihood: Floats, log_ratio: Floats) -> WeightedDraws:
+def summarised(points: Floats, log_likelihood: Floats, log_ratio: Floats) -> WeightedDraws:
+    """Weighted draws from points ``(n, n_dim)`` and the log ratios ``(n,)`` of posterior to proposal density."""
     n = len(log_ratio)
     log_evidence = float(logsumexp(log_ratio) - np.log(n))
     relative = np.exp(log_ratio - log_evidence) if np.isfinite(log_evidence) else np.zeros(n)

@@ -112,7 +112,7 @@ def is_noise(residual: Floats, motions: Floats | Sequence[Floats] = ()) -> bool:
     """
     noise = coloured_noise(residual)
     innovations = noise.innovations(residual)
-    steady = min(_steadiness(innovations), _steadiness(residual, noise.correlation_samples))
+    steady = min(steadiness(innovations), steadiness(residual, noise.correlation_samples))
     centred = float(ttest_1samp(innovations, 0.0).pvalue) if np.any(innovations) else 1.0
     unaware = [_unawareness(innovations, motion[-len(innovations) :]) for motion in motions]
     return min(whiteness_probability(innovations), centred, steady, *unaware) > LEAST_PROBABILITY
@@ -128,7 +128,7 @@ def _unawareness(innovations: Floats, motion: Floats) -> float:
     return float(min(f_oneway(*groups).pvalue, levene(*groups, center="mean").pvalue))
 
 
-def _steadiness(residual: Floats, correlation_samples: float = 1.0) -> float:
+def steadiness(residual: Floats, correlation_samples: float = 1.0) -> float:
     """Probability of stretches as unequal in strength if the residual were equally strong throughout.
 
     So many successive magnitudes count as one.
@@ -167,7 +167,7 @@ def leaves_quiet(posterior: Posterior, point: Floats) -> bool:
     if max(_to_noise(posterior.record, residual)) >= QUIET_RATIO:
         return False
     rests = counted(posterior.record, residual)
-    return all(min(whiteness_probability(rest), _steadiness(rest)) > QUIET_PROBABILITY for rest in rests)
+    return all(min(whiteness_probability(rest), steadiness(rest)) > QUIET_PROBABILITY for rest in rests)
 
 
 def leaves_noise(posterior: Posterior, point: Floats) -> bool:
@@ -210,6 +210,16 @@ def _to_noise(record: Record, residual: Floats) -> list[float]:
     return [_level(rest) / floor for rest, floor in zip(kept, noise_floors(record).tolist(), strict=True)]
 
 
+def heard_rests(posterior: Posterior, point: Floats) -> dict[str, Floats]:
+    """Residuals ``(n_counted,)`` at a point ``(n_dim,)`` by channel, where they exceed what a solver may leave."""
+    return _heard(posterior.record, residual_of(posterior, point))
+
+
+def _heard(record: Record, residual: Floats) -> dict[str, Floats]:
+    rests = zip(record.channels, counted(record, residual), record.measured[:, record.kept], strict=True)
+    return {name: rest for name, rest, signal in rests if _level(rest) > LEAST_NOISE * np.std(signal)}
+
+
 def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     """Noise level and whiteness of the residual at a point ``(n_dim,)`` of the unit cube, worst channel of each.
 
@@ -220,12 +230,8 @@ def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     record = posterior.record
     residual = residual_of(posterior, point)
     ratios = dict(zip(record.channels, _to_noise(record, residual), strict=True))
-    white = {
-        name: whiteness_probability(rest) if _level(rest) > LEAST_NOISE * np.std(signal) else 1.0
-        for name, rest, signal in zip(
-            record.channels, counted(record, residual), record.measured[:, record.kept], strict=True
-        )
-    }
+    heard = _heard(record, residual)
+    white = {name: whiteness_probability(heard[name]) if name in heard else 1.0 for name in record.channels}
     loudest, reddest = max(ratios, key=lambda name: ratios[name]), min(white, key=lambda name: white[name])
     is_white = white[reddest] > LEAST_PROBABILITY
     whiteness = f"White noise is as coloured as the residual of {reddest} with probability {white[reddest]:.2g}."

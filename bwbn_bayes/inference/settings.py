@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.registry import METHODS
 
-Method = Literal["importance", "tmcmc", "smc", "nuts", "ga", "ipv"]
-METHODS: tuple[Method, ...] = ("importance", "tmcmc", "smc", "nuts")
-"""Roads to a posterior; :mod:`bwbn_bayes.baselines.methods` adds ``ga`` and ``ipv``, which give none."""
-
-_CHOICES = {"method": get_args(Method), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
+_CHOICES = {"method": tuple(METHODS), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
 _LEAST = {"seed": 0, "particles": 1, "workers": 1}
 MOST_PARTICLES = 10_000_000
 """Beyond that memory ends before patience does."""
@@ -40,6 +37,9 @@ class Settings:
         failed, unless their weights have no tail to judge by.
     sampler : {"pymc", "nutpie"}
         Whose NUTS.
+    alternatives : bool
+        Whether the catalogue is asked what else would explain the record: a second once its law is compiled, which
+        takes up to half a minute the first time.
     checkpoint : Path, optional
         Name (without suffix) under which is kept what was solved, and from which a run that was cut off goes on to the
         same result, bit for bit but for its times.
@@ -49,13 +49,14 @@ class Settings:
         Address of a Dask scheduler whose workers solve instead.
     """
 
-    method: Method = "importance"
+    method: str = "importance"
     engine: str = "lanes"
     seed: int = 1
     particles: int = 5000
     variant: Literal["default", "plain"] = "default"
     fallback: bool = True
     sampler: Literal["pymc", "nutpie"] = "pymc"
+    alternatives: bool = True
     checkpoint: Path | None = None
     workers: int = 1
     scheduler: str | None = None

@@ -20,11 +20,13 @@ from bwbn_bayes.inference.identifiability import describe, flag
 from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.registry import title_of
 from bwbn_bayes.inference.responses import N_DRAWS, Singles, evenly, observable, summarised
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import (
+    DOUBTS,
     Check,
     Equation,
     Facts,
@@ -261,31 +263,45 @@ def _verdict(
 ) -> tuple[str, str]:
     seen = [p for p in parameters if p.flag != "unidentified"]
     failed = [check for check in checks if not check.passed]
-    model_fits = all(check.passed for check in checks if check.name.startswith("residual"))
+    model_fits = not any(check.name.startswith("residual") for check in failed)
+    doubted = [check.sentence for check in failed if check.name in DOUBTS] if model_fits else []
+    if model_fits:
+        failed = [check for check in failed if check.name not in DOUBTS]
     scope = f"{len(record.channels)} channel{'s' if len(record.channels) != 1 else ''} of {record.name}"
     first = f"{len(seen)} of {len(parameters)} parameters are identified from {scope}"
     bound = sum(p.flag == "prior-bound" for p in seen)
     first += f" ({bound} of them cut by a bound of the prior)" if bound else ""
     first += (
-        ", and the model explains the record down to its noise."
+        ", and the model explains the record down to its noise, yet doubtfully: another mechanism may do so equally, "
+        f"and the parameters hold only without it. {' '.join(doubted)}"
+        if doubted
+        else ", and the model explains the record down to its noise, though another mechanism may do so equally."
         if model_fits
         else ", but the model does not explain the record: what is left is not white noise, and the posterior holds "
         "only if the model does."
     )
-    roads = {
-        "importance": "importance sampling",
-        "tmcmc": "transitional MCMC",
-        "smc": "PyMC's sequential Monte Carlo",
-        "nuts": "the No-U-Turn sampler",
-    }
-    road = roads.get(method, method)
+    road = title_of(method)
     if method != asked:
-        second = f"Importance sampling failed its own check, so {road} took over; its posterior stands alone."
+        second = _taken_over(checks, road)
     elif failed:
         second = f"Read it with care: {' '.join(check.sentence for check in failed)}"
+    elif doubted:
+        second = f"The posterior comes from {road} and passed all checks of the sampling."
     else:
         second = f"The posterior comes from {road} and passed all {len(checks)} of its checks."
     return first, second
+
+
+def _taken_over(checks: Sequence[Check], road: str) -> str:
+    """Why another method took over, and how good it is: its checks follow those of importance sampling."""
+    names = [check.name for check in checks]
+    why, own = checks[names.index("Pareto k")], checks[names.index("effective draws") + 1 :]
+    said = " ".join(check.sentence for check in own)
+    held = "passed its own checks" if all(check.passed for check in own) else "fails its own checks, read it with care"
+    return (
+        f"Importance sampling failed its own check (Pareto shape {why.value:.2f}, {why.limit:g} at most), so {road} "
+        f"took over; it {held}: {said}"
+    )
 
 
 def conventions(model: Structure) -> tuple[str, ...]:

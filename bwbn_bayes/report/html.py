@@ -9,6 +9,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from bwbn_bayes.inference.registry import title_of
 from bwbn_bayes.report import tables
 from bwbn_bayes.report.canvas import Drawing
 from bwbn_bayes.report.content import Content, gather
@@ -74,7 +75,7 @@ def render(content: Content, drawings: tuple[Drawing, ...]) -> str:
     facts = content.facts
     return template("report.html.j2").render(
         facts=facts,
-        method=tables.method_in_words(facts.method),
+        method=title_of(facts.method),
         specimen=content.specimen,
         figures={drawing.name: drawing for drawing in drawings},
         data_address=data_address,

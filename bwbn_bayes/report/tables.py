@@ -22,14 +22,6 @@ from bwbn_bayes.report.numbers import (
 from bwbn_bayes.results import Check, Facts, ParameterFacts
 
 _NORMAL_95 = 1.645
-_METHODS = {
-    "importance": "importance sampling from the posterior modes",
-    "tmcmc": "transitional Markov chain Monte Carlo",
-    "smc": "sequential Monte Carlo",
-    "nuts": "the no-U-turn sampler",
-    "ga": "a genetic algorithm (one point, no posterior)",
-    "ipv": "intelligent parameter varying (radial basis networks, forces only)",
-}
 _DISCRETISATION = {
     "scheme": "scheme",
     "joint_shift_sd": "joint shift of the posterior by the time step [posterior sd]",
@@ -71,11 +63,6 @@ class KeyFigure:
 
     value: str
     label: str
-
-
-def method_in_words(method: str) -> str:
-    """A method's name as a reader says it."""
-    return _METHODS.get(method, method)
 
 
 def parameter_row(parameter: ParameterFacts) -> ParameterRow:

@@ -13,12 +13,12 @@ import numpy as np
 import xarray as xr
 
 from bwbn_bayes.baselines.ipv import fit_forces, predict
-from bwbn_bayes.baselines.methods import identify
 from bwbn_bayes.engines.base import masses
 from bwbn_bayes.engines.lanes import Lanes, usable_processors
 from bwbn_bayes.engines.simulation import simulate
+from bwbn_bayes.identification import identify
 from bwbn_bayes.inference.likelihood import KnownNoise
-from bwbn_bayes.inference.settings import Method, Settings
+from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import path_correlation, processor_name
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.noise import add_noise
@@ -34,7 +34,7 @@ _FINE = Lanes(substeps=4, resolution=0.06)
 _N_PREDICTED = 100
 _REDUNDANT = 0.9
 
-_METHODS: Mapping[str, Method] = {"IPV": "ipv", "GA": "ga", "TMCMC": "tmcmc"}
+_METHODS: Mapping[str, str] = {"IPV": "ipv", "GA": "ga", "TMCMC": "tmcmc"}
 
 Numbers = Mapping[str, float]
 
@@ -141,9 +141,11 @@ def run_case(
     result = identify(
         model,
         record,
-        settings=Settings(method=method, seed=seed, particles=options.particles, checkpoint=checkpoint),
+        settings=Settings(
+            method=method, seed=seed, particles=options.particles, checkpoint=checkpoint, alternatives=False
+        ),
         noise=_floor(record, options) if case.snr_db is None else None,
-        genetic=options.genetic,
+        options=options.genetic if method == "ga" else None,
         name=case.key,
         listener=None if say is None else lambda text, _facts: say(text),
     )

@@ -12,14 +12,13 @@ import pytest
 from inference_cases import recorded, sdof_model
 
 from bwbn_bayes import GeneticSettings, Result, Settings, ShearBuilding, Specimen, UserError, identify, write_report
-from bwbn_bayes.inference.identify import identify as identify_by_sampling
 
 GENETIC = GeneticSettings(population=40, elite=4, generations=12)
 
 
 @pytest.fixture(scope="module")
 def found() -> Result:
-    return identify(sdof_model(), recorded(1), settings=Settings(method="ga"), genetic=GENETIC, name="sdof")
+    return identify(sdof_model(), recorded(1), settings=Settings(method="ga"), options=GENETIC, name="sdof")
 
 
 @pytest.fixture(scope="module")
@@ -69,11 +68,6 @@ def test_both_render_in_the_same_report_and_say_what_they_lack(found: Result, le
         assert "90 % band" not in page and "posterior mean" not in page and "log evidence" not in page
         assert "hysteresis.png" not in page and "Storey force against drift" in page
     assert "delta_eta" in point
-
-
-def test_samplers_pass_through_and_baselines_do_not_reach_them() -> None:
-    with pytest.raises(ValueError, match="gives no posterior"):
-        identify_by_sampling(sdof_model(), recorded(1), settings=Settings(method="ga"))
 
 
 def test_ipv_needs_a_mass_for_every_floor() -> None:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +11,13 @@ from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorGain, SlipLock, StoreyParameter
-from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.scales import NOMINAL, Scales
 from bwbn_bayes.engines.available import engine
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.parameters import HalfNormal, Normal, PerStorey, Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.model_file import load_model_file
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 from bwbn_bayes.structures.structure import Structure
@@ -270,3 +272,12 @@ def test_a_sensors_hypothesis_uses_the_scale_of_its_floor() -> None:
 def test_only_the_effects_asked_for() -> None:
     every = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS, effects=[CubicStiffness, SensorGain])
     assert {h.name for h in every} == {"cubic_stiffness", "sensor_gain"}
+
+
+def test_an_effect_that_others_refer_to_stays_where_it_is() -> None:
+    """Sudden damage of delta_nu needs strength degradation; taking that out for a look raised an error."""
+    model = load_model_file(Path(__file__).parents[2] / "models" / "three_storey_el_centro.py").model
+    found = hypotheses(model, [NOMINAL] * 3, measured=("acceleration_1", "acceleration_2", "acceleration_3"))
+    names = {one.name for one in found}
+    assert "sensor_lag" in names
+    assert "strength_degradation" not in names

@@ -20,7 +20,6 @@ from inference_cases import MODELS, recorded, sdof_model
 from bwbn_bayes import BoucWen, Result, Settings, ShearBuilding, Uniform, UserError, identify
 from bwbn_bayes.engines.journal import Journal, has_begun, kept
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.settings import Method
 from bwbn_bayes.results import Facts
 
 RECORD = recorded(1).until(8.0)
@@ -66,19 +65,19 @@ SMC = pytest.param("smc", (9,), marks=pytest.mark.slow)  # PyMC compiles for eac
 
 
 @pytest.mark.parametrize(("method", "kills"), [("importance", (2, 9)), ("tmcmc", (40,)), SMC, ("ga", (2, 4))])
-def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path, method: Method, kills: tuple[int, ...]) -> None:
+def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path, method: str, kills: tuple[int, ...]) -> None:
     """Only TMCMC could go on, and left the stages before out of its history, and their solves out of its count."""
     from bwbn_bayes.baselines.genetic import GeneticSettings
 
     settings = Settings(method=method, particles=100)
     genetic = GeneticSettings(generations=10)
-    whole = identify(MODEL, RECORD, settings=settings, genetic=genetic)
+    whole = identify(MODEL, RECORD, settings=settings, options=genetic if method == "ga" else None)
     settings = replace(settings, checkpoint=tmp_path / "run")
     for n_answers in kills:
         with killed_after(n_answers):
-            identify(MODEL, RECORD, settings=settings, genetic=genetic)
+            identify(MODEL, RECORD, settings=settings, options=genetic if method == "ga" else None)
     assert has_begun(tmp_path / "run")
-    assert_same(identify(MODEL, RECORD, settings=settings, genetic=genetic), whole)
+    assert_same(identify(MODEL, RECORD, settings=settings, options=genetic if method == "ga" else None), whole)
 
 
 def _misfit(path: Path, draws: np.ndarray, model: ShearBuilding = MODEL) -> tuple[np.ndarray, int]:
@@ -164,7 +163,7 @@ identify(sdof_model(), recorded(1), settings=settings).save(out / "part.nc")
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["importance", "tmcmc", "smc"])
-def test_a_run_killed_at_twenty_random_moments_comes_to_the_same_result(tmp_path: Path, method: Method) -> None:
+def test_a_run_killed_at_twenty_random_moments_comes_to_the_same_result(tmp_path: Path, method: str) -> None:
     whole = identify(sdof_model(), recorded(1), settings=Settings(method=method, particles=300))
     command = [sys.executable, "-c", RUN, str(MODELS.parent / "tests" / "inference"), method, str(tmp_path)]
     moments, n_killed = random.Random(1), 0

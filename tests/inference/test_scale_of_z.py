@@ -25,9 +25,9 @@ from bwbn_bayes import (
     SlipLock,
     StrengthDegradation,
     Uniform,
+    identify,
     simulate,
 )
-from bwbn_bayes.inference.identify import identify
 from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.likelihood import Posterior, SampledNoise
 from bwbn_bayes.inference.scale_of_z import Section, section_of

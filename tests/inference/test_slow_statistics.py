@@ -352,7 +352,7 @@ def test_tmcmc_on_el_centro(snr_db: float, least_correlation: float) -> None:
     importance = identify(model_file("three_storey_el_centro").model, record).facts
     print(facts.evidences, importance.evidences, facts.restoring_force, facts.elapsed_s, facts.effective_sample_size)
     assert abs(facts.log_evidence - importance.log_evidence) < 1.0
-    assert "tmcmc (prior)" in facts.evidences
+    assert "tmcmc (second start)" in facts.evidences
     assert facts.effective_sample_size >= 1000
     assert all(abs(p.z_score or 0.0) < 4.0 for p in facts.parameters if p.flag == "")
     for force in facts.restoring_force.values():

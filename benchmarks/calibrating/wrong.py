@@ -1,0 +1,85 @@
+"""Records that the model cannot have made: an effect that it lacks, coloured noise, a prior that excludes the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.blind.simulator import Building, respond
+from benchmarks.calibrating.records import STEPS_PER_SAMPLE, Condition, Replicate, recorded, replicate
+from bwbn_bayes import Uniform
+from bwbn_bayes.structures.model_file import ModelFile
+
+LAG, COLOUR = 0.005, 0.3
+"""Of a late sensor [s]; coefficient of coloured noise."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sizes:
+    """What the first storey reaches: peaks of drift [m], rate [m/s], z [m], force [N]; energy [J]; its k [N/m]."""
+
+    drift: float
+    rate: float
+    z: float
+    force: float
+    energy: float
+    stiffness: float
+
+    @classmethod
+    def of(cls, building: Building, file: ModelFile) -> Sizes:
+        """Of a building under the file's ground motion."""
+        assert file.excitation is not None
+        motion = respond(building, file.excitation.excitation, file.excitation.time_step, STEPS_PER_SAMPLE)
+        p = building.storeys[0]
+        spring = p.alpha * p.k * motion.drift[0] + (1.0 - p.alpha) * p.k * motion.hysteretic_displacement[0]
+        peaks = (motion.drift[0], motion.drift_rate[0], motion.hysteretic_displacement[0], spring)
+        drift, rate, z, force = (float(np.max(np.abs(history))) for history in peaks)
+        return cls(drift=drift, rate=rate, z=z, force=force, energy=float(motion.energy[0, -1]), stiffness=p.k)
+
+
+def _size(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+EFFECTS: Mapping[str, Callable[[Sizes, np.random.Generator], Mapping[str, float]]] = {
+    "hidden slip": lambda at, rng: {"delta_s": _size(rng, 0.02, 0.1) * at.drift / at.energy, "sigma": 0.3 * at.z},
+    "sensor 5 ms late": lambda _at, _rng: {"lag": LAG},
+    "cubic stiffness": lambda at, rng: {"k3": _size(rng, 0.03, 0.2) * at.stiffness / at.drift**2},
+    "light friction": lambda at, rng: {"F_c": _size(rng, 0.01, 0.05) * at.force, "v0": 0.05 * at.rate},
+}
+"""What each changes in the first storey, in sizes that the plain building reaches."""
+KINDS = (*EFFECTS, "AR(0.3) noise", "prior excludes c")
+
+
+def wrong_replicate(file: ModelFile, kind: str, snr_db: float, seed: int, number: int) -> Replicate:
+    """A truth of the file's prior, recorded with what the model knows nothing of; ``truth`` is that of the model's own.
+
+    Parameters
+    ----------
+    file : ModelFile
+        Of a ShearBuilding whose damping is one number, ``c``.
+    kind : str
+        One of :data:`KINDS`.
+    snr_db : float
+        Signal-to-noise ratio. [dB]
+    seed, number : int
+        Choose truth, size and noise.
+    """
+    condition = Condition(snr_db=snr_db, colour=COLOUR if kind == "AR(0.3) noise" else 0.0)
+    plain = replicate(file, condition, seed, number)
+    if kind == "AR(0.3) noise":
+        return plain
+    if kind == "prior excludes c":
+        c = plain.truth["c"]
+        prior = Uniform(0.01, 0.7 * c) if c > 0.3 else Uniform(1.3 * c + 0.05, 1.5)
+        return replace(plain, model=plain.model.with_values({"c": prior}))
+    rng = np.random.default_rng([seed, number, 1])
+    first, *above = plain.building.storeys
+    changed = replace(first, **EFFECTS[kind](Sizes.of(plain.building, file), rng))
+    building = replace(plain.building, storeys=(changed, *above))
+    record = recorded(file, building, condition, rng)
+    if record is None:
+        raise ValueError(f"{kind}, number {number}: the record cannot be made")
+    return replace(plain, building=building, record=record)

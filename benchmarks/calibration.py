@@ -1,0 +1,157 @@
+"""Simulation-based calibration over a model file's own prior, and what is said of wrong models.
+
+``python -m benchmarks.calibration --model models/sdof.py --condition regular "20 dB" --replicates 200 --json FILE``
+``python -m benchmarks.calibration --model models/sdof.py --wrong --replicates 20 --snr 20 30 --json FILE``
+
+A simulator that shares no code with the package's engines draws a truth from the prior and records it; ``identify``
+does the rest, blind. If the posterior is right the rank of the truth among its draws is uniform, for every parameter
+and for the log likelihood [1]_. With ``--checkpoint FILE`` each finished replicate is a line of that file, and a run
+that was cut off goes on.
+
+.. [1] S. Talts et al., "Validating Bayesian Inference Algorithms with Simulation-Based Calibration", 2018,
+   arXiv:1804.06788.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.calibrating.outcome import Outcome, judged
+from benchmarks.calibrating.records import CONDITIONS, Replicate, replicate
+from benchmarks.calibrating.summary import Calibration, Wrong, calibration, wrong
+from benchmarks.calibrating.wrong import KINDS, wrong_replicate
+from bwbn_bayes import Settings, identify
+from bwbn_bayes.inference.summary import processor_name
+from bwbn_bayes.structures.model_file import ModelFile, load_model_file
+
+
+def run(made: Replicate, method: str, particles: int, seed: int) -> Outcome:
+    """Identify a replicate blind and compare with its truth."""
+    settings = Settings(method=method, particles=particles, seed=seed)
+    result = identify(made.model, made.record, settings=settings)
+    return judged(result, made.model, made.record, made.truth, seed)
+
+
+class Kept:
+    """Finished replicates, one a line of a file; a line that a kill cut short is none."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._found: dict[str, Outcome] = {}
+        for line in path.read_text(encoding="utf-8").splitlines() if path is not None and path.exists() else ():
+            with suppress(json.JSONDecodeError):
+                entry = json.loads(line)
+                self._found[entry["key"]] = Outcome(**entry["outcome"])
+
+    def outcome(self, key: str, run_it: Callable[[], Outcome]) -> Outcome:
+        """The kept outcome, or that of running it, which is then kept."""
+        if key not in self._found:
+            self._found[key] = run_it()
+            if self._path is not None:
+                with self._path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps({"key": key, "outcome": asdict(self._found[key])}, default=float) + "\n")
+        return self._found[key]
+
+
+def outcomes_of(
+    file: ModelFile, label: str, make: Callable[[int], Replicate], options: argparse.Namespace, kept: Kept
+) -> list[Outcome]:
+    """The outcomes of one row of the table."""
+    found = []
+    for number in range(options.replicates):
+        key = f"{file.name}, {label}, {options.method}, {options.particles}, seed {options.seed}, {number}"
+
+        def run_it(number: int = number) -> Outcome:
+            return run(make(number), options.method, options.particles, options.seed + number)
+
+        found.append(kept.outcome(key, run_it))
+    return found
+
+
+def show_calibration(console: Console, title: str, rows: dict[str, Calibration]) -> None:
+    """Print a line for each condition."""
+    table = Table("condition", "n", "coverage of 90 %", "rms z", "ranks: p", "ran", "said", "s", title=title)
+    for name, row in rows.items():
+        table.add_row(
+            name,
+            str(row.n_replicates),
+            f"{row.coverage:.3f} ({row.coverage_low:.3f} to {row.coverage_high:.3f})",
+            f"{row.rms_z:.2f}",
+            f"{row.rank_p:.2g} ({row.rank_quantity})",
+            _counts(row.methods),
+            _counts(row.grades),
+            f"{row.median_s:.1f}, worst {row.worst_s:.0f}",
+        )
+    console.print(table)
+
+
+def show_wrong(console: Console, title: str, rows: dict[str, Wrong]) -> None:
+    """Print a line for each kind of wrong model."""
+    table = Table("what is wrong", "n", "misleading", "refused", "doubtful", "largest z", title=title)
+    for name, row in rows.items():
+        figures = (row.n, row.n_misleading, row.misleading_refused, row.misleading_doubtful)
+        table.add_row(name, *map(str, figures), f"{row.largest_z:.0f}")
+    console.print(table)
+
+
+def _counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {n}" for name, n in counts.items())
+
+
+def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
+    """The options."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--model", type=Path, default=Path("models/sdof.py"))
+    parser.add_argument("--condition", nargs="+", choices=tuple(CONDITIONS), default=["regular"])
+    parser.add_argument("--wrong", action="store_true", help="wrong models in the place of conditions")
+    parser.add_argument("--snr", nargs="+", type=float, default=[20.0, 30.0], help="of wrong models [dB]")
+    parser.add_argument("--method", default="importance", choices=("importance", "tmcmc", "smc", "nuts"))
+    parser.add_argument("--replicates", type=int, default=20)
+    parser.add_argument("--particles", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--checkpoint", type=Path, help="where finished replicates are kept")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the replicates, print a table, write JSON."""
+    options = parsed(arguments)
+    file, console, kept = load_model_file(options.model), Console(), Kept(options.checkpoint)
+    title = f"{file.name}, {options.method}"
+    rows: dict[str, Any] = {}
+    if options.wrong:
+        for snr_db in options.snr:
+            for kind in KINDS:
+                label = f"{kind}, {snr_db:g} dB"
+
+                def make(number: int, kind: str = kind, snr_db: float = snr_db) -> Replicate:
+                    return wrong_replicate(file, kind, snr_db, options.seed, number)
+
+                rows[label] = wrong(outcomes_of(file, label, make, options, kept))
+        show_wrong(console, title, rows)
+    else:
+        for name in options.condition:
+
+            def make_right(number: int, name: str = name) -> Replicate:
+                return replicate(file, CONDITIONS[name], options.seed, number)
+
+            rows[name] = calibration(outcomes_of(file, name, make_right, options, kept))
+        show_calibration(console, title, rows)
+    if options.json is not None:
+        summary = {name: asdict(row) for name, row in rows.items()}
+        facts = {"model": file.name, "method": options.method, "seed": options.seed, "processor": processor_name()}
+        options.json.write_text(json.dumps({**facts, "rows": summary}, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""A standing check of every identification: what of the catalogue would explain the record better.
+
+The projected scores (:mod:`bwbn_bayes.discovery.score`) of every effect at every place say to first order what a small
+amount of it would gain that the model's own parameters cannot. No effect is added; that is for ``discover``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bwbn_bayes.discovery.candidates import hypotheses, scales_of
+from bwbn_bayes.discovery.run import on_one_thread
+from bwbn_bayes.discovery.score import scores
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.residuals import heard_rests
+from bwbn_bayes.parameters import Floats
+from bwbn_bayes.results import DOUBTS, Check
+
+ALTERNATIVES = DOUBTS[2]
+_TELLS_SIZES = frozenset({"k", "c", "alpha", "A", "beta", "gamma", "n"})
+_CHANCE = 0.02
+"""Of n directions of noise one scores ``log(n / 0.02)`` nats with a probability of less than half a per cent."""
+_AS_WELL = 2.0
+"""A second effect is named beside the first where it is worth as much, to so many nats."""
+
+
+def alternatives_check(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
+    """What the best of the catalogue's effects would be worth at the model's best fit.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the model.
+    point : (n_dim,) array
+        Its optimum in the unit cube.
+
+    Returns
+    -------
+    tuple of Check
+        Its value is the largest score [nat]; the limit grows with the number of effects asked. None where no storey
+        follows Bouc and Wen: the catalogue's sizes are told from their parameters.
+    """
+    record = posterior.record
+    if not {p.symbol for p in posterior.model.parameters} >= _TELLS_SIZES:
+        return ()
+    found = hypotheses(
+        posterior.model,
+        scales_of(posterior, point),
+        measured=tuple(record.channels),
+        has_time=record.has_time,
+        most_carried=np.inf,
+    )
+    limit = float(np.log(max(len(found), 1) / _CHANCE))
+    heard = found if heard_rests(posterior, point) else ()
+    scored = scores(on_one_thread(posterior), heard, point, n_workers=1) if heard else ()
+    ranked = sorted(zip(scored, heard, strict=True), key=lambda pair: -pair[0].nats)
+    if not ranked:
+        return _check(0.0, limit, "Nothing is left that an effect of the catalogue could explain.")
+    best, hypothesis = ranked[0]
+    if best.nats <= limit:
+        return _check(best.nats, limit, f"No effect of the catalogue would gain more than {best.nats:.1f} nats.")
+    # At the maximum of a parabola that gains one nat at `smallest`.
+    size = best.smallest * np.sqrt(best.nats)
+    amount = f" ({best.amplitude} near {size:.2g}{f' {best.unit}' if best.unit else ''})" if np.isfinite(size) else ""
+    sentence = f"{_capital(hypothesis.label)}{amount} would explain more: worth {best.nats:.0f} nats to first order."
+    other = next((pair for pair in ranked[1:] if pair[1].name != hypothesis.name), None)
+    if other is not None and other[0].nats > best.nats - _AS_WELL:
+        sentence += f" So would {other[1].label}."
+    return _check(best.nats, limit, sentence)
+
+
+def _check(nats: float, limit: float, sentence: str) -> tuple[Check, ...]:
+    return (Check(name=ALTERNATIVES, value=nats, limit=limit, passed=nats <= limit, sentence=sentence),)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

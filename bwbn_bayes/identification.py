@@ -1,0 +1,74 @@
+"""One door to every method, with the catalogue's doubts about a model that is sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bwbn_bayes.discovery.alternatives import alternatives_check
+from bwbn_bayes.inference.history import Listener
+from bwbn_bayes.inference.likelihood import Noise
+from bwbn_bayes.inference.method import Task
+from bwbn_bayes.inference.registry import method
+from bwbn_bayes.inference.settings import Settings
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.results import Result
+from bwbn_bayes.structures.structure import Structure
+
+
+def identify(
+    model: Structure,
+    record: Record,
+    *,
+    settings: Settings | None = None,
+    noise: Noise | None = None,
+    options: object = None,
+    name: str = "model",
+    assumptions: Sequence[str] = (),
+    listener: Listener | None = None,
+) -> Result:
+    """Identify a model from a record by any method.
+
+    Parameters
+    ----------
+    model : Structure
+        With priors on the parameters to identify. IPV uses its masses only.
+    record : Record
+        Measured channels under one excitation.
+    settings : Settings, optional
+        Method, engine, seed, number of draws.
+    noise : Noise, optional
+        How the noise scale enters a posterior, by default integrated out under the priors of
+        :func:`~bwbn_bayes.inference.likelihood.default_noise`; the baselines have none.
+    options : GeneticSettings or IpvSettings, optional
+        A baseline's own; the paper's by default.
+    name : str
+        The model's name in reports.
+    assumptions : sequence of str
+        What the model takes for granted; printed in the report.
+    listener : callable, optional
+        Told what is being done.
+
+    Returns
+    -------
+    Result
+        ``ga`` gives one point, ``ipv`` forces only, the others a posterior.
+
+    Raises
+    ------
+    UserError
+        If nothing is to be identified, the record measures nothing, record and model do not belong together, the
+        options are another method's, or the method's library is not installed.
+    """
+    settings = settings or Settings()
+    task = Task(
+        model=model,
+        record=record,
+        settings=settings,
+        noise=noise,
+        options=options,
+        name=name,
+        assumptions=assumptions,
+        listener=listener,
+        beside=alternatives_check if settings.alternatives else None,
+    )
+    return method(settings.method).identify(task)

@@ -1,0 +1,121 @@
+"""The posterior by importance sampling, which checks itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import override
+
+import numpy as np
+
+from bwbn_bayes.inference.by_tmcmc import two_starts
+from bwbn_bayes.inference.history import History
+from bwbn_bayes.inference.identify import Sampling
+from bwbn_bayes.inference.importance import PARETO_LIMIT, Proposal, WeightedDraws, sample_importance
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
+from bwbn_bayes.inference.pooled import FittedMixture, Pool
+from bwbn_bayes.inference.sampled import Given, Sampled
+from bwbn_bayes.inference.summary import Draws
+from bwbn_bayes.inference.tmcmc.sampler import fewest_particles
+from bwbn_bayes.results import Check
+
+_PILOT = 800
+_LEAST_EFFICIENCY = 0.5
+"""Share of effective draws with which a proposal is drawn from on; below it a better one is fitted."""
+_PILOT_LIMIT = 0.5
+_CLEAR = 0.6
+"""Pareto shape with which drawing ends: below the limit of the check, so that stopping does not decide it."""
+_LEAST_EFFECTIVE = 2000
+"""Weighed draws are worth so many at least, whatever was asked for: from fewer, Pareto's k can miss a heavy tail."""
+_BATCH = 4000
+_FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
+"""Where TMCMC takes over, it starts with this fraction of the draws asked for: each costs it some hundred solves."""
+_MOST_DRAWS, _MOST_UNFOLLOWED = 60_000, 6_000
+"""Draws at most, and where the posterior of a model that leaves more than noise is not followed."""
+
+
+class ByImportance(Sampling):
+    """Importance sampling, and transitional MCMC where the weights' tail is too heavy."""
+
+    along_orbits = True
+
+    @override
+    def sample(self, given: Given) -> Sampled:
+        settings, rng, history = given.settings, given.rng, given.history
+        # Where nothing takes over, the bent posterior of a model that leaves more than noise is not worth following.
+        follows = settings.fallback or given.explains
+        weighted, nested = weighted_draws(given.target, given.modes, rng, settings.particles, history, follows=follows)
+        checks = (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
+        evidences = {"importance": (weighted.log_evidence, weighted.log_evidence_se)}
+        if weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k)):
+            return Sampled("importance", Draws.of_weighted(weighted, rng, settings.particles), evidences, checks)
+        history.say("the proposal does not cover the posterior: falling back to TMCMC")
+        fewest = max(_FEWEST_PARTICLES, fewest_particles(given.target.n_dim))
+        fewer = replace(settings, particles=max(fewest, settings.particles // _FALLBACK_SHARE))
+        second = two_starts(given._replace(settings=fewer), nested)
+        return second._replace(evidences={**evidences, **second.evidences}, checks=(*checks, *second.checks))
+
+
+def weighted_draws(
+    posterior: Posterior,
+    modes: tuple[Mode, ...],
+    rng: np.random.Generator,
+    effective: int,
+    history: History,
+    *,
+    follows: bool,
+) -> tuple[WeightedDraws, NestedLaplace | None]:
+    """From the modes, or from the sheet through them where they alone cover the posterior badly; then from fits."""
+    sheet, effective = Sheet(posterior, modes, rng), max(effective, _LEAST_EFFECTIVE)
+    follows = follows and posterior.n_dim > 1
+    pilot = sample_importance(posterior, sheet.proposal, rng, effective=_PILOT, most=_PILOT)
+    poor = pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
+    if poor and follows:
+        history.say("the posterior is bent: laying a sheet through it")
+        sheet.lay()
+    history.say("sampling the posterior by importance")
+    tell = partial(history.tell_draws, posterior, effective)
+    pool, short = Pool.empty(posterior.n_dim), float(effective)
+    proposal: Proposal = sheet.proposal
+    most = _MOST_DRAWS if follows else _MOST_UNFOLLOWED
+    while True:
+        n = min(_BATCH if sheet.nested is not None else int(1.1 * short), most - len(pool.points))
+        pool = pool.drawn(posterior, proposal, rng, n // 16 * 16 + 16)
+        found = pool.weighted
+        reached, efficiency = found.effective_sample_size, found.effective_sample_size / len(pool.points)
+        tell(reached, len(pool.points))
+        short = (effective - reached) / max(efficiency, 0.05)
+        if (reached >= effective and found.pareto_k <= _CLEAR) or len(pool.points) >= most:
+            return found, sheet.nested
+        if follows and (efficiency < _LEAST_EFFICIENCY or found.pareto_k > _CLEAR):
+            proposal = _fitted(found, proposal)
+        elif reached >= effective:
+            return found, sheet.nested
+        short = max(short, _PILOT)
+
+
+def _fitted(draws: WeightedDraws, otherwise: Proposal) -> Proposal:
+    found = FittedMixture.to(draws)
+    return otherwise if found is None else found
+
+
+def _pareto_check(weighted: WeightedDraws) -> Check:
+    return Check(
+        name="Pareto k",
+        value=weighted.pareto_k,
+        limit=PARETO_LIMIT,
+        passed=weighted.pareto_k <= PARETO_LIMIT,
+        sentence=f"The tail of the importance weights has Pareto shape {weighted.pareto_k:.2f}.",
+    )
+
+
+def _size_check(reached: float, wanted: float) -> Check:
+    return Check(
+        name="effective draws",
+        value=reached,
+        limit=wanted,
+        passed=reached >= 0.98 * wanted,
+        sentence=f"The weighted draws are worth {reached:.0f} independent ones.",
+    )

@@ -1,0 +1,97 @@
+"""Transitional MCMC from two starts: their agreement is a check that holds for a good run and fails for a bad one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from inference_cases import recorded, sdof_model
+
+from bwbn_bayes import Result, Settings, identify
+from bwbn_bayes.inference import by_tmcmc as module
+from bwbn_bayes.inference.by_importance import weighted_draws
+from bwbn_bayes.inference.by_tmcmc import FIRST, SECOND, two_starts
+from bwbn_bayes.inference.history import History
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.sampled import Given, Sampled
+from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
+from bwbn_bayes.inference.truncated import TruncatedStudent
+from bwbn_bayes.parameters import Floats
+
+CHECKS = ["independent particles", "starts agree on the evidence", "starts agree on the means"]
+
+
+class Half:
+    """An approximation that has nothing above the mode's first coordinate, as one that overlooks a bend has not."""
+
+    def __init__(self, mode: Mode) -> None:
+        self.mode = mode
+        self.whole = TruncatedStudent.at(mode.point, mode.gradient, mode.information, inflation=4.0)
+
+    def sample(self, rng: np.random.Generator, n: int) -> Floats:
+        drawn = self.whole.sample(rng, 8 * n)
+        return drawn[drawn[:, 0] < self.mode.point[0]][:n]
+
+    def log_density(self, points: Floats) -> Floats:
+        return np.where(points[:, 0] < self.mode.point[0], self.whole.log_density(points) + np.log(2.0), -np.inf)
+
+
+def run(posterior: Posterior, mode: Mode, told: list[str]) -> Sampled:
+    history = History(lambda text, _: told.append(text), 0.0, [])
+    settings = Settings(method="tmcmc", particles=400)
+    rng, seeds = np.random.default_rng(1), np.random.SeedSequence(1)
+    return two_starts(Given(posterior, (mode,), settings, rng, seeds, history, True))
+
+
+def test_two_starts_agree_where_all_is_well(posterior: Posterior, mode: Mode) -> None:
+    told: list[str] = []
+    found = run(posterior, mode, told)
+    assert [check.name for check in found.checks] == CHECKS
+    assert all(check.passed for check in found.checks), found.checks
+    assert set(found.evidences) == {FIRST, SECOND}
+    assert not any("sending out more" in text for text in told)
+
+
+def test_an_approximation_with_a_hole_is_told(
+    posterior: Posterior, mode: Mode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fallback used to start from the proposal that had just failed, and nothing looked beyond it."""
+
+    def blind(target: Posterior, modes: Any, **options: Any) -> TmcmcResult:
+        del options["nested"]
+        return sample(target, reference=Half(modes[0]), **options)
+
+    monkeypatch.setattr(module, "bridge", blind)
+    monkeypatch.setattr(module, "_N_ATTEMPTS", 2)
+    told: list[str] = []
+    found = run(posterior, mode, told)
+    failed = {check.name for check in found.checks if not check.passed}
+    assert failed == {"starts agree on the evidence", "starts agree on the means"}
+    assert sum("sending out more" in text for text in told) == 2
+
+
+@pytest.fixture(scope="module")
+def taken_over() -> Result:
+    """A run whose importance sampling is said to have failed."""
+
+    def failing(*arguments: Any, **options: Any) -> Any:
+        found, nested = weighted_draws(*arguments, **options)
+        return replace(found, pareto_k=0.95), nested
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bwbn_bayes.inference.by_importance.weighted_draws", failing)
+        return identify(sdof_model(), recorded(1), settings=Settings(particles=2000))
+
+
+def test_the_verdict_says_what_ran_why_and_how_good_it_is(taken_over: Result) -> None:
+    facts = taken_over.facts
+    assert facts.method == "tmcmc"
+    assert [check.name for check in facts.checks][-3:] == CHECKS
+    said = facts.verdict[1]
+    assert "Pareto shape 0.95, 0.7 at most" in said
+    assert "transitional MCMC took over; it passed its own checks" in said
+    assert "worth" in said
+    assert "nats apart" in said

@@ -1,0 +1,78 @@
+"""Wrong models whose residual passes for noise: a late sensor, hardening, a prior that excludes the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from inference_cases import SDOF, posterior_of, recorded, sdof_model, true_point
+
+from bwbn_bayes import CubicStiffness, SensorLag, Settings, Uniform, identify, simulate
+from bwbn_bayes.discovery.alternatives import alternatives_check
+from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.inference.doubts import LARGEST_GAIN, doubts
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.modes import Mode, distinct, polish
+from bwbn_bayes.parameters import Floats
+
+RECORD_SEED, SNR_DB = 1, 20.0
+
+
+def fitted(posterior: Posterior, start: Floats) -> Mode:
+    return distinct(*polish(posterior, start[None], n_iterations=30))[0]
+
+
+@pytest.mark.parametrize(
+    ("effect", "word"), [(SensorLag(lag=0.005), "sensor lag"), (CubicStiffness(k3=250.0), "cubic stiffness")]
+)
+def test_what_hides_behind_a_white_residual_is_named(effect: Effect, word: str) -> None:
+    """The residual is white and of the noise's level, and the parameters are far off; the verdict said "explains"."""
+    assert SDOF.excitation is not None
+    hidden = sdof_model().with_effect(effect)
+    record = simulate(hidden, SDOF.excitation, SDOF.truth, snr_db=SNR_DB, seed=RECORD_SEED)
+    facts = identify(sdof_model(), record, settings=Settings(particles=300)).facts
+    checks = {check.name: check for check in facts.checks}
+    assert checks["residual level"].passed and checks["residual whiteness"].passed
+    assert facts.grade == "doubtful"
+    assert not checks["alternatives"].passed
+    assert word in checks["alternatives"].sentence.lower()
+    assert "yet doubtfully: another mechanism may do so equally" in facts.verdict[0]
+    assert checks["alternatives"].sentence in facts.verdict[0]
+
+
+def test_a_prior_that_excludes_the_truth_is_said() -> None:
+    record = recorded(1, snr_db=SNR_DB)
+    model = sdof_model().with_values({"c": Uniform(0.26, 1.0)})
+    posterior = posterior_of(model, record)
+    start = true_point(sdof_model(), record)
+    start[1] = 0.05
+    _, within = doubts(posterior, fitted(posterior, start))
+    assert not within.passed
+    assert "lower end of the prior of c, 0.26" in within.sentence
+
+
+def test_a_right_model_is_not_doubted() -> None:
+    """Over eight data seeds no check of the three fails, and the best effect stays below its limit."""
+    for seed in range(1, 9):
+        record = recorded(seed, snr_db=SNR_DB)
+        posterior = posterior_of(sdof_model(), record)
+        mode = fitted(posterior, true_point(sdof_model(), record))
+        found = (*doubts(posterior, mode), *alternatives_check(posterior, mode.point))
+        assert all(check.passed for check in found), [check.sentence for check in found if not check.passed]
+
+
+def test_a_bound_is_worth_what_the_likelihood_gains_beyond_it() -> None:
+    """Against a wider prior that holds the optimum, refitted: the expansion is of second order, to within a third."""
+    record = recorded(1, snr_db=SNR_DB)
+    wide = posterior_of(sdof_model(), record)
+    best = fitted(wide, true_point(sdof_model(), record))
+    c = float(wide.space.from_unit(best.point[None])[0, 1])
+    model = sdof_model().with_values({"c": Uniform(c + 0.06, c + 0.5)})
+    narrow = posterior_of(model, record)
+    start = best.point.copy()
+    start[1] = 1e-3
+    held = fitted(narrow, start)
+    _, within = doubts(narrow, held)
+    gained = best.log_likelihood - held.log_likelihood
+    assert gained > LARGEST_GAIN
+    assert within.value == pytest.approx(gained, rel=0.34)
+    assert np.isfinite(within.value)

@@ -184,10 +184,7 @@ def _score_family(
     response = view.engine.simulate(view.model, np.concatenate([at_neutral, moved]), view.record).values
     neutral, beyond = np.split(response, 2)
     slopes = (beyond - neutral) / step[:, None, None]
-    # What has no response at these values, a pinch of a loop that hardens say, has no slope either.
-    solved = np.all(np.isfinite(neutral) & np.isfinite(slopes), axis=(1, 2))
-    pairs = zip(neutral, slopes, solved, strict=True)
-    projected = np.array([present.projected(own, slope) if is_fine else (0.0, 0.0) for own, slope, is_fine in pairs])
+    projected = np.array([present.projected(*pair) for pair in zip(neutral, slopes, strict=True)])
     for number, (member, amplitude) in enumerate(asked):
         one = _best(member, amplitude, projected[owner == number])
         if member not in best or one.nats > best[member].nats:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
 from bwbn_bayes.discovery.evidence import laplace
@@ -64,15 +65,16 @@ def search(given: Explanation, run: Run) -> Pool:
     pool.add([given])
     run.considered = run.considered_first = hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED)
     n_whole = 0
-    for _ in range(run.settings.most_rounds):
-        parent = _next(pool, run)
-        if parent is None:
-            break
-        _round(parent, pool, run)
-        n_whole += not run.stopped
-    if not given.is_specimen:
-        _unnamed(pool, run)
-        _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
+    with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
+        for _ in range(run.settings.most_rounds):
+            parent = _next(pool, run)
+            if parent is None:
+                break
+            _round(parent, pool, run)
+            n_whole += not run.stopped
+        if not given.is_specimen:
+            _unnamed(pool, run)
+            _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
     if run.stopped:
         sentence = (
             f"The search was stopped by the time limit of {run.settings.time_limit_s:g} s, "

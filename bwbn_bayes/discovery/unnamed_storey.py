@@ -260,6 +260,12 @@ class Neighbourhood:
         return found
 
     @cached_property
+    def _starts(self) -> tuple[Floats, ...]:
+        """Precisions over that of what is left: a model that lacks much takes it for noise, begin at the noise too."""
+        by_itself = np.square(self._slopes.noise[:, 0] / np.maximum(noise_floors(self.view.record), 1e-300))
+        return (np.ones(len(by_itself)), *([by_itself] if np.any(by_itself > _MUCH) else []))
+
+    @cached_property
     def alone(self) -> float:
         """Log evidence of the model without a force, but for a constant."""
         return self._sums([]).without(np.ones(len(self._residual)))[0]
@@ -293,10 +299,7 @@ class Neighbourhood:
 
     def _of_kind(self, kind: str, processes: Mapping[int, tuple[Floats, Floats]], alone: float) -> Estimate:
         sums = self._sums([answered for _, answered in processes.values()])
-        # A model that lacks much takes it for noise: begin there, and where the noise is by itself.
-        by_itself = np.square(sums.level / np.maximum(noise_floors(self.view.record), 1e-300))
-        starts = [np.ones(len(by_itself)), *([by_itself] if np.any(by_itself > _MUCH) else [])]
-        log_evidence, step, weights = max((sums.settled(start) for start in starts), key=lambda found: found[0])
+        log_evidence, step, weights = max((sums.settled(start) for start in self._starts), key=lambda found: found[0])
         ends = np.cumsum([len(histories) for histories, _ in processes.values()])[:-1]
         return Estimate(
             gain=log_evidence - alone,

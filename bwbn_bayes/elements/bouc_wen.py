@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import sympy as sp
 
@@ -111,8 +110,6 @@ class BoucWen:
     n: Value = 1.0
     hardens: bool = False
 
-    name: ClassVar[str] = "bouc_wen"
-
     def __post_init__(self) -> None:
         given = [name for name in ("beta", "gamma", "u_y", "rho") if getattr(self, name) is not None]
         if given not in (["beta", "gamma"], ["u_y", "rho"]):
@@ -125,6 +122,11 @@ class BoucWen:
     def parameters(self) -> tuple[Parameter, ...]:
         """The seven parameters, ``u_y`` and ``rho`` in the place of ``beta`` and ``gamma`` where those are given."""
         return (*_SPRINGS, *(_SHAPE if self.u_y is None else _YIELD), *_SHARPNESS)
+
+    @property
+    def name(self) -> str:
+        """What effects call it: some need the bound that a loop which may harden has not."""
+        return "hardening_bouc_wen" if self.hardens else "bouc_wen"
 
     @property
     def constraints(self) -> tuple[sp.Basic, ...]:

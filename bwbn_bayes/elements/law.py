@@ -177,7 +177,7 @@ class Effect(Protocol):
     level: ClassVar[str] = "link"
     """What it acts on: link (a storey), node (a floor), structure, excitation or observation."""
 
-    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "linear")
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen", "linear")
     """Names of the elements that it can act on, where it acts on a link."""
     makes: ClassVar[str] = ""
     """Name of the element that a link is once it has the effect, where it becomes another."""

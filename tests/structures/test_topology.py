@@ -175,7 +175,7 @@ def test_hysteresis_makes_a_linear_link_a_bouc_wen_link():
     for engine in ENGINES.values():
         found = engine.simulate(linear, np.zeros((1, 0)), record, ["acceleration_1"]).values[0]
         assert np.sqrt(np.mean((found - expected) ** 2) / np.mean(expected**2)) < 2e-5
-    assert linear.element_of(1) == "bouc_wen"
+    assert linear.element_of(1) == known.element_of(1) == "hardening_bouc_wen"
     degrading = [m.with_effect(StrengthDegradation(delta_nu=0.2)) for m in (linear, known)]
     found, expected = (Reference().simulate(m, np.zeros((1, 0)), record, ["drift_1"]).values for m in degrading)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
@@ -208,7 +208,10 @@ def test_modes_of_a_braced_frame():
             "carry nodes 1 to 2 in this order",
         ),
         (lambda: Structure(masses=[1.0], links=()), "0 links for 1 masses"),
-        (lambda: BRACED.with_effect(StrengthDegradation(delta_nu=0.1), storeys=[4]), "acts on bouc_wen links"),
+        (
+            lambda: BRACED.with_effect(StrengthDegradation(delta_nu=0.1), storeys=[4]),
+            "acts on bouc_wen or hardening_bouc_wen links",
+        ),
         (lambda: BRACED.with_effect(MassError(e_m=0.1), storeys=[4]), "numbers from 1 to 3"),
         (
             lambda: ShearBuilding(masses=[1.0], storey=BoucWen(k=1.0, u_y=1.0, rho=0.5)).with_link(

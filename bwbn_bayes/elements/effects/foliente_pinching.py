@@ -76,6 +76,7 @@ class FolientePinching(Effect):
     lambda_: Value
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen",)
+    """The pinch lies at a share of the bound of z, which a loop that may harden has not."""
     name: ClassVar[str] = "foliente_pinching"
     title: ClassVar[str] = "pinching after Foliente"
     summary: ClassVar[str] = "loops pinch off centre, depending on direction, and the pinch saturates"

@@ -45,7 +45,7 @@ class Hysteresis(Effect):
     x_h: Value
 
     elements: ClassVar[tuple[str, ...]] = ("linear",)
-    makes: ClassVar[str] = "bouc_wen"
+    makes: ClassVar[str] = "hardening_bouc_wen"
     name: ClassVar[str] = "hysteresis"
     title: ClassVar[str] = "hysteresis (a Bouc-Wen spring)"
     summary: ClassVar[str] = "part of a linear spring yields: the force depends on the way to a drift"

@@ -50,7 +50,7 @@ class SlipLock(Effect):
     delta_s: Value
     sigma: Value
 
-    elements: ClassVar[tuple[str, ...]] = ("bouc_wen",)
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "slip_lock"
     title: ClassVar[str] = "slip-lock pinching"
     summary: ClassVar[str] = "the joint slips near zero hysteretic displacement: pinched loops"
@@ -165,7 +165,7 @@ class FreeSlip(Effect):
     p_w: Value
     E_w: Value
 
-    elements: ClassVar[tuple[str, ...]] = ("bouc_wen",)
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = SlipLock.name
     title: ClassVar[str] = SlipLock.title
     summary: ClassVar[str] = SlipLock.summary

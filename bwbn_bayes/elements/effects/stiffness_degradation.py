@@ -74,7 +74,7 @@ class StiffnessDegradation(Effect):
     m_eta: Value | None = None
     E_eta: Value | None = None
 
-    elements: ClassVar[tuple[str, ...]] = ("bouc_wen",)
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "stiffness_degradation"
     summary: ClassVar[str] = "stiffness falls with the work done on the hysteretic spring"
     source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}"

@@ -44,7 +44,7 @@ class StoreyParameter(Effect):
     parameter: str
     offset: Value
 
-    elements: ClassVar[tuple[str, ...]] = ("bouc_wen",)
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "storey_parameter"
     title: ClassVar[str] = "deviating parameter"
     summary: ClassVar[str] = "a parameter that storeys share differs at one of them"

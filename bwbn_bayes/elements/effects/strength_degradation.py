@@ -74,7 +74,7 @@ class StrengthDegradation(Effect):
     m_nu: Value | None = None
     E_nu: Value | None = None
 
-    elements: ClassVar[tuple[str, ...]] = ("bouc_wen",)
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "strength_degradation"
     summary: ClassVar[str] = "strength falls with the work done on the hysteretic spring"
     source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}"

@@ -11,7 +11,7 @@ import numpy as np
 from bwbn_bayes.discovery.candidates import hypotheses, scales_of
 from bwbn_bayes.discovery.run import on_one_thread
 from bwbn_bayes.discovery.score import scores
-from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.residuals import heard_rests
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import DOUBTS, Check
@@ -43,6 +43,9 @@ def alternatives_check(posterior: Posterior, point: Floats) -> tuple[Check, ...]
     record = posterior.record
     if not {p.symbol for p in posterior.model.parameters} >= _TELLS_SIZES:
         return ()
+    if posterior.noise.parameters:  # sampled: at the optimum it is a known one
+        noise_sd = posterior.split(point[None])[1][0].tolist()
+        posterior, point = posterior.with_noise(KnownNoise(sd=tuple(noise_sd))), point[: posterior.model.space.n_dim]
     found = hypotheses(
         posterior.model,
         scales_of(posterior, point),

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         SuddenDamage,
     )
     from bwbn_bayes.elements.effects.cubic_stiffness import PowerSpring
+    from bwbn_bayes.elements.effects.foliente_pinching import FreePinch
     from bwbn_bayes.elements.effects.free_friction import FreeFriction
     from bwbn_bayes.elements.effects.free_stop import FreeStop
     from bwbn_bayes.elements.effects.quadratic_damping import PowerDamper
@@ -76,6 +77,7 @@ __all__ = [
     "DiscoverySettings",
     "FolientePinching",
     "FreeFriction",
+    "FreePinch",
     "FreeSlip",
     "FreeStop",
     "GapImpact",
@@ -170,6 +172,7 @@ _on_first_use = importer(
         ),
         "bwbn_bayes.elements.effects.cubic_stiffness": ("PowerSpring",),
         "bwbn_bayes.elements.effects.free_friction": ("FreeFriction",),
+        "bwbn_bayes.elements.effects.foliente_pinching": ("FreePinch",),
         "bwbn_bayes.elements.effects.free_stop": ("FreeStop",),
         "bwbn_bayes.elements.effects.quadratic_damping": ("PowerDamper",),
         "bwbn_bayes.elements.effects.slip_lock": ("FreeSlip",),

@@ -221,24 +221,26 @@ def _together(given: Explanation, run: Run) -> Iterator[Explanation]:
 def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
     """The best laws with each effect in a form of free shape: what its form leaves must not become another effect.
 
-    Each form is tried on each base once. What a specimen's laws leave is never noise, and their unnamed force may take
-    it up: forms are tried there in the first rounds alone.
+    Where the best has several effects, each of them alone too. Each form is tried on each base once. What a specimen's
+    laws leave is never noise, and their unnamed force may take it up: forms are tried there in the first rounds alone.
     """
     best = pool.laws_alone.best
-    if best.is_noise or (best.is_specimen and len(pool.expanded) > _MOST_RESHAPED):
+    if (best.is_noise and len(best.added) < 2) or (best.is_specimen and len(pool.expanded) > _MOST_RESHAPED):
         return []
     considered = {one.name for one in run.considered_first}
+    alone = [pool.plain[key_of([one])] for one in best.added if key_of([one]) in pool.plain]
     found: list[Explanation] = []
-    for plain in best.added:
-        base = pool.plain.get(best.effects_key - key_of([plain]))
-        if base is None or run.must_stop():
-            continue
-        forms = [form for form in type(plain.effect).general_forms(plain.scales) if form.name in considered]
-        every = [replace(plain, base=base.model, effect=form, carried=()) for form in forms]
-        every = [one for one in every if base.effects_key | key_of([one]) not in pool.reshaped]
-        pool.reshaped.update(base.effects_key | key_of([one]) for one in every)
-        if every:
-            found += _in_free_shape(base, every, run)
+    for whole in {one.effects_key: one for one in (best, *alone)}.values():
+        for plain in whole.added:
+            base = pool.plain.get(whole.effects_key - key_of([plain]))
+            if base is None or run.must_stop():
+                continue
+            forms = [form for form in type(plain.effect).general_forms(plain.scales) if form.name in considered]
+            every = [replace(plain, base=base.model, effect=form, carried=()) for form in forms]
+            every = [one for one in every if base.effects_key | key_of([one]) not in pool.reshaped]
+            pool.reshaped.update(base.effects_key | key_of([one]) for one in every)
+            if every:
+                found += _in_free_shape(base, every, run)
     return found
 
 

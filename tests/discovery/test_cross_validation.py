@@ -51,7 +51,9 @@ def test_a_linear_model_is_predicted_as_by_fits_to_the_other_blocks() -> None:
 
     engine: Any = Linear()
     record = Record(name="drawn", time_step=0.1, excitation=np.ones(n), channels={"acceleration_1": measured})
-    model = replace(MODEL, storey=replace(STOREY, k=Uniform(0, 1000), c=Uniform(0, 1000)))
+    model = replace(
+        MODEL, links=(replace(MODEL.links[0], element=replace(STOREY, k=Uniform(0, 1000), c=Uniform(0, 1000))),)
+    )
     posterior = Posterior(model=model, record=record, engine=engine, noise=KnownNoise(sd=(0.3,)))
     unit, target = 0.02 * design * 1000.0 / 0.3, measured / 0.3
     # About the optimum the prior's precision pulls nowhere: there the fit is that of least squares alone.
@@ -81,7 +83,10 @@ def test_a_hysteretic_model_is_predicted_as_by_a_fit_to_the_other_blocks() -> No
 
 def test_a_parameter_that_only_fits_noise_lowers_the_log_score() -> None:
     """On the average over records: each useless parameter costs about half a nat in density and a half in the fit."""
-    wider = replace(MODEL, storey=replace(STOREY, gamma=Normal(0.0, 10.0), alpha=Uniform(0.0, 0.9)))
+    wider = replace(
+        MODEL,
+        links=(replace(MODEL.links[0], element=replace(STOREY, gamma=Normal(0.0, 10.0), alpha=Uniform(0.0, 0.9))),),
+    )
     differences = []
     for seed in range(12):
         clean = ENGINE.simulate(MODEL, np.array([[60.0, 0.5]]), GROUND, ("acceleration_1",)).values[0, 0]

@@ -208,7 +208,7 @@ def curved_posterior(noise: Noise) -> Posterior:
         gamma=Uniform(-20, 60),
         n=Uniform(1, 3),
     )
-    posterior = posterior_of(replace(model, storey=storey), recorded(1), noise)
+    posterior = posterior_of(replace(model, links=(replace(model.links[0], element=storey),)), recorded(1), noise)
     # Coarse steps end where the state says, which the tangents do not follow: their error falls with the step.
     return posterior.with_engine(Lanes(substeps=32, resolution=0.03))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
@@ -28,12 +28,22 @@ from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Unif
 _SOURCE = "Foliente 1995, doi:10.1061/(ASCE)0733-9445(1995)121:6(1013)"
 
 
+_ROUNDING = 0.05
+"""Of the width, over which the tip of a power below two is round."""
+
+
 def _parameter(
     name: str, unit: str, neutral: float, lower: float, description: str, upper: float = math.inf
 ) -> Parameter:
     return Parameter(
         symbol=name, unit=unit, neutral=neutral, lower=lower, upper=upper, description=description, source=_SOURCE
     )
+
+
+def _free_parameter(
+    name: str, unit: str, neutral: float, lower: float, description: str, upper: float = math.inf
+) -> Parameter:
+    return replace(_parameter(name, unit, neutral, lower, description, upper), source="Foliente 1995, generalised")
 
 
 def _is_open_to_a_pinch(drift: Floats, force: Floats) -> bool:
@@ -123,7 +133,7 @@ class FolientePinching(Effect):
     @override
     def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
         # One mechanism: what a pinch by this law leaves, the slip in a free shape may take up.
-        return FreeSlip.default_prior(scales)
+        return (*FreePinch.default_prior(scales), *FreeSlip.default_prior(scales))
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
@@ -139,18 +149,123 @@ class FolientePinching(Effect):
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        zeta_s, p, q, psi_0, delta_psi, floor = (symbol(parameter.symbol) for parameter in self.parameters)
-        depth, width, z_u = step("z_1"), step("z_2"), step("z_u")
-        offset = HYSTERETIC_DISPLACEMENT * sp.sign(DRIFT_RATE) - q * z_u
-        bound = (1 / (symbol("beta") + symbol("gamma"))) ** (1 / symbol("n"))
-        steps = (
-            ("depth of the pinch", depth, zeta_s * (1 - sp.exp(-p * ENERGY))),
-            ("width of the pinch", width, (psi_0 + delta_psi * ENERGY) * (floor + depth)),
-            ("bound of the hysteretic displacement", z_u, bound),
+        own = tuple(symbol(parameter.symbol) for parameter in self.parameters)
+        return _pinched(slots, own, lambda square: sp.exp(-square))
+
+
+def _pinched(slots: Slots, own: tuple[sp.Symbol, ...], dip: Callable[[sp.Expr], sp.Expr], mark: str = "") -> Slots:
+    """The rate multiplied by one less the dip, a function of the squared distance from its middle over its width."""
+    zeta_s, p, q, psi_0, delta_psi, floor = own
+    depth, width, z_u = (step(f"{name}{mark}") for name in ("z_1", "z_2", "z_u"))
+    offset = HYSTERETIC_DISPLACEMENT * sp.sign(DRIFT_RATE) - q * z_u
+    bound = (1 / (symbol("beta") + symbol("gamma"))) ** (1 / symbol("n"))
+    steps = (
+        ("depth of the pinch", depth, zeta_s * (1 - sp.exp(-p * ENERGY))),
+        ("width of the pinch", width, (psi_0 + delta_psi * ENERGY) * (floor + depth)),
+        ("bound of the hysteretic displacement", z_u, bound),
+    )
+    return replace(
+        slots,
+        rate_multiplier=slots.rate_multiplier * (1 - depth * dip(offset**2 / width**2)),
+        constraints=(*slots.constraints, symbol("beta") + symbol("gamma") > 0),
+        steps=(*slots.steps, *(Definition(caption=c, subject=x, expression=e) for c, x, e in steps)),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreePinch(Effect):
+    """Foliente's multiplier of the Bouc-Wen rate, ``1 - z1 exp(-|(z sgn v - q_f z_u)/z2|^m_f)``.
+
+    ``z1``, ``z2`` and ``z_u`` are those of :class:`FolientePinching`, which it is with ``m_f = 2``. With a power near
+    1.4 the dip resembles a hyperbolic secant, with a large one it has a flat bottom.
+
+    Parameters
+    ----------
+    zeta_f : float, Prior or PerStorey
+        Total slip, the final depth of the pinch; up to 1.
+    p_f : float, Prior or PerStorey
+        Rate at which the pinch develops with work. [1/J]
+    q_f : float, Prior or PerStorey
+        Position of the pinch as a share of z_u.
+    psi_f : float, Prior or PerStorey
+        Width of the pinch. [m]
+    delta_f : float, Prior or PerStorey
+        Growth of the width with work. [m/J]
+    lambda_f : float, Prior or PerStorey
+        Floor of the width's growth with depth.
+    m_f : float, Prior or PerStorey
+        Power in the dip.
+
+    References
+    ----------
+    .. [1] G. C. Foliente, "Hysteresis Modeling of Wood Joints and Structural Systems", J. Struct. Eng. 121(6), 1995
+       (the Gaussian dip); the other shapes are our generalisation.
+    """
+
+    zeta_f: Value
+    p_f: Value
+    q_f: Value
+    psi_f: Value
+    delta_f: Value
+    lambda_f: Value
+    m_f: Value
+
+    elements: ClassVar[tuple[str, ...]] = FolientePinching.elements
+    name: ClassVar[str] = FolientePinching.name
+    title: ClassVar[str] = FolientePinching.title
+    summary: ClassVar[str] = FolientePinching.summary
+    source: ClassVar[str] = FolientePinching.source
+    residual: ClassVar[str] = FolientePinching.residual
+    confusable: ClassVar[str] = FolientePinching.confusable
+    mechanism: ClassVar[str] = FolientePinching.mechanism
+    form: ClassVar[str] = "free shape"
+    signature: ClassVar[Signature] = replace(
+        FolientePinching.signature, size=lambda at: at["zeta_f"] * (1.0 - math.exp(-at["p_f"] * at.energy))
+    )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        _free_parameter("zeta_f", "", 0.0, 0.0, "total slip", 1.0),
+        _free_parameter("p_f", "1/J", 1.0, 0.0, "rate of the pinch with work"),
+        _free_parameter("q_f", "", 0.0, -1.0, "position of the pinch"),
+        _free_parameter("psi_f", "m", 1.0, 0.0, "width of the pinch"),
+        _free_parameter("delta_f", "m/J", 0.0, 0.0, "growth of the width with work"),
+        _free_parameter("lambda_f", "", 1.0, 1e-9, "floor of the width"),
+        _free_parameter("m_f", "", 2.0, 0.5, "power in the dip of the pinch"),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        z = scales.hysteretic_displacement
+        one = cls(
+            zeta_f=HalfNormal(0.5).truncated(0.0, 1.0),
+            p_f=LogNormal(10.0 / scales.energy, 2.3).truncated(0.1 / scales.energy, 1e4 / scales.energy),
+            q_f=Uniform(-0.2, 0.8),
+            psi_f=Uniform(0.03 * z, 1.0 * z),
+            delta_f=Uniform(0.0, 1.0 * z / scales.energy),
+            lambda_f=Uniform(0.01, 0.8),
+            m_f=LogNormal(2.0, 0.4).truncated(0.8, 8.0),
         )
-        return replace(
-            slots,
-            rate_multiplier=slots.rate_multiplier * (1 - depth * sp.exp(-(offset**2) / width**2)),
-            constraints=(*slots.constraints, symbol("beta") + symbol("gamma") > 0),
-            steps=(*slots.steps, *(Definition(caption=c, subject=s, expression=e) for c, s, e in steps)),
-        )
+        return (one,)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        z = scales.hysteretic_displacement
+        return {
+            "zeta_f": (0.5,),
+            "p_f": tuple(rate / scales.energy for rate in (1.0, 10.0, 1e3)),
+            "q_f": (0.0, 0.35),
+            "psi_f": (0.15 * z, 0.5 * z),
+            "delta_f": (0.1 * z / scales.energy,),
+            "lambda_f": (0.25,),
+            "m_f": (1.7,),
+        }
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        *own, power = (symbol(parameter.symbol) for parameter in self.parameters)
+
+        def dip(square: sp.Expr) -> sp.Expr:
+            # A power of the square, not of the magnitude, and as deep at its tip as without the rounding.
+            return sp.exp(_ROUNDING**power - (square + _ROUNDING**2) ** (power / 2))
+
+        return _pinched(slots, tuple(own), dip, mark="_f")

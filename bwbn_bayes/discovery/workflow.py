@@ -28,11 +28,14 @@ from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.discovery.unnamed_storey import places_of
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.journal import Journal
+from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.accuracy import LADDER
-from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.inference.accuracy import LADDER, choose_scheme
+from bwbn_bayes.inference.likelihood import KnownNoise, Posterior, default_noise
 from bwbn_bayes.inference.modes import distinct, find_modes, polish
+from bwbn_bayes.inference.residuals import noise_floors
+from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.noise import LEAST_NOISE, with_least_noise
 from bwbn_bayes.records.record import MIN_TIMES, Record
@@ -146,6 +149,12 @@ def _fit_given(model: Structure, record: Record, journal: Journal | None, run: R
     posterior = Posterior(model=model, record=record, engine=engine, noise=default_noise(record), journal=journal)
     run.say("fitting the model as given")
     modes = find_modes(posterior, run.rng)
+    if not model.is_driven:
+        scheme = _scheme_for(posterior, modes[0].point, engine)
+        if scheme != engine:
+            run.say(f"samples lie far apart for what moves between them: solving by {scheme.scheme}")
+            posterior = posterior.with_engine(scheme)
+            modes = distinct(*polish(posterior, np.array([mode.point for mode in modes[:16]]), n_iterations=20))
     energy = np.cumsum(np.sum(np.square(list(record.drivers.values())), axis=0))
     early = float(np.searchsorted(energy, 0.35 * energy[-1])) * record.time_step
     beginning = posterior.until(max(early, 0.2 * record.duration, MIN_TIMES * record.time_step))
@@ -158,6 +167,18 @@ def _fit_given(model: Structure, record: Record, journal: Journal | None, run: R
         n_places=len(places_of(model.n_links)),
         starts=np.array([mode.point for mode in distinct(points, local)[:2]]),
     )
+
+
+def _scheme_for(posterior: Posterior, point: Floats, engine: Lanes) -> Lanes:
+    """The cheapest scheme whose error a right model's likelihood would not feel; what the one as given leaves is more.
+
+    As if it had been measured exactly, with the noise by itself.
+    """
+    record, (values, _) = posterior.record, posterior.split(point[None])
+    exact = LADDER[-1].simulate(posterior.model, values, record).values[0]
+    as_if = record.with_channels(dict(zip(record.channels, exact, strict=True)))
+    noise = KnownNoise(sd=tuple(noise_floors(record).tolist()))
+    return choose_scheme(replace(posterior, record=as_if, noise=noise, journal=None), point, engine)[0]
 
 
 def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:

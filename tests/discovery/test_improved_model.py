@@ -14,6 +14,7 @@ from bwbn_bayes.discovery.outcome import Added
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects import SlipLock, StiffnessDegradation
+from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.engines.available import engine
 from bwbn_bayes.errors import UserError
@@ -40,7 +41,11 @@ SCALES = Scales(
     period=1.3, onset=1.0, duration=20.0, time_step=0.02,
 )  # fmt: skip
 CHANNELS = ("acceleration_1", "acceleration_2")
-EVERY = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS)
+LINEAR = ShearBuilding(masses=[1.0, 2.0], storey=Linear(k=PerStorey(Uniform(5, 60)), c=0.2))
+EVERY = [
+    *hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS),
+    *(h for h in hypotheses(LINEAR, [SCALES, SCALES], measured=CHANNELS) if h.name == "hysteresis"),
+]
 ONE_PLACE = [h for h in EVERY if h.storeys in ((), (2,))]
 
 

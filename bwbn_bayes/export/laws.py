@@ -63,6 +63,7 @@ _NO_LAW = {
     "F_c": "friction that turns with the drift rate",
     "F_ratio": "friction that turns with the drift rate",
     "F_root": "friction that turns with the drift rate",
+    "r_h": "a spring that came to yield where the model had a linear one",
 }
 """Amplitudes of what no uniaxial material of OpenSees does, in words."""
 _CHANGES = ("_jump", "_ramp")
@@ -73,7 +74,21 @@ _TRANSLATED = (
     *("zeta_s", "p", "q", "psi_0", "delta_psi", "lambda_"),
     *("c2", "k3", "k_g", "g", "k_gp", "g_p", "k_gn", "g_n", "k_m", "tau", "F_dahl", "x_dahl"),
 )
-_SIZES_OF_NO_LAW = ("p_eta", "p_nu", "sigma", "w", "u_uv", "u_u", "v0", "v_ratio", "v_root")
+_SIZES_OF_NO_LAW = (
+    "beta_h",
+    "gamma_h",
+    "n_h",
+    "x_h",
+    "p_eta",
+    "p_nu",
+    "sigma",
+    "w",
+    "u_uv",
+    "u_u",
+    "v0",
+    "v_ratio",
+    "v_root",
+)
 _AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g")
 """Of floors, base and ground: the script has them."""
 _SIZES_OF_CHANGES = ("_time", "_ramp_duration")

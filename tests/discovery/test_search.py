@@ -59,6 +59,7 @@ def searched(script: Script, monkeypatch: pytest.MonkeyPatch, **settings: Any) -
     monkeypatch.setattr(searching, "_built_upon", built_upon)
     monkeypatch.setattr(searching, "_together", lambda *_: ())
     monkeypatch.setattr(searching, "_left_out", lambda *_: ())
+    monkeypatch.setattr(searching, "_reshaped", lambda *_: ())
     monkeypatch.setattr(searching, "settled", lambda _, modes, __: modes)
     monkeypatch.setattr(Pool, "weigh", lambda _: None)
     run = run_of(**settings)

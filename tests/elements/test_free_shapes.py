@@ -30,13 +30,13 @@ SHAPES = {
     "strength_degradation": {"nu_e": 0.9, "b_nu": 0.3, "m_nu": 1.8, "E_nu": 3.0},
     "slip_lock": {"s_w": 0.2, "sigma_w": 0.3, "e_w": 0.5, "q_w": 0.6, "p_w": 1.3, "E_w": 3.0},
     "foliente_pinching": {
-        "zeta_f": 0.7,
-        "p_f": 1.1,
-        "q_f": 0.2,
-        "psi_f": 0.25,
-        "delta_f": 0.03,
-        "lambda_f": 0.3,
-        "m_f": 1.4,
+        "zeta_g": 0.7,
+        "p_g": 1.1,
+        "q_g": 0.2,
+        "psi_g": 0.25,
+        "delta_g": 0.03,
+        "lambda_g": 0.3,
+        "m_g": 1.4,
     },
     "coulomb_friction": {"F_d": 0.5, "x_d": 0.05, "r_d": 1.6, "g_d": 0.4, "u_d": 0.8},
     "cubic_stiffness": {"F_h": -0.6, "p_h": 2.3, "u_h": 0.8},
@@ -86,10 +86,10 @@ def written(name: str, p: Mapping[str, float], states: Mapping[str, Floats]) -> 
         bell = np.exp(-(np.abs(z / p["sigma_w"]) ** p["p_w"])) / (p["sigma_w"] * gamma(1.0 + 1.0 / p["p_w"]))
         slip = p["s_w"] * ((eps + p["e_w"]) / p["E_w"]) ** p["q_w"] * bell
     elif name == "foliente_pinching":
-        depth = p["zeta_f"] * (1.0 - np.exp(-p["p_f"] * eps))
-        width = (p["psi_f"] + p["delta_f"] * eps) * (p["lambda_f"] + depth)
+        depth = p["zeta_g"] * (1.0 - np.exp(-p["p_g"] * eps))
+        width = (p["psi_g"] + p["delta_g"] * eps) * (p["lambda_g"] + depth)
         bound = (STOREY["beta"] + STOREY["gamma"]) ** (-1.0 / STOREY["n"])
-        multiplier = 1.0 - depth * np.exp(-(np.abs((z * np.sign(v) - p["q_f"] * bound) / width) ** p["m_f"]))
+        multiplier = 1.0 - depth * np.exp(-(np.abs((z * np.sign(v) - p["q_g"] * bound) / width) ** p["m_g"]))
     elif name == "coulomb_friction":
         q = states["q_d"]
         beside = p["F_d"] * q * (1.0 + p["g_d"] * np.abs(u) / p["u_d"])
@@ -140,7 +140,7 @@ CONTAINED = {
     ),
     "pinch": (
         {"zeta_s": 0.8, "p": 2.0, "q": 0.2, "psi_0": 0.08, "delta_psi": 0.01, "lambda_": 0.3},
-        {"zeta_f": 0.8, "p_f": 2.0, "q_f": 0.2, "psi_f": 0.08, "delta_f": 0.01, "lambda_f": 0.3, "m_f": 2.0},
+        {"zeta_g": 0.8, "p_g": 2.0, "q_g": 0.2, "psi_g": 0.08, "delta_g": 0.01, "lambda_g": 0.3, "m_g": 2.0},
     ),
     "friction": (
         {"F_dahl": 0.5, "x_dahl": 0.05},

@@ -33,7 +33,12 @@ from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 
 BY_SHAPE, BY_YIELD = BoucWen(k=1.0, beta=1.0, gamma=0.0), BoucWen(k=1.0, u_y=1.0, rho=0.5)
-FORMS = [form for kind in registered() if kind.level == "link" for form in kind.neutral_forms()]
+FORMS = [
+    form
+    for kind in registered()
+    if kind.level == "link" and "bouc_wen" in kind.elements
+    for form in kind.neutral_forms()
+]
 N_STATES = 300
 A, U_Y, RHO, N = 1.3, 0.21, 1.2, 1.7
 BETA, GAMMA = (share * A ** (1.0 - N) / U_Y**N for share in (RHO, 1.0 - RHO))

@@ -174,26 +174,26 @@ def _pinched(slots: Slots, own: tuple[sp.Symbol, ...], dip: Callable[[sp.Expr], 
 
 @dataclass(frozen=True, kw_only=True)
 class FreePinch(Effect):
-    """Foliente's multiplier of the Bouc-Wen rate, ``1 - z1 exp(-|(z sgn v - q_f z_u)/z2|^m_f)``.
+    """Foliente's multiplier of the Bouc-Wen rate, ``1 - z1 exp(-|(z sgn v - q_g z_u)/z2|^m_g)``.
 
-    ``z1``, ``z2`` and ``z_u`` are those of :class:`FolientePinching`, which it is with ``m_f = 2``. With a power near
+    ``z1``, ``z2`` and ``z_u`` are those of :class:`FolientePinching`, which it is with ``m_g = 2``. With a power near
     1.4 the dip resembles a hyperbolic secant, with a large one it has a flat bottom.
 
     Parameters
     ----------
-    zeta_f : float, Prior or PerStorey
+    zeta_g : float, Prior or PerStorey
         Total slip, the final depth of the pinch; up to 1.
-    p_f : float, Prior or PerStorey
+    p_g : float, Prior or PerStorey
         Rate at which the pinch develops with work. [1/J]
-    q_f : float, Prior or PerStorey
+    q_g : float, Prior or PerStorey
         Position of the pinch as a share of z_u.
-    psi_f : float, Prior or PerStorey
+    psi_g : float, Prior or PerStorey
         Width of the pinch. [m]
-    delta_f : float, Prior or PerStorey
+    delta_g : float, Prior or PerStorey
         Growth of the width with work. [m/J]
-    lambda_f : float, Prior or PerStorey
+    lambda_g : float, Prior or PerStorey
         Floor of the width's growth with depth.
-    m_f : float, Prior or PerStorey
+    m_g : float, Prior or PerStorey
         Power in the dip.
 
     References
@@ -202,13 +202,13 @@ class FreePinch(Effect):
        (the Gaussian dip); the other shapes are our generalisation.
     """
 
-    zeta_f: Value
-    p_f: Value
-    q_f: Value
-    psi_f: Value
-    delta_f: Value
-    lambda_f: Value
-    m_f: Value
+    zeta_g: Value
+    p_g: Value
+    q_g: Value
+    psi_g: Value
+    delta_g: Value
+    lambda_g: Value
+    m_g: Value
 
     elements: ClassVar[tuple[str, ...]] = FolientePinching.elements
     name: ClassVar[str] = FolientePinching.name
@@ -220,16 +220,16 @@ class FreePinch(Effect):
     mechanism: ClassVar[str] = FolientePinching.mechanism
     form: ClassVar[str] = "free shape"
     signature: ClassVar[Signature] = replace(
-        FolientePinching.signature, size=lambda at: at["zeta_f"] * (1.0 - math.exp(-at["p_f"] * at.energy))
+        FolientePinching.signature, size=lambda at: at["zeta_g"] * (1.0 - math.exp(-at["p_g"] * at.energy))
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        _free_parameter("zeta_f", "", 0.0, 0.0, "total slip", 1.0),
-        _free_parameter("p_f", "1/J", 1.0, 0.0, "rate of the pinch with work"),
-        _free_parameter("q_f", "", 0.0, -1.0, "position of the pinch"),
-        _free_parameter("psi_f", "m", 1.0, 0.0, "width of the pinch"),
-        _free_parameter("delta_f", "m/J", 0.0, 0.0, "growth of the width with work"),
-        _free_parameter("lambda_f", "", 1.0, 1e-9, "floor of the width"),
-        _free_parameter("m_f", "", 2.0, 0.5, "power in the dip of the pinch"),
+        _free_parameter("zeta_g", "", 0.0, 0.0, "total slip", 1.0),
+        _free_parameter("p_g", "1/J", 1.0, 0.0, "rate of the pinch with work"),
+        _free_parameter("q_g", "", 0.0, -1.0, "position of the pinch"),
+        _free_parameter("psi_g", "m", 1.0, 0.0, "width of the pinch"),
+        _free_parameter("delta_g", "m/J", 0.0, 0.0, "growth of the width with work"),
+        _free_parameter("lambda_g", "", 1.0, 1e-9, "floor of the width"),
+        _free_parameter("m_g", "", 2.0, 0.5, "power in the dip of the pinch"),
     )
 
     @classmethod
@@ -237,13 +237,13 @@ class FreePinch(Effect):
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
         z = scales.hysteretic_displacement
         one = cls(
-            zeta_f=HalfNormal(0.5).truncated(0.0, 1.0),
-            p_f=LogNormal(10.0 / scales.energy, 2.3).truncated(0.1 / scales.energy, 1e4 / scales.energy),
-            q_f=Uniform(-0.2, 0.8),
-            psi_f=Uniform(0.03 * z, 1.0 * z),
-            delta_f=Uniform(0.0, 1.0 * z / scales.energy),
-            lambda_f=Uniform(0.01, 0.8),
-            m_f=LogNormal(2.0, 0.4).truncated(0.8, 8.0),
+            zeta_g=HalfNormal(0.5).truncated(0.0, 1.0),
+            p_g=LogNormal(10.0 / scales.energy, 2.3).truncated(0.1 / scales.energy, 1e4 / scales.energy),
+            q_g=Uniform(-0.2, 0.8),
+            psi_g=Uniform(0.03 * z, 1.0 * z),
+            delta_g=Uniform(0.0, 1.0 * z / scales.energy),
+            lambda_g=Uniform(0.01, 0.8),
+            m_g=LogNormal(2.0, 0.4).truncated(0.8, 8.0),
         )
         return (one,)
 
@@ -251,13 +251,13 @@ class FreePinch(Effect):
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         z = scales.hysteretic_displacement
         return {
-            "zeta_f": (0.5,),
-            "p_f": tuple(rate / scales.energy for rate in (1.0, 10.0, 1e3)),
-            "q_f": (0.0, 0.35),
-            "psi_f": (0.15 * z, 0.5 * z),
-            "delta_f": (0.1 * z / scales.energy,),
-            "lambda_f": (0.25,),
-            "m_f": (1.7,),
+            "zeta_g": (0.5,),
+            "p_g": tuple(rate / scales.energy for rate in (1.0, 10.0, 1e3)),
+            "q_g": (0.0, 0.35),
+            "psi_g": (0.15 * z, 0.5 * z),
+            "delta_g": (0.1 * z / scales.energy,),
+            "lambda_g": (0.25,),
+            "m_g": (1.7,),
         }
 
     @override
@@ -268,4 +268,4 @@ class FreePinch(Effect):
             # A power of the square, not of the magnitude, and as deep at its tip as without the rounding.
             return sp.exp(_ROUNDING**power - (square + _ROUNDING**2) ** (power / 2))
 
-        return _pinched(slots, tuple(own), dip, mark="_f")
+        return _pinched(slots, tuple(own), dip, mark="_g")

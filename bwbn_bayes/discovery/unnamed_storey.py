@@ -50,7 +50,7 @@ _N_TURNS, _SETTLED = 8, 1e-2
 """In which the noise level and the force's scale find each other, and the relative change of the level that ends it."""
 _MUCH = 1.5
 """Times the noise's power that a model takes for noise, from which a second start is worth its time."""
-_SMALL, _INEXACT = 20.0, 0.2
+_SMALL, _INEXACT = 20.0, 0.1
 """Gain up to which the first order is enough [nat], and by what share it may be wrong of a larger one."""
 _N_FOLLOWED, _WAYS = 4, (1.0, 0.5, 0.2)
 """Turns in which a force is followed, and shares of the way to it that are tried."""

@@ -21,8 +21,9 @@ from bwbn_bayes.parameters import Floats, Normal, Parameter, Uniform, Value
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import PlacedEffect, Structure
 
-MOST_KNOTS = 1000
-"""Moments at which pulses stand, at most: they overlap, so that between two moments a history is a straight line."""
+_MOST_KNOTS, _MOST_PULSES = 1000, 4000
+"""Moments at which pulses stand in a storey, and pulses in all, at most: they overlap, so that between two moments a
+history is a straight line."""
 _NEAR = 1e-5
 """A pulse over the storey's largest force."""
 _MOST_NUMBERS = 2e7
@@ -81,9 +82,9 @@ class Pulse(Effect):
         return replace(slots, added_force=slots.added_force + pulse, added_states=(*slots.added_states, clock))
 
 
-def knots_of(record: Record) -> slice:
-    """Samples at which pulses stand, the last perhaps beyond the last of them."""
-    return slice(None, None, int(np.ceil(record.n_times / MOST_KNOTS)))
+def knots_of(record: Record, model: Structure) -> slice:
+    """Samples at which pulses stand, from the first on; in tall buildings they are fewer in each storey."""
+    return slice(None, None, int(np.ceil(record.n_times / min(_MOST_KNOTS, _MOST_PULSES // model.n_links))))
 
 
 def answers(
@@ -105,7 +106,7 @@ def answers(
     storey : int
         From 1.
     histories : (n_histories, n_knots) array
-        Of each force, at :func:`knots_of` the record. [N]
+        Of each force, at :func:`knots_of` the record and model. [N]
     largest : float
         The storey's largest force. [N]
     carried : tuple of Effect
@@ -130,8 +131,9 @@ def _pulses(
 ) -> Iterator[Floats]:
     """Answers ``(n, n_channels, n_times)`` to unit pulses, so many moments at a time."""
     record, base = posterior.record, posterior.model
-    times = np.arange(record.n_times)[knots_of(record)] * record.time_step
-    model = with_pulse(base, storey, record.time_step * knots_of(record).step, carried)
+    knots = knots_of(record, base)
+    times = np.arange(record.n_times)[knots] * record.time_step
+    model = with_pulse(base, storey, record.time_step * knots.step, carried)
     (values,), _ = posterior.split(point[None])
     known = dict(zip(base.space.names, values, strict=True))
     rows = np.array([[known.get(name, 0.0) for name in model.space.names]])

@@ -54,5 +54,5 @@ def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
         share=shares[storey],
         function=found.kind,
         drift=here.rows["drift"][storey - 1],
-        force=over_time(found.forces[storey], record),
+        force=over_time(found.forces[storey], record, one.model),
     )

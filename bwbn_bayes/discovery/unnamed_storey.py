@@ -32,6 +32,7 @@ from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
 
 _RELATIVE_SCALES = np.geomspace(1e-2, 6.0, 97)
 """Scales of the force over the standard deviation of their half-normal prior, over which it is integrated."""
@@ -44,8 +45,10 @@ _TURNED = 0.1
 """Of the largest drift rate: where a direction has turned."""
 _FORGOTTEN, _SOON = 0.5, 0.02
 """Path, of the largest drift, and time, of the duration, within which a departure that no law has is forgotten."""
-_MOST_FUNCTIONS, _NEGLIGIBLE = 120, 1e-4
-"""Eigenfunctions of the process that are kept, and the variance below which one is not, over the largest."""
+_MOST_FUNCTIONS, _FEWEST_FUNCTIONS, _NEGLIGIBLE = 120, 6, 1e-4
+"""Eigenfunctions of a process that are kept, and the variance below which one is not, over the largest."""
+_MOST_NUMBERS = 2e7
+"""In the answers to the functions of all storeys, which tall buildings and long records share: memory bounds them."""
 _N_TURNS, _SETTLED = 8, 1e-2
 """In which the noise level and the force's scale find each other, and the relative change of the level that ends it."""
 _MUCH = 1.5
@@ -130,13 +133,13 @@ def places_of(n_storeys: int) -> tuple[tuple[int, ...], ...]:
     return (*((storey,) for storey in every), *([every] if n_storeys > 1 else []))
 
 
-def over_time(force: Floats, record: Record) -> Floats:
+def over_time(force: Floats, record: Record, model: Structure) -> Floats:
     """A force's history at every sample ``(n_times,)``, from that at knots."""
     moments = np.arange(record.n_times)
-    return np.interp(moments, moments[knots_of(record)], force)
+    return np.interp(moments, moments[knots_of(record, model)], force)
 
 
-def functions(states: Mapping[str, Floats], place: int) -> dict[str, Floats]:
+def functions(states: Mapping[str, Floats], place: int, most: int = _MOST_FUNCTIONS) -> dict[str, Floats]:
     """Functions ``(n_functions, n_knots)`` of a force of each kind, whose variance is one on the average over time.
 
     Parameters
@@ -145,6 +148,8 @@ def functions(states: Mapping[str, Floats], place: int) -> dict[str, Floats]:
         Histories by kind of state.
     place : int
         Of the storey among them.
+    most : int
+        Functions of each kind.
     """
     every = {kind: own / np.maximum(np.max(np.abs(own), axis=1, keepdims=True), 1e-300) for kind, own in states.items()}
     drift, rate, z, work = (every[kind][place] for kind in _KINDS)
@@ -166,14 +171,14 @@ def functions(states: Mapping[str, Floats], place: int) -> dict[str, Floats]:
         "of the other storeys' motion": of_others,
         "of no simple kind": [*of_states, in_time, *of_others, fleeting],
     }
-    return {kind: _eigenfunctions(parts) for kind, parts in kinds.items() if parts}
+    return {kind: _eigenfunctions(parts, most) for kind, parts in kinds.items() if parts}
 
 
-def _eigenfunctions(parts: Sequence[Floats]) -> Floats:
+def _eigenfunctions(parts: Sequence[Floats], most: int) -> Floats:
     """Of the covariance ``(n_knots, n_knots)`` in which each part has the same share of the variance."""
     covariance = sum(part / max(float(np.mean(np.diag(part))), 1e-300) for part in parts) / len(parts)
     variance, turned = np.linalg.eigh(covariance)
-    kept = np.flatnonzero(variance > _NEGLIGIBLE * variance[-1])[-_MOST_FUNCTIONS:]
+    kept = np.flatnonzero(variance > _NEGLIGIBLE * variance[-1])[-most:]
     return np.asarray((turned[:, kept] * np.sqrt(np.maximum(variance[kept], 0.0))).T)
 
 
@@ -212,7 +217,7 @@ class Neighbourhood:
         record, joints = self.posterior.record, self.posterior.model.joints
         on_floors = dict(record.forces)
         for storey, force in self.forces.items():
-            pull = over_time(force, record)
+            pull = over_time(force, record, self.posterior.model)
             for floor, own in zip(joints[storey - 1], (pull, -pull), strict=True):
                 if floor > 0:
                     name = f"applied_force_{floor}"
@@ -246,11 +251,14 @@ class Neighbourhood:
     def _processes(self) -> dict[str, dict[int, tuple[Floats, Floats]]]:
         """By kind and storey: histories of the force, each times its weight's sd; answers to them and to the force."""
         record = self.view.record
-        states = {kind: self.rows[kind][:, knots_of(record)] for kind in _KINDS}
+        model, knots = self.view.model, knots_of(record, self.view.model)
+        states = {kind: self.rows[kind][:, knots] for kind in _KINDS}
+        shared = _MOST_NUMBERS / (model.n_links * len(record.channels) * record.n_times)
+        most = int(np.clip(shared, _FEWEST_FUNCTIONS, _MOST_FUNCTIONS))
         found: dict[str, dict[int, tuple[Floats, Floats]]] = {}
-        for storey in self.forces or range(1, self.view.model.n_links + 1):
+        for storey in self.forces or range(1, model.n_links + 1):
             largest = float(np.max(np.abs(self.rows["restoring_force"][storey - 1])))
-            own = {kind: self.share * largest * one for kind, one in functions(states, storey - 1).items()}
+            own = {kind: self.share * largest * one for kind, one in functions(states, storey - 1, most).items()}
             present = self.forces.get(storey, np.zeros(states["drift"].shape[1]))
             histories = np.vstack([*own.values(), present])
             shown = self._slopes.scaled(answers(self.view, self.point, storey, histories, largest, self.carried))

@@ -221,16 +221,20 @@ def _together(given: Explanation, run: Run) -> Iterator[Explanation]:
 def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
     """The best laws with each effect in a form of free shape: what its form leaves must not become another effect.
 
-    Where the best has several effects, each of them alone too. Each form is tried on each base once. What a specimen's
-    laws leave is never noise, and their unnamed force may take it up: forms are tried there in the first rounds alone.
+    Where the best has several effects, the one that is best alone, too. Each form is tried on each base once. What a
+    specimen's laws leave is never noise, and their unnamed force may take it up: forms are tried there in the first
+    rounds alone.
     """
     best = pool.laws_alone.best
-    if (best.is_noise and len(best.added) < 2) or (best.is_specimen and len(pool.expanded) > _MOST_RESHAPED):
+    if best.is_specimen and len(pool.expanded) > _MOST_RESHAPED:
         return []
     considered = {one.name for one in run.considered_first}
+    wanted = [] if best.is_noise else [best]
     alone = [pool.plain[key_of([one])] for one in best.added if key_of([one]) in pool.plain]
+    if len(best.added) > 1 and alone:
+        wanted.append(max(alone, key=lambda one: one.evidence.log_evidence))
     found: list[Explanation] = []
-    for whole in {one.effects_key: one for one in (best, *alone)}.values():
+    for whole in wanted:
         for plain in whole.added:
             base = pool.plain.get(whole.effects_key - key_of([plain]))
             if base is None or run.must_stop():

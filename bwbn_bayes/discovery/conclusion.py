@@ -16,19 +16,18 @@ from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.predictive import predictive_interval
 from bwbn_bayes.discovery.probability import NAMED, Beliefs
 from bwbn_bayes.discovery.run import Run, hypotheses_of, score_all
-from bwbn_bayes.discovery.sentences import sentences
+from bwbn_bayes.discovery.sentences import badly_sampled, sentences
 from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.signatures import signature_of
 from bwbn_bayes.discovery.unnamed_facts import unnamed_facts
+from bwbn_bayes.discovery.where import unexplained_share
 from bwbn_bayes.inference.identify import identify_from
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.results import Facts, Result
+from bwbn_bayes.results import Result
 
-_FEWEST_DRAWS = 100
-"""Independent draws that a stated posterior error takes."""
 _SHARES_PROBABILITY = 0.1
 """Probability from which another effect or place shares that of one that was added."""
 
@@ -72,7 +71,9 @@ def conclude(
     )
     added = tuple(_added(number, present, believed, result, run) for number in range(len(present.added)))
     unnamed = unnamed_facts(pool, believed)
-    share = 0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given, present)
+    share = (
+        0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given.disagreement, present.disagreement)
+    )
     told = sentences(believed, added, unnamed, given.disagreement, gap)
     return Discovery(
         verdict=believed.verdict,
@@ -153,28 +154,6 @@ def _others(hypothesis: Hypothesis, present: Explanation, believed: Beliefs) -> 
         )
         > _SHARES_PROBABILITY
     )
-
-
-def unexplained_share(given: Explanation, present: Explanation) -> float:
-    """What is left of the residual energy beyond the noise."""
-    excess = [
-        float(np.sum(np.maximum(np.square(one.disagreement.residual_to_noise) - 1.0, 0.0))) for one in (given, present)
-    ]
-    return min(excess[1] / excess[0], 1.0) if excess[0] > 0.0 else 0.0
-
-
-def badly_sampled(facts: Facts) -> tuple[str, ...]:
-    """A sentence where posterior errors rest on hardly a draw; none where importance sampling served, or TMCMC ran."""
-    worth = min((check.value for check in facts.checks if check.name == "effective draws"), default=np.inf)
-    heavy = any(check.name == "Pareto k" and not check.passed for check in facts.checks)
-    if facts.method != "importance" or not (heavy or worth < _FEWEST_DRAWS):
-        return ()
-    sentence = (
-        f"The posterior of the final model could not be sampled well: its draws are worth {worth:.0f} independent "
-        "ones, and the errors stated for its parameters are rough. `bwbn identify improved_model.py` falls back on "
-        "transitional MCMC."
-    )
-    return (sentence,)
 
 
 def _gap(given: Explanation, present: Explanation, record: Record, counted: slice | NDArray[np.int64], run: Run) -> Gap:

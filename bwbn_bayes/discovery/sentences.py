@@ -12,9 +12,13 @@ from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForc
 from bwbn_bayes.discovery.probability import NAMED, Beliefs
 from bwbn_bayes.discovery.where import Disagreement
 from bwbn_bayes.elements.catalogue import title_of
+from bwbn_bayes.results import Facts
 
 _STRENGTHS = ((10.0, "overwhelming"), (5.0, "strong"), (2.3, "weak"), (-np.inf, "hardly any"))
 """Words for a log Bayes factor, from so many nats on (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572)."""
+
+_FEWEST_DRAWS = 100
+"""Independent draws that a stated posterior error takes."""
 
 
 def evidence_in_words(log_bayes_factor: float) -> str:
@@ -154,3 +158,17 @@ def probability_in_words(value: float) -> str:
     if value > 0.99:
         return f"{min(value, 0.9999):.4g}" if value < 0.9995 else "above 0.999"
     return f"{value:.2g}" if value >= 0.01 else "below 0.01"
+
+
+def badly_sampled(facts: Facts) -> tuple[str, ...]:
+    """A sentence where posterior errors rest on hardly a draw; none where importance sampling served, or TMCMC ran."""
+    worth = min((check.value for check in facts.checks if check.name == "effective draws"), default=np.inf)
+    heavy = any(check.name == "Pareto k" and not check.passed for check in facts.checks)
+    if facts.method != "importance" or not (heavy or worth < _FEWEST_DRAWS):
+        return ()
+    sentence = (
+        f"The posterior of the final model could not be sampled well: its draws are worth {worth:.0f} independent "
+        "ones, and the errors stated for its parameters are rough. `bwbn identify improved_model.py` falls back on "
+        "transitional MCMC."
+    )
+    return (sentence,)

@@ -319,3 +319,9 @@ def _words(by_condition: Mapping[str, Floats], storey: int) -> str:
 def _runs(mask: Booleans) -> list[tuple[int, int]]:
     steps = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(steps[::2], steps[1::2], strict=True)]
+
+
+def unexplained_share(before: Disagreement, after: Disagreement) -> float:
+    """What is left of the residual energy beyond the noise."""
+    excess = [float(np.sum(np.maximum(np.square(one.residual_to_noise) - 1.0, 0.0))) for one in (before, after)]
+    return min(excess[1] / excess[0], 1.0) if excess[0] > 0.0 else 0.0

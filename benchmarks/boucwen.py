@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -174,6 +175,14 @@ def blind(seed: int, n_periods: int, workers: int) -> dict[str, Any]:
     }
 
 
+def tell(table: Table, lines: Sequence[dict[str, Any]], path: Path | None) -> None:
+    """Print a table and all that it was made of; write that as JSON, where a path is given."""
+    Console(width=100).print(table)
+    Console(width=100).print(lines)
+    if path is not None:
+        path.write_text(json.dumps(lines, indent=1) + "\n", encoding="utf-8")
+
+
 def main() -> None:
     """Identify, predict, print a table, write JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -194,10 +203,7 @@ def main() -> None:
             *(f"{rmse[name]:.3g}" for name in ("multisine", "sinesweep")),
             f"{line['elapsed_s']:.0f}",
         )
-    Console(width=100).print(table)
-    Console(width=100).print(lines)
-    if options.json is not None:
-        options.json.write_text(json.dumps(lines, indent=1) + "\n", encoding="utf-8")
+    tell(table, lines, options.json)
 
 
 if __name__ == "__main__":

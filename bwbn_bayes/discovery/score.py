@@ -104,6 +104,8 @@ class Slopes:
     base : (n_channels * n_counted, n_dim) array
         Derivatives in unit coordinates, whitened, over the noise.
     measured : (n_channels, n_times) array
+    residual : (n_channels, n_counted) array
+        What the response leaves of it, whitened, over the noise.
     kept : slice or (n_counted,) array
         Index of the samples that count.
     correlation : Correlation, optional
@@ -113,6 +115,7 @@ class Slopes:
     noise: Floats
     base: Floats
     measured: Floats
+    residual: Floats
     kept: slice | NDArray[np.int64] = slice(None)
     correlation: Correlation | None = None
 
@@ -122,11 +125,19 @@ class Slopes:
         record, (values, noise_values) = posterior.record, posterior.split(point[None])
         correlation, measured = posterior.noise.correlation, record.measured
         response, slopes = posterior.engine.sensitivities(posterior.model, values, record)
-        misfit = np.sum(np.square(_whitened(correlation, (measured - response.values)[..., record.kept])), axis=2)
+        left = _whitened(correlation, (measured - response.values)[..., record.kept])
+        misfit = np.sum(np.square(left), axis=2)
         noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_counted, noise_values)[0][:, None])
         scale = posterior.model.space.unit_scale(values)[0]
         base = (_whitened(correlation, slopes[0][..., record.kept]) / noise).reshape(len(scale), -1).T * scale
-        return cls(noise=noise, base=base, measured=measured, kept=record.kept, correlation=correlation)
+        return cls(
+            noise=noise,
+            base=base,
+            measured=measured,
+            residual=left[0] / noise,
+            kept=record.kept,
+            correlation=correlation,
+        )
 
     def scaled(self, rows: Floats) -> Floats:
         """Rows ``(..., n_channels, n_times)`` as the likelihood sees them, ``n_counted`` long: whitened, over noise."""

@@ -241,13 +241,6 @@ class Neighbourhood:
         return Slopes.at(self.view, self.point)
 
     @cached_property
-    def _residual(self) -> Floats:
-        """What is left ``(n_channels, n_counted)``, whitened, over the noise."""
-        values, _ = self.view.split(self.point[None])
-        predicted = self.view.engine.simulate(self.view.model, values, self.view.record).values[0]
-        return self._slopes.scaled(self.view.record.measured - predicted)
-
-    @cached_property
     def _processes(self) -> dict[str, dict[int, tuple[Floats, Floats]]]:
         """By kind and storey: histories of the force, each times its weight's sd; answers to them and to the force."""
         record = self.view.record
@@ -276,13 +269,13 @@ class Neighbourhood:
     @cached_property
     def alone(self) -> float:
         """Log evidence of the model without a force, but for a constant."""
-        return self._sums([]).without(np.ones(len(self._residual)))[0]
+        return self._sums([]).without(np.ones(len(self._slopes.residual)))[0]
 
     def _sums(self, answered: Sequence[Floats]) -> Sums:
-        noise, (n_channels, n_counted) = self.view.noise, self._residual.shape
+        noise, (n_channels, n_counted) = self.view.noise, self._slopes.residual.shape
         assert isinstance(noise, IntegratedNoise)
         base = self._slopes.base.T.reshape(-1, n_channels, n_counted)
-        unforced = self._residual + sum(own[-1] for own in answered)
+        unforced = self._slopes.residual + sum(own[-1] for own in answered)
         columns = np.concatenate([base, *(own[:-1] for own in answered), unforced[None]])
         products = np.array([own @ own.T for own in np.moveaxis(columns, 1, 0)])
         level = self._slopes.noise[:, 0]
@@ -364,7 +357,7 @@ class Sums:
         best, n = -np.inf, self.n_base
         others, weights = np.zeros(n), np.zeros(self.products.shape[1] - n - 1)
         for _ in range(_N_TURNS):
-            plain, left = self.without(precision)
+            plain, left, taken = self.without(precision)
             information, turned = np.linalg.eigh(left[:-1, :-1])
             information, slope = np.maximum(information, 0.0), left[:-1, -1] @ turned
             variance = np.square(_RELATIVE_SCALES)[:, None]
@@ -373,7 +366,7 @@ class Sums:
             log_evidence = plain + float(logsumexp(by_scale, b=_DENSITY))
             at = int(np.argmax(by_scale + np.log(_DENSITY)))
             mean = turned @ (variance[at, 0] * slope / spread[at])
-            beside = self._beside(precision, mean)
+            beside = taken[:, -1] - taken[:, :-1] @ mean
             if log_evidence > best:
                 best, others, weights = log_evidence, beside, mean
             wanted = self._precision(precision, np.concatenate([beside, mean]), float(variance[at, 0]))
@@ -382,23 +375,21 @@ class Sums:
             precision = wanted
         return best, others, weights
 
-    def _beside(self, precision: Floats, weights: Floats) -> Floats:
-        """The other parameters' expectation, given the weights."""
-        n, whole = self.n_base, np.tensordot(precision, self.products, axes=1)
-        own = whole[:n, :n] + PRIOR_PRECISION * np.eye(n)
-        return np.asarray(np.linalg.solve(own, whole[:n, -1] - whole[:n, n:-1] @ weights))
+    def without(self, precision: Floats) -> tuple[float, Floats, Floats]:
+        """Log evidence without the force, but for a constant; the products with the slopes projected out; what was.
 
-    def without(self, precision: Floats) -> tuple[float, Floats]:
-        """Log evidence without the force, but for a constant, and the products with the slopes projected out."""
+        The last are the slopes' coefficients in the answers and in the residual.
+        """
         n, whole = self.n_base, np.tensordot(precision, self.products, axes=1)
         others = whole[:n, :n] + PRIOR_PRECISION * np.eye(n)
-        left = whole[n:, n:] - whole[n:, :n] @ np.linalg.solve(others, whole[:n, n:])
+        taken = np.linalg.solve(others, whole[:n, n:])
+        left = whole[n:, n:] - whole[n:, :n] @ taken
         as_one = self.noise.correlation_samples
         whole_precision = precision / np.square(self.level)
         rate = as_one * np.asarray(self.noise.scale)
         counted = 0.5 * self.n_counted / as_one + self.noise.shape
         of_level = np.sum(counted * np.log(whole_precision) - whole_precision * rate)
-        return float(of_level - 0.5 * left[-1, -1] - 0.5 * np.linalg.slogdet(others)[1]), left
+        return float(of_level - 0.5 * left[-1, -1] - 0.5 * np.linalg.slogdet(others)[1]), left, taken
 
     def _precision(self, precision: Floats, expected: Floats, variance: float) -> Floats:
         """The precision that what is left on the average, over weights and the other parameters, deserves."""

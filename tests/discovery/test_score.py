@@ -243,7 +243,7 @@ def test_directions_together_are_those_of_the_normal_equations_without_the_base(
     shape, n_base, n = (2, 30), 3, 4
     noise, measured, values = np.array([[0.1], [0.4]]), rng.standard_normal(shape), rng.standard_normal(shape)
     base, own = rng.standard_normal((60, n_base)), rng.standard_normal((n, *shape))
-    slopes = Slopes(noise=noise, base=base, measured=measured)
+    slopes = Slopes(noise=noise, base=base, measured=measured, residual=measured / noise)
     gradient, information = slopes.projected_together(values, own)
     wide = np.linalg.inv(np.eye(60) + base @ base.T / 12.0)
     columns = (own / noise).reshape(n, -1).T

@@ -28,6 +28,9 @@ from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Unif
 _SOURCE = "Foliente 1995, doi:10.1061/(ASCE)0733-9445(1995)121:6(1013)"
 
 
+_GENERALISED = "Foliente 1995, generalised"
+_OF_FREE_SHAPE = ("zeta_g", "p_g", "q_g", "psi_g", "delta_g", "lambda_g")
+"""Symbols of the law in a free shape, in the order of its own."""
 _ROUNDING = 0.05
 """Of the width, over which the tip of a power below two is round."""
 
@@ -38,12 +41,6 @@ def _parameter(
     return Parameter(
         symbol=name, unit=unit, neutral=neutral, lower=lower, upper=upper, description=description, source=_SOURCE
     )
-
-
-def _free_parameter(
-    name: str, unit: str, neutral: float, lower: float, description: str, upper: float = math.inf
-) -> Parameter:
-    return replace(_parameter(name, unit, neutral, lower, description, upper), source="Foliente 1995, generalised")
 
 
 def _is_open_to_a_pinch(drift: Floats, force: Floats) -> bool:
@@ -223,42 +220,26 @@ class FreePinch(Effect):
         FolientePinching.signature, size=lambda at: at["zeta_g"] * (1.0 - math.exp(-at["p_g"] * at.energy))
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        _free_parameter("zeta_g", "", 0.0, 0.0, "total slip", 1.0),
-        _free_parameter("p_g", "1/J", 1.0, 0.0, "rate of the pinch with work"),
-        _free_parameter("q_g", "", 0.0, -1.0, "position of the pinch"),
-        _free_parameter("psi_g", "m", 1.0, 0.0, "width of the pinch"),
-        _free_parameter("delta_g", "m/J", 0.0, 0.0, "growth of the width with work"),
-        _free_parameter("lambda_g", "", 1.0, 1e-9, "floor of the width"),
-        _free_parameter("m_g", "", 2.0, 0.5, "power in the dip of the pinch"),
+        *(
+            replace(usual, symbol=name, source=_GENERALISED)
+            for usual, name in zip(FolientePinching.parameters, _OF_FREE_SHAPE, strict=True)
+        ),
+        replace(_parameter("m_g", "", 2.0, 0.5, "power in the dip of the pinch"), source=_GENERALISED),
     )
 
     @classmethod
     @override
     def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        z = scales.hysteretic_displacement
-        one = cls(
-            zeta_g=HalfNormal(0.5).truncated(0.0, 1.0),
-            p_g=LogNormal(10.0 / scales.energy, 2.3).truncated(0.1 / scales.energy, 1e4 / scales.energy),
-            q_g=Uniform(-0.2, 0.8),
-            psi_g=Uniform(0.03 * z, 1.0 * z),
-            delta_g=Uniform(0.0, 1.0 * z / scales.energy),
-            lambda_g=Uniform(0.01, 0.8),
-            m_g=LogNormal(2.0, 0.4).truncated(0.8, 8.0),
-        )
-        return (one,)
+        (usual,) = FolientePinching.default_prior(scales)
+        priors = dict(zip(_OF_FREE_SHAPE, usual.values.values(), strict=True))
+        return (cls(**priors, m_g=LogNormal(2.0, 0.4).truncated(0.8, 8.0)),)
 
     @override
     def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        z = scales.hysteretic_displacement
-        return {
-            "zeta_g": (0.5,),
-            "p_g": tuple(rate / scales.energy for rate in (1.0, 10.0, 1e3)),
-            "q_g": (0.0, 0.35),
-            "psi_g": (0.15 * z, 0.5 * z),
-            "delta_g": (0.1 * z / scales.energy,),
-            "lambda_g": (0.25,),
-            "m_g": (1.7,),
-        }
+        (usual,) = FolientePinching.default_prior(scales)
+        grid = usual.start_grid(scales)
+        of_usual = (grid[parameter.symbol] for parameter in usual.parameters)
+        return {**dict(zip(_OF_FREE_SHAPE, of_usual, strict=True)), "m_g": (1.7,)}
 
     @override
     def fill(self, slots: Slots) -> Slots:

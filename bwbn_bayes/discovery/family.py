@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.elements.law import Effect
@@ -39,6 +40,12 @@ class Family:
         """Where a member's coordinates stand among the family's."""
         names = self.model.space.names
         return [names.index(name) for name in member.model.space.names]
+
+    @cached_property
+    def known(self) -> NDArray[np.int64]:
+        """Where the present model's coordinates stand among the family's."""
+        names = self.model.space.names
+        return np.array([names.index(name) for name in self.members[0].base.space.names])
 
     def embed(self, member: Hypothesis, points: Floats) -> tuple[Floats, Booleans]:
         """A member's points ``(n, n_dim)`` among the family's coordinates, and which of those are held."""

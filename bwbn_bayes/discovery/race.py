@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
+from bwbn_bayes.discovery.known_slopes import fits_with_slopes, suited
 from bwbn_bayes.discovery.pace import UNHURRIED, Pace
+from bwbn_bayes.discovery.score import Slopes
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
-from bwbn_bayes.inference.modes import Mode, climb, distinct, polish
+from bwbn_bayes.inference.modes import Mode, distinct, polish
 from bwbn_bayes.parameters import Booleans, Floats
 
 ROUNDS = ((2, 1.0), (4, 0.4), (25, 0.12))
@@ -25,10 +27,8 @@ _LEAST = 8
 """Hypotheses that enter every round, if there are as many."""
 _LEADING_FORMS = 8
 """Forms that are tried in every storey alike: those that do best at one storey in the first round."""
-_GUESSED_FROM = slice(None, None, 2)
-"""Fits of the present model from which guesses start: the best of the whole record and the best of its beginning."""
-_REFITS = (1, 2)
-"""Iterations that refit the rest to every guess, then to the better half; half of those start fits."""
+_MOST = 8
+"""Candidates of one hypothesis that start fits, at most."""
 _NEAR = 1e-3
 """Distance from neutral of the starts there, in prior probability."""
 _REACH = 50.0
@@ -67,6 +67,11 @@ class Fit:
     def best(self, n: int) -> Floats:
         """The best ``n`` of its points, ``(n, n_dim)``."""
         return self.points[np.argsort(-self.local.log_likelihood, kind="stable")[:n]]
+
+    def distinct(self, n: int) -> Floats:
+        """The best ``n`` of its points that are not the same, ``(n, n_dim)``; one at least."""
+        found = [mode.point for mode in self.modes[:n]]
+        return np.array(found) if found else self.best(1)
 
     @property
     def modes(self) -> tuple[Mode, ...]:
@@ -113,6 +118,7 @@ def race(
     for hypothesis in hypotheses:
         joins_later = len(hypothesis.storeys) > 1 and hypothesis.symbols in at_one_place
         (everywhere if joins_later else kept).append(hypothesis)
+    fitted_before = fits_with_slopes(present, base_points) if guess else []
     for number, (n_iterations, share) in enumerate(ROUNDS):
         n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(kept))
         leading = list(dict.fromkeys(h.symbols for h in kept))[:_LEADING_FORMS]
@@ -121,10 +127,10 @@ def race(
 
         def further(family: Family, n: int = n_iterations) -> list[Fit]:
             if all(member in fits for member in family.members):
-                n_kept_points = max(_BLOCK // len(family.members), _FEWEST)
-                points = [fits[member].best(n_kept_points) for member in family.members]
+                n_kept_points = min(max(_BLOCK // len(family.members), _FEWEST), _MOST)
+                points = [fits[member].distinct(n_kept_points) for member in family.members]
             else:
-                points = _starts(present, family, base_points, guess=guess)
+                points = _starts(present, family, base_points[0], fitted_before)
             return _fit_family(present, family, points, n)
 
         done = "fitted {} hypotheses" if number == 0 else "refined {} leading hypotheses"
@@ -139,39 +145,52 @@ def race(
     return tuple(sorted(fits.values(), key=lambda fit: -fit.log_likelihood))
 
 
-def _starts(present: Posterior, family: Family, base_points: Floats, *, guess: bool) -> list[Floats]:
-    """Where fits start: neutral over what vanishes there, since the first step is the score's, and guesses."""
-    neutral = [member.neutral_points(base_points[0], member.amplitudes[0], _NEAR) for member in family.members]
-    if not guess:
-        return neutral
-    pairs = zip(_guesses(present, family, base_points), neutral, strict=True)
-    return [np.concatenate(pair) for pair in pairs]
+def _starts(present: Posterior, family: Family, point: Floats, known: Sequence[tuple[Floats, Slopes]]) -> list[Floats]:
+    """Where fits of each member start: where it does next to nothing, since the first step is the score's, and guesses.
 
-
-def _guesses(present: Posterior, family: Family, base_points: Floats) -> list[Floats]:
-    """For each member the best of its grid.
-
-    A guess of the effect stands beside a fit of the rest that does without it, and looks worse than it is: before the
-    grid is judged, the rest is refitted to each guess.
+    Parameters
+    ----------
+    point : (n_dim,) array
+        The present model's fit.
+    known : sequence of ((n_dim,) array, Slopes)
+        Fits of it that guesses stand beside; where none are given, nothing is guessed.
     """
+    if not known:
+        return [member.neutral_points(point, member.amplitudes[0], _NEAR) for member in family.members]
     view = family.posterior(present)
-    grids = [member.starts(base_points[_GUESSED_FROM]) for member in family.members]
-    points, held, owner = _together(family, grids)
-    brought = {name for member in family.members for name in member.brought}
-    held = held | np.array([name in brought for name in family.model.space.names])
-    least = _BLOCK // len(family.members) - 1
-    for n_iterations in _REFITS:
-        points, reached = climb(view, points, n_iterations=n_iterations, held=held, reach=_REACH)
-        kept = np.concatenate([_better_half(owner == n, reached, least) for n in range(len(family.members))])
-        points, held, owner = points[kept], held[kept], owner[kept]
-    return [points[owner == n][:, family.columns(member)] for n, member in enumerate(family.members)]
+    every = [_first_steps(view, family, *known[0]), *(_guesses(view, family, *one) for one in known)]
+    points, reached, owner = (np.concatenate(part) for part in zip(*every, strict=True))
+    best = np.argsort(-reached, kind="stable")
+    n = min(_BLOCK // len(family.members), _MOST)
+    return [
+        points[best[owner[best] == number][:n]][:, family.columns(member)]
+        for number, member in enumerate(family.members)
+    ]
 
 
-def _better_half(own: Booleans, reached: Floats, least: int) -> NDArray[np.int64]:
-    """Rows of the better half of a member's points, but of some at least."""
-    rows = np.flatnonzero(own)
-    n_kept = max(least, len(rows) // 2)
-    return rows[np.argsort(-reached[rows], kind="stable")[:n_kept]]
+def _first_steps(
+    view: Posterior, family: Family, point: Floats, slopes: Slopes
+) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Each member from where it does nothing, over the grid of what vanishes there, by the step that the score says."""
+    near = [member.neutral_points(point, member.amplitudes[0], _NEAR) for member in family.members]
+    points, _, owner = _together(family, near)
+    neutral = [member.neutral_points(point, member.amplitudes[0], 0.0)[:1] for member in family.members]
+    names = family.model.space.names
+    switches = np.array([names.index(member.amplitudes[0]) for member in family.members])
+    beside = switches[owner], _together(family, neutral)[0], owner
+    return *suited(view, slopes, family.known, points, beside=beside), owner
+
+
+def _guesses(
+    view: Posterior, family: Family, point: Floats, slopes: Slopes
+) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Each member's grid beside a fit of the present model.
+
+    A guess stands beside a fit of the rest that does without it, and looks worse than it is: the rest is moved to suit
+    each guess, along the slopes that the fit without it has.
+    """
+    points, _, owner = _together(family, [member.starts(point[None]) for member in family.members])
+    return *suited(view, slopes, family.known, points), owner
 
 
 def _together(family: Family, points: Sequence[Floats]) -> tuple[Floats, Booleans, NDArray[np.int64]]:

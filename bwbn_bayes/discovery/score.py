@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -142,6 +142,10 @@ class Slopes:
     def scaled(self, rows: Floats) -> Floats:
         """Rows ``(..., n_channels, n_times)`` as the likelihood sees them, ``n_counted`` long: whitened, over noise."""
         return _whitened(self.correlation, rows[..., self.kept]) / self.noise
+
+    def by(self, columns: NDArray[np.int64]) -> Slopes:
+        """By some of the parameters."""
+        return replace(self, base=self.base[:, columns])
 
     @cached_property
     def factor(self) -> Floats:

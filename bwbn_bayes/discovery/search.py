@@ -252,10 +252,12 @@ def _in_free_shape(base: Explanation, every: Sequence[Hypothesis], run: Run) -> 
     """An explanation with an effect in each of its general forms."""
     n_workers, pace = run.settings.n_workers, run.pace
     run.say(f"fitting {' and '.join(one.label for one in every)}")
-    fits = _solvable(race(on_one_thread(base.posterior), every, base.points, n_workers=n_workers, pace=pace), run)
+    posterior = on_one_thread(base.posterior)
+    fits = _solvable(race(posterior, every, base.points, n_workers=n_workers, pace=pace), run)
     if not fits:
         return []
-    fits = searched(widened(fits, n_threads=n_workers, pace=pace), run.rng, n_threads=n_workers, pace=pace)
+    fits = widened(fits, n_threads=n_workers, pace=pace)
+    fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
     return [_explained(base, fit, run) for fit in fits]
 
 

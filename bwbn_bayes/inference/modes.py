@@ -72,6 +72,8 @@ def find_modes(
     *,
     n_starts: int = 1024,
     n_first: int = N_CANDIDATES,
+    n_kept: int = N_CANDIDATES,
+    reach: float = np.inf,
     progress: Progress | None = None,
 ) -> tuple[Mode, ...]:
     """Local optima of the posterior, best first.
@@ -86,6 +88,10 @@ def find_modes(
         Prior draws on the first window.
     n_first : int
         The best of them, which are polished there.
+    n_kept : int
+        Candidates on each longer window.
+    reach : float
+        Candidates further below the best do not keep the others waiting. [nat]
     progress : callable, optional
         Called after every window.
     """
@@ -93,8 +99,8 @@ def find_modes(
     points = posterior.sample_prior(rng, n_starts)
     for number, end in enumerate(ends):
         view = posterior.until(end)
-        points = _best(view, points, n_first if number == 0 else N_CANDIDATES)
-        points, local = polish(view, points, n_iterations=30 if number == len(ends) - 1 else 12)
+        points = _best(view, points, n_first if number == 0 else n_kept)
+        points, local = polish(view, points, n_iterations=30 if number == len(ends) - 1 else 12, reach=reach)
         modes = distinct(points, local)
         if not modes:
             raise UserError(
@@ -207,7 +213,7 @@ def _climb(
         local = _again(view, points, local, moved & waits, free)
         own = None if free is None else free[rows]
         trials = np.stack(
-            [_steps(points[rows], local[rows], damping * scale[rows], own) for damping in _DAMPINGS], axis=1
+            [steps(points[rows], local[rows], damping * scale[rows], own) for damping in _DAMPINGS], axis=1
         )
         flat = trials.reshape(-1, trials.shape[-1])
         value = np.where(np.isfinite(view.log_prior(flat)), view.log_likelihood(flat), -np.inf).reshape(
@@ -243,7 +249,7 @@ def _free(held: Booleans | None, points: Floats) -> Booleans | None:
     return None if held is None else ~np.broadcast_to(held, points.shape)
 
 
-def _steps(points: Floats, local: Linearisation, damping: Floats, allowed: Booleans | None) -> Floats:
+def steps(points: Floats, local: Linearisation, damping: Floats, allowed: Booleans | None) -> Floats:
     """One damped Gauss-Newton step of every candidate inside the cube, coordinates held at bounds they press on."""
     trials = points.copy()
     free = ~_pressing(points, local.gradient) & (True if allowed is None else allowed)

@@ -461,12 +461,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with interruptible():
             code = app(given or ["--help"], standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
-        print("stopped", file=sys.stderr)
         code = EXIT_CODE
     except UserError as error:
         _refuse(str(error))
     except typer.TyperException as error:
         _refuse(error.format_message())
+    if code == EXIT_CODE:  # typer makes it of KeyboardInterrupt, and says nothing
+        print("stopped", file=sys.stderr)
     sys.exit(code or 0)
 
 

@@ -244,6 +244,7 @@ BAD_MODELS = [
     # Each of these ended in a traceback, the last ones after the search had begun.
     ("class Odd(BaseException):\n    pass\n\nraise Odd('mine')\n", "line 4: Odd: mine"),
     ("raise GeneratorExit\n", "line 1: GeneratorExit"),
+    ("raise KeyboardInterrupt\n", "line 1: KeyboardInterrupt"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = -1e6\n", "`snr_db` is '-1e+06'"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = 10**400\n", "`snr_db` is 'beyond all bounds'"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = float('nan')\n", "`snr_db` is 'nan'"),

@@ -121,6 +121,39 @@ def test_ctrl_c_leaves_no_child_and_asks_no_library(tmp_path: Path) -> None:
     assert not _alive(child)
 
 
+WORKERS = """
+import os, time
+from bwbn_bayes.engines.executors import Processes
+executor = Processes(2)
+print(*{executor._pool.submit(os.getpid).result() for _ in range(8)}, flush=True)
+time.sleep(60.0)
+"""
+RECORD_OF_A_BATCH = """
+import multiprocessing, sys
+from bwbn_bayes.cli.batch import _in_process
+arguments = ("identify", sys.argv[1], "--method", "tmcmc", "--particles", "1000000", "--out", sys.argv[2])
+process = multiprocessing.get_context("spawn").Process(target=_in_process, args=(arguments, sys.argv[2] + ".txt"))
+process.start()
+print(process.pid, flush=True)
+process.join()
+"""
+
+
+@pytest.mark.parametrize("code", [WORKERS, RECORD_OF_A_BATCH], ids=["workers", "batch"])
+def test_a_kill_leaves_no_child(tmp_path: Path, code: str) -> None:
+    """Workers waited for ever; a record of a batch went on, and the batch that went on found its checkpoint taken."""
+    with _started(code, SDOF, tmp_path / "out") as process:
+        assert process.stdout is not None
+        children = [int(word) for word in process.stdout.readline().split()]
+        assert children
+        process.kill()
+        process.wait()
+    deadline = time.monotonic() + 30.0
+    while any(map(_alive, children)):
+        assert time.monotonic() < deadline, "a child lives on"
+        time.sleep(0.1)
+
+
 def _alive(process: int) -> bool:
     try:
         return Path(f"/proc/{process}/stat").read_text().split()[2] != "Z"

@@ -20,6 +20,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+from bwbn_bayes.engines.children import end_with_parent
 from bwbn_bayes.engines.journal import forget
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.readers import RECORD_SUFFIXES
@@ -164,6 +165,7 @@ def _run(job: Job) -> str:
 
 def _in_process(arguments: tuple[str, ...], said: str) -> None:
     """The single command, in a process of its own; what it says goes to a file."""
+    end_with_parent()
     with Path(said).open("wb") as file:
         for stream in (1, 2):
             os.dup2(file.fileno(), stream)

@@ -7,6 +7,7 @@ needs it: help and refusals should not wait for it.
 
 from __future__ import annotations
 
+import errno
 import sys
 from collections.abc import Sequence
 from functools import partial
@@ -461,12 +462,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with interruptible():
             code = app(given or ["--help"], standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
-        print("stopped", file=sys.stderr)
         code = EXIT_CODE
     except UserError as error:
         _refuse(str(error))
     except typer.TyperException as error:
         _refuse(error.format_message())
+    except OSError as error:
+        # Asking whether there is such a file refuses a name that no file can have; all else is told where it happens.
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        _refuse(f"{str(error.filename)[:60]}...: no file can have so long a name, give a shorter one")
+    if code == EXIT_CODE:  # typer makes it of KeyboardInterrupt, and says nothing
+        print("stopped", file=sys.stderr)
     sys.exit(code or 0)
 
 

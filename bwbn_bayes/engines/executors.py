@@ -21,6 +21,7 @@ import cloudpickle
 import numpy as np
 
 from bwbn_bayes.engines.base import Engine, NormalEquations
+from bwbn_bayes.engines.children import end_with_parent
 from bwbn_bayes.engines.lane_source import LANES
 from bwbn_bayes.errors import UserError, require_installed
 from bwbn_bayes.parameters import Booleans, Floats
@@ -95,7 +96,8 @@ class Processes:
 
     def _started(self) -> ProcessPoolExecutor:
         # Neither threads nor compiled code survive a fork.
-        return ProcessPoolExecutor(self.n_workers, mp_context=multiprocessing.get_context("spawn"))
+        spawned = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self.n_workers, mp_context=spawned, initializer=end_with_parent)
 
 
 class Dask:

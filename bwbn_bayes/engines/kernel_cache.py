@@ -72,16 +72,26 @@ def remembered(kind: str, key: str, make: Callable[[], Any]) -> Any:
     make : callable
         Its result must be plain data: numbers, text, and lists and mappings of them.
     """
-    directory = cache_directory()
-    if directory is None:
+    path = _kept_path(kind, key)
+    if path is None:
         return make()
-    path = directory / f"{kind}_{hashlib.sha256(key.encode()).hexdigest()[:20]}.kept"
     kept = read_checked(path)
     if kept is not None:
         return json.loads(kept)
     made = make()
     write_checked(path, json.dumps(made).encode())
     return made
+
+
+def is_remembered(kind: str, key: str) -> bool:
+    """Whether :func:`remembered` would find what was made under a key."""
+    path = _kept_path(kind, key)
+    return path is not None and path.exists()
+
+
+def _kept_path(kind: str, key: str) -> Path | None:
+    directory = cache_directory()
+    return None if directory is None else directory / f"{kind}_{hashlib.sha256(key.encode()).hexdigest()[:20]}.kept"
 
 
 def njit(**options: Any) -> Callable[[FunctionType], Any]:

@@ -13,7 +13,7 @@ from types import FunctionType
 from typing import Any
 
 import numba
-from numba.core import compiler
+from numba.core import compiler, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.dispatcher import _FunctionCompiler  # type: ignore[attr-defined]
 
@@ -43,6 +43,11 @@ class _PartLibrary(JITCodeLibrary):
 
 
 class _PartCompiler(_FunctionCompiler):
+    def fold_argument_types(self, args: Any, kws: Any) -> Any:
+        """Arguments without their values: a part called with 0 and with 1 would be compiled for each."""
+        signature, folded = super().fold_argument_types(args, kws)
+        return signature, tuple(types.unliteral(argument) for argument in folded)
+
     def _compile_core(self, args: Any, return_type: Any) -> Any:
         description = self.targetdescr
         flags = compiler.Flags()

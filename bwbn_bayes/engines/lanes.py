@@ -37,7 +37,7 @@ from bwbn_bayes.engines.directions import Directions
 from bwbn_bayes.engines.kernel_cache import kernel_path, load_kernel
 from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_source
 from bwbn_bayes.engines.observation import Sensors, sensors_of
-from bwbn_bayes.engines.scalar import programs_of
+from bwbn_bayes.engines.scalar import has_programs, programs_of
 from bwbn_bayes.engines.step_rules import interval_steps, steps_in_words
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
@@ -469,7 +469,9 @@ _MAKING = threading.Lock()
 
 
 def is_compiled(law: StoreyLaw, driven: bool) -> bool:
-    """Whether the cache holds the law's kernel, or another process has begun to compile it."""
+    """Whether the cache holds the law's kernel, or another process has begun to compile it; generates nothing."""
+    if not has_programs(law):
+        return False
     safe, programs = programs_of(law)
     path = kernel_path("lanes", lane_source(safe, programs, driven=driven))
     return path is not None and path.exists()

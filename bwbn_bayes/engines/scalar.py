@@ -30,7 +30,7 @@ from bwbn_bayes.engines.base import (
     masses,
 )
 from bwbn_bayes.engines.codegen import LawPrograms, law_programs, packed, spelled, unpacked
-from bwbn_bayes.engines.kernel_cache import load_kernel, remembered
+from bwbn_bayes.engines.kernel_cache import is_remembered, load_kernel, remembered
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
@@ -184,9 +184,17 @@ def _columns(model: Structure, place: Layout) -> Floats:
 def programs_of(law: StoreyLaw) -> tuple[StoreyLaw, LawPrograms]:
     """The law with names that no kernel uses, and as straight-line code; generated once and kept on disk."""
     safe = spelled(law)
+    return safe, unpacked(remembered("programs", _key_of(safe), lambda: packed(law_programs(safe))), safe)
+
+
+def has_programs(law: StoreyLaw) -> bool:
+    """Whether the cache holds a law as straight-line code, which takes seconds to generate."""
+    return is_remembered("programs", _key_of(spelled(law)))
+
+
+def _key_of(safe: StoreyLaw) -> str:
     generator = Path(codegen.__file__).read_text()
-    key = "\n".join((repr(safe), generator, sympy.__version__, platform.python_version()))
-    return safe, unpacked(remembered("programs", key, lambda: packed(law_programs(safe))), safe)
+    return "\n".join((repr(safe), generator, sympy.__version__, platform.python_version()))
 
 
 @cache

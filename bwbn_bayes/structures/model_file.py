@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import runpy
+import signal
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -121,9 +122,10 @@ def _of_record(path: Path, columns: str | None) -> ModelFile:
 def _run(path: Path) -> dict[str, object]:
     try:
         return runpy.run_path(str(path), run_name=path.stem)
-    except KeyboardInterrupt:
-        raise
     except BaseException as error:  # the file is the user's: whatever it raises is a mistake in it
+        # Ctrl-C comes as an exception where Python handles it; the command line does that itself (cli/interruption.py).
+        if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            raise
         frames = reversed(traceback.extract_tb(error.__traceback__))
         line = next((frame.lineno for frame in frames if frame.filename == str(path)), None)
         if isinstance(error, SyntaxError) and error.filename == str(path):

@@ -11,6 +11,7 @@ import pytest
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock
+from bwbn_bayes.engines import scalar
 from bwbn_bayes.engines.kernel_cache import load_kernel, remembered
 from bwbn_bayes.engines.lanes import is_compiled
 from bwbn_bayes.engines.precompile import precompile
@@ -133,3 +134,33 @@ def test_a_law_compiled_ahead_needs_no_compiling(tmp_path: Path, monkeypatch: py
     assert not list(tmp_path.glob("*.tmp"))
     # Derivatives of the process that compiles were not, to the last bit, those of the processes that come after it.
     assert _solve({**environment, "BWBN_CACHE_DIR": str(tmp_path / "empty")}) == [digest, "0", "1", "0", "1"]
+
+
+_CALLS = """
+from bwbn_bayes.engines.kernel_cache import njit
+from bwbn_bayes.engines.kernel_parts import part
+
+@part()
+def times(x, n):
+    return x * n
+
+@njit()
+def run(x):
+    return times(x, 2) + times(x, 3)
+"""
+
+
+def test_a_part_is_compiled_once_for_all_constants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A kernel's functions for events were compiled for every event, and again for no directions: half of its time."""
+    monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path))
+    kernel = load_kernel("probe", _CALLS)
+    assert kernel.run(1.5) == 7.5
+    assert len(kernel.times.overloads) == 1
+
+
+def test_what_is_not_generated_yet_is_not_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Asking generated the law of all effects in the main thread, seconds that its child was to take."""
+    monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(scalar, "law_programs", lambda _: pytest.fail("the law was generated"))
+    law = ShearBuilding(masses=[1.0], storey=BoucWen(k=10.0, beta=1.0, gamma=1.0)).law
+    assert not is_compiled(law, False)

@@ -138,6 +138,7 @@ def _law_of(
         n_floor_states=len(slots.floor_states),
         acceleration=acceleration,
         base=_base_law(slots, outputs),
+        initial=slots.initial,
     )
 
 

@@ -268,7 +268,7 @@ def require_usable(model: Structure, record: Record) -> None:
     """
     check_record(model, record)
     if not record.channels:
-        raise UserError(f"record {record.name!r} measures nothing: it needs at least one channel such as acceleration_1")
+        raise UserError(f"record {record.name!r} measures nothing: it needs a channel such as acceleration_1")
     for part in record.parts:
         if part.channels:
             _require_telling(model, part)

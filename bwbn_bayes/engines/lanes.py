@@ -287,7 +287,9 @@ class _Part:
             joints=_joints(model, stretch.forced_floors),
             forced=model.n_links + 1 - np.array(stretch.forced_floors, dtype=np.int64),
             channels=channel_map(model, own),
-            measured=np.ascontiguousarray(record.measured[:, stretch.samples])
+            measured=np.array(
+                record.measured[:, stretch.samples], order="C"
+            )  # one that is written would be another type
             if measures
             else np.zeros((len(own), len(stretch.inputs))),
             rows=rows,
@@ -429,7 +431,7 @@ class _Problem:
             links[term.link, row] += term.factor * block.parameters[term.source, term.column]
             parameter = self.index[term.source, term.column]
             if parameter >= 0:
-                tangents[:, n - term.link, row] += term.factor * (owner.T == parameter)
+                tangents[:, n - term.link, row] += term.factor * (parameter == owner.T)
         return blocks, tangents
 
     def run(self, engine: Lanes, block: _Block, *, store: bool) -> Iterator[tuple[_Part, _Outcome]]:

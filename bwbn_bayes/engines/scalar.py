@@ -87,7 +87,7 @@ class ScalarProblem:
 
     @property
     def time_step(self) -> float:
-        """Between samples. [s]"""
+        """Time between samples [s]."""
         return self.stretch.time_step
 
     def data(self, draw: int, before: Floats | None = None) -> Floats:
@@ -261,24 +261,7 @@ def solve_each(problems: Sequence[ScalarProblem], solve: SolveOne, n_threads: in
     status = np.full(n_draws, Status.NON_FINITE, dtype=np.int64)
 
     def one(draw: int) -> None:
-        if not np.all(np.isfinite(first.local[draw])):
-            return
-        carried: Carried | None = None
-        for problem in problems:
-            if carried is None or not problem.stretch.is_carried:
-                carried = Carried(problem.data(draw), problem.start(draw))
-            else:
-                carried = Carried(problem.data(draw, carried.data), carried.state)
-            out = problem.empty_output()
-            status[draw] = solve(problem, draw, carried, out)
-            if status[draw] == Status.OK and not np.all(np.isfinite(out)):
-                status[draw] = Status.NON_FINITE
-            if status[draw] != Status.OK:
-                values[draw], slopes[draw] = np.nan, np.nan
-                return
-            if problem.stretch.samples is not None:
-                values[draw, :, problem.stretch.samples] = out[:, 0].T
-                slopes[draw, ..., problem.stretch.samples] = np.moveaxis(out[:, 1:], 0, 2)
+        status[draw] = _solve_stretches(problems, solve, draw, values[draw], slopes[draw])
 
     if n_threads == 1 or n_draws == 1:
         for draw in range(n_draws):
@@ -294,6 +277,28 @@ def solve_each(problems: Sequence[ScalarProblem], solve: SolveOne, n_threads: in
     status[failed & (status == Status.OK)] = Status.NON_FINITE
     values[failed], slopes[failed] = np.nan, np.nan
     return Response(channels=names, values=values, status=status), slopes
+
+
+def _solve_stretches(
+    problems: Sequence[ScalarProblem], solve: SolveOne, draw: int, values: Floats, slopes: Floats
+) -> Status:
+    """Fill a draw's channels ``(n_channels, n_times)`` and derivatives, as far as it can be solved."""
+    if not np.all(np.isfinite(problems[0].local[draw])):
+        return Status.NON_FINITE
+    carried: Carried | None = None
+    for problem in problems:
+        if carried is None or not problem.stretch.is_carried:
+            carried = Carried(problem.data(draw), problem.start(draw))
+        else:
+            carried = Carried(problem.data(draw, carried.data), carried.state)
+        out = problem.empty_output()
+        status = solve(problem, draw, carried, out)
+        if status != Status.OK or not np.all(np.isfinite(out)):
+            return Status.NON_FINITE if status == Status.OK else status
+        if problem.stretch.samples is not None:
+            values[:, problem.stretch.samples] = out[:, 0].T
+            slopes[..., problem.stretch.samples] = np.moveaxis(out[:, 1:], 0, 2)
+    return Status.OK
 
 
 @dataclass(frozen=True, kw_only=True)

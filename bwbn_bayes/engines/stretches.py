@@ -113,9 +113,7 @@ def starting_terms(model: Structure) -> tuple[StartingTerm, ...]:
     for state, parameter in law.initial:
         row, column = rows.index(state), law.symbols.index(parameter)
         is_of_nodes = state in (DRIFT, DRIFT_RATE)
-        terms += [
-            StartingTerm(i, row, i, column, 1.0) for i in range(model.n_floors if is_of_nodes else model.n_links)
-        ]
+        terms += [StartingTerm(i, row, i, column, 1.0) for i in range(model.n_floors if is_of_nodes else model.n_links)]
         if not is_of_nodes:
             continue
         for link in range(model.n_floors, 0 if model.is_driven else model.n_links):

@@ -23,6 +23,24 @@ def by_block(record: Record, rows: Floats) -> list[Floats]:
     return [rows[..., block.channel, block.samples] for block in record.blocks]
 
 
+def by_part(record: Record, rows: Floats) -> list[tuple[Record, Floats]]:
+    """Each record that measures anything, with its own channels and times of rows ``(n_channels, n_times)``."""
+    names = list(record.channels)
+    return [
+        (part, rows[[names.index(name) for name in part.channels], stretch])
+        for part, stretch in zip(record.parts, record.stretches, strict=True)
+        if part.channels
+    ]
+
+
+def measured_or_nan(record: Record) -> Floats:
+    """Measured channels ``(n_channels, n_times)``, not a number where none was measured or a sample does not count."""
+    rows = np.full((len(record.channels), record.n_times), np.nan)
+    for block in record.blocks:
+        rows[block.channel, block.samples] = record.measured[block.channel, block.samples]
+    return rows
+
+
 def mean_squares(record: Record, rows: Floats) -> Floats:
     """Mean square of rows ``(..., n_channels, n_times)`` over each block, ``(..., n_blocks)``."""
     return np.stack([np.mean(np.square(own), axis=-1) for own in by_block(record, rows)], axis=-1)

@@ -8,7 +8,7 @@ that matters: an engine solves each with its own time step, and the noise of eac
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import override
@@ -90,8 +90,8 @@ class JoinedRecord(Record):
     @property
     @override
     def floors(self) -> tuple[int, ...]:
-        """Floors with an acceleration channel in every record."""
-        return tuple(sorted(set.intersection(*(set(member.floors) for member in self.members))))
+        """Floors with an acceleration channel in every record that measures anything."""
+        return tuple(sorted(set.intersection(*(set(member.floors) for member in self.members if member.channels))))
 
     @override
     def equals(self, other: Record) -> bool:
@@ -116,7 +116,7 @@ class JoinedRecord(Record):
 
     @override
     def every(self, step: int) -> Record:
-        return self._of([member.every(step) for member in self.members])
+        return self.with_each(lambda member: member.every(step))
 
     @override
     def select(self, channel_names: Sequence[str]) -> Record:
@@ -138,6 +138,10 @@ class JoinedRecord(Record):
             return member.with_channels(measured, truth=truth)
 
         return self._of(list(map(own, self.members, self.stretches)))
+
+    def with_each(self, change: Callable[[Record], Record]) -> Record:
+        """The same with every record changed."""
+        return self._of([change(member) for member in self.members])
 
     def _of(self, members: Sequence[Record]) -> Record:
         return join_records(members, in_sequence=self.is_sequence)

@@ -483,17 +483,17 @@ def _rebuilt(plain_fields: Mapping[str, object]) -> Record:
 
 
 def require_whole(record: Record) -> None:
-    """Raise :class:`UserError` unless it is one record, and every sample counts: files and some methods know no others."""
-    require_single(record, "here")
+    """Raise :class:`UserError` unless it is one record, every sample of which counts; files know no others, say."""
+    require_single(record, "what is asked for knows of one:")
     if record.counted is not None:
         left_out = record.n_times - record.n_counted
         raise UserError(f"{left_out} samples of record {record.name!r} do not count: give the whole record instead")
 
 
-def require_single(record: Record, where: str) -> None:
-    """Raise :class:`UserError` unless a record is one and no joined ones; ``where`` knows of no others."""
+def require_single(record: Record, why: str) -> None:
+    """Raise :class:`UserError` unless a record is one and no joined ones; ``why`` says who knows of no others."""
     if len(record.parts) > 1:
-        raise UserError(f"{record.name!r} joins {len(record.parts)} records: {where} give one of them")
+        raise UserError(f"{record.name!r} joins {len(record.parts)} records, and {why} give one of them")
 
 
 def _mask(counted: Booleans | None, n_times: int) -> Booleans | None:

@@ -38,11 +38,9 @@ def alternatives_check(posterior: Posterior, point: Floats) -> tuple[Check, ...]
     -------
     tuple of Check
         Its value is the largest score [nat]; the limit grows with the number of effects asked. None where no storey
-        follows Bouc and Wen: the catalogue's sizes are told from their parameters; and none of several records.
+        follows Bouc and Wen: the catalogue's sizes are told from their parameters.
     """
     record = posterior.record
-    if len(record.parts) > 1:
-        return ()
     if not {p.symbol for p in posterior.model.parameters} >= _TELLS_SIZES:
         return ()
     if posterior.noise.parameters:  # sampled: at the optimum it is a known one

@@ -37,7 +37,7 @@ from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.reference import Reference
-from bwbn_bayes.engines.scalar import ScalarProblem, ScalarRk4, scalar_problem, solve_each
+from bwbn_bayes.engines.scalar import Carried, ScalarProblem, ScalarRk4, scalar_problems, solve_each
 from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.parameters import Floats, PerStorey, Uniform
 from bwbn_bayes.records.record import Record
@@ -89,12 +89,12 @@ class Lsoda(Reduction):
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        return solve_each(scalar_problem(model, draws, record, names, with_tangents=False), self._solve)[0]
+        return solve_each(scalar_problems(model, draws, record, names, with_tangents=False), self._solve)[0]
 
-    def _solve(self, problem: ScalarProblem, draw: int, out: Floats) -> Status:
+    def _solve(self, problem: ScalarProblem, draw: int, carried: Carried, out: Floats) -> Status:
         kernel, dt, n_times = problem.kernel, problem.time_step, problem.n_times
-        data, slack = problem.data(draw), 1e-9 * dt
-        y, room, none = np.zeros(problem.n_states), np.zeros(problem.n_states), np.zeros((0, problem.n_states))
+        data, slack = carried.data, 1e-9 * dt
+        y, room, none = carried.state[0], np.zeros(problem.n_states), np.zeros((0, problem.n_states))
         kernel.prepare(data)
         kernel.strike(slack, 0.0, y, none, room, room, data)
         now, first = 0.0, 0

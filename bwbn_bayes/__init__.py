@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from bwbn_bayes.elements.effects.free_stop import FreeStop
     from bwbn_bayes.elements.effects.quadratic_damping import PowerDamper
     from bwbn_bayes.elements.effects.slip_lock import FreeSlip
+    from bwbn_bayes.elements.initial_state import InitialState
     from bwbn_bayes.elements.linear import Linear
     from bwbn_bayes.engines.simulation import simulate
     from bwbn_bayes.errors import UserError
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, PerStorey, Uniform
     from bwbn_bayes.records.dataframe import as_dataframe, record_from_dataframe
     from bwbn_bayes.records.excitation import as_force, el_centro, filtered_noise, multisine, sine, sweep
+    from bwbn_bayes.records.joined import join_records, periodic
     from bwbn_bayes.records.netcdf import as_dataset, record_from_dataset
     from bwbn_bayes.records.noise import add_noise
     from bwbn_bayes.records.readers import read_record, write_record
@@ -84,6 +86,7 @@ __all__ = [
     "GeneticSettings",
     "HalfNormal",
     "Hysteresis",
+    "InitialState",
     "InputScale",
     "IntegratedNoise",
     "KnownNoise",
@@ -122,7 +125,9 @@ __all__ = [
     "el_centro",
     "filtered_noise",
     "identify",
+    "join_records",
     "multisine",
+    "periodic",
     "read_record",
     "record_from_dataframe",
     "record_from_dataset",
@@ -145,6 +150,7 @@ _on_first_use = importer(
         "bwbn_bayes.discovery.workflow": ("discover",),
         "bwbn_bayes.elements.bouc_wen": ("BoucWen",),
         "bwbn_bayes.elements.catalogue": ("register",),
+        "bwbn_bayes.elements.initial_state": ("InitialState",),
         "bwbn_bayes.elements.linear": ("Linear",),
         "bwbn_bayes.elements.effects": (
             "Appendage",
@@ -184,6 +190,7 @@ _on_first_use = importer(
         "bwbn_bayes.records.dataframe": ("as_dataframe", "record_from_dataframe"),
         "bwbn_bayes.records.netcdf": ("as_dataset", "record_from_dataset"),
         "bwbn_bayes.records.excitation": ("as_force", "el_centro", "filtered_noise", "multisine", "sine", "sweep"),
+        "bwbn_bayes.records.joined": ("join_records", "periodic"),
         "bwbn_bayes.records.noise": ("add_noise",),
         "bwbn_bayes.records.readers": ("read_record", "write_record"),
         "bwbn_bayes.records.record": ("Record",),

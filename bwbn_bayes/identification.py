@@ -33,7 +33,9 @@ def identify(
     model : Structure
         With priors on the parameters to identify. IPV uses its masses only.
     record : Record
-        Measured channels under one excitation.
+        Measured channels under one excitation, or several records of the structure
+        (:func:`~bwbn_bayes.records.joined.join_records`), of which the catalogue is not asked what else would explain
+        them.
     settings : Settings, optional
         Method, engine, seed, number of draws.
     noise : Noise, optional
@@ -69,6 +71,6 @@ def identify(
         name=name,
         assumptions=assumptions,
         listener=listener,
-        beside=alternatives_check if settings.alternatives else None,
+        beside=alternatives_check if settings.alternatives and len(record.parts) == 1 else None,
     )
     return method(settings.method).identify(task)

@@ -271,6 +271,7 @@ BAD_OPTIONS = [
     (("identify", SDOF, "--method", "guess"), "'guess' is not one of 'importance', 'tmcmc'"),
     (("identify", SDOF, "--engine", "steam"), "'steam' is not one of 'lanes'"),
     (("identify", SDOF, "--record", "nowhere.csv"), "nowhere.csv"),
+    (("identify", SDOF, "--sequence"), "--sequence is the order of several records: give --record more than once"),
     (("identify", PLAIN), "give one with --record FILE"),
     (("simulate", PLAIN), "give it with --record FILE"),
     (("dance",), "No such command 'dance'"),
@@ -293,6 +294,32 @@ def test_a_bad_option_is_one_sentence(
     monkeypatch.chdir(tmp_path)
     _is_one_sentence(run(*arguments), sentence)
     assert not list(tmp_path.iterdir())
+
+
+def test_records_of_one_building_are_identified_together(run: Run, simulated: Path, tmp_path: Path) -> None:
+    record = read_record(simulated)
+    paths = [tmp_path / "first.csv", tmp_path / "second.csv"]
+    for path, (start, end) in zip(paths, ((0.0, 8.0), (8.02, 20.0)), strict=True):
+        write_record(replace(record.between(start, end), name=path.stem), path)
+    several = [option for path in paths for option in ("--record", path)]
+    done = run("identify", SDOF, *several, "--sequence", "--particles", "200", "--out", tmp_path / "out")
+    assert done.code == 0, done.err
+    facts = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    assert facts["record"] == "first, then second"
+    assert list(facts["fit"]["nrmse"]) == ["acceleration_1 of first", "acceleration_1 of second"]
+    for command, method in (("identify", ("--method", "ga")), ("discover", ())):
+        refused = run(command, SDOF, *several, *method, "--out", tmp_path / "refused")
+        _is_one_sentence(refused, "'first and second' joins 2 records", "give one of them")
+    cyclic = tmp_path / "cyclic.csv"
+    cyclic.write_text("displacement [m],force [N]\n" + "".join(f"{x},{x}\n" for x in range(40)), encoding="utf-8")
+    mixed = run("identify", SDOF, *several, "--record", cyclic, "--out", tmp_path / "refused")
+    _is_one_sentence(mixed, "'first' and 'cyclic' cannot be joined", "driven by displacement")
+
+
+def test_a_model_file_of_several_excitations_writes_as_many_records(run: Run, tmp_path: Path) -> None:
+    done = run("simulate", MODELS / "aftershocks.py", "--engine", "lanes", "--out", tmp_path)
+    assert done.out.split() == [str(tmp_path / f"aftershocks_{number}.csv") for number in (1, 2, 3)]
+    assert [read_record(path).name for path in done.out.split()] == ["foreshock", "main shock", "aftershock"]
 
 
 @pytest.mark.parametrize(

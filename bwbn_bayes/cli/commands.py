@@ -86,8 +86,15 @@ def about(
 @app.command()
 def identify(
     model: ModelArgument,
-    record: Annotated[Path | None, typer.Option("--record", help="Measured record: CSV, netCDF, MATLAB ...")] = None,
+    record: Annotated[
+        list[Path] | None,
+        typer.Option("--record", help="Measured record: CSV, netCDF, MATLAB ...; several of one structure allowed."),
+    ] = None,
     columns: ColumnsOption = None,
+    sequence: Annotated[
+        bool,
+        typer.Option("--sequence", help="The structure comes to each record as the one before left it, not virgin."),
+    ] = False,
     method: Annotated[
         str,
         typer.Option(
@@ -133,13 +140,13 @@ def identify(
     from bwbn_bayes.engines.available import engine as engine_by_name
     from bwbn_bayes.identification import identify as identify_model
 
-    file = _loaded(model, columns, record)
+    file = _loaded(model, columns, *(record or ()))
     engine_by_name(engine)
     directory = writable(out or Path("reports") / f"{file.name}_{method}")
     notes = Console(stderr=True)
     goes_on = partial(_goes_on, directory, checkpoint)
     with stopped_with(goes_on), progress(notes, particles) as listener:
-        measured = _record(file, record, seed, listener)
+        measured = _record(file, record or (), seed, listener, in_sequence=sequence)
         result = identify_model(
             file.model,
             measured,
@@ -169,7 +176,7 @@ def identify(
 def discover(
     model: ModelArgument,
     record: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option("--record", help="Measured record: CSV, netCDF, MATLAB ...; the model file's by default."),
     ] = None,
     columns: ColumnsOption = None,
@@ -216,7 +223,7 @@ def discover(
     from bwbn_bayes.engines.journal import forget
     from bwbn_bayes.report.discovery_text import discovery_in_words
 
-    file = _loaded(model, columns, record, None if held_out in ("end", "repeats") else held_out)
+    file = _loaded(model, columns, *(record or ()), None if held_out in ("end", "repeats") else held_out)
     directory = writable(out or Path("reports") / f"{file.name}_discovery")
     settings = DiscoverySettings(
         seed=seed,
@@ -231,7 +238,7 @@ def discover(
         apart = _held_out(file, held_out, record)
         discovery = discover_missing(
             file.model,
-            _record(file, record, seed, lambda text, _: tell(text, None)),
+            _record(file, record or (), seed, lambda text, _: tell(text, None)),
             held_out=apart,
             settings=settings,
             name=file.name,
@@ -335,7 +342,7 @@ def simulate(
     seed: SeedOption = 1,
     engine: EngineOption = "reference",
 ) -> None:
-    """Write the record that MODEL gives at its `truth` under its `excitation`, as OUT/MODEL.csv."""
+    """Write the record that MODEL gives at its `truth` under its `excitation`, as OUT/MODEL.csv; several numbered."""
     from bwbn_bayes.cli.files import replacing, writable
     from bwbn_bayes.engines.available import engine as engine_by_name
     from bwbn_bayes.engines.simulation import simulate as simulate_record
@@ -347,13 +354,16 @@ def simulate(
         raise UserError(f"{model} defines no `excitation`: add one, or give it with --record FILE")
     if not file.truth:
         raise UserError(f"{model} defines no `truth`: add the value of every identified parameter")
-    path = writable(out) / f"{file.name}.csv"
+    directory = writable(out)
     made = simulate_record(
         file.model, excitation, file.truth, snr_db=file.snr_db, seed=seed, engine=engine_by_name(engine)
     )
+    numbers = [""] if len(made.parts) == 1 else [f"_{number}" for number in range(1, len(made.parts) + 1)]
     with replacing(out) as fresh:
-        write_record(made, fresh / path.name)
-    print(path)
+        for part, number in zip(made.parts, numbers, strict=True):
+            write_record(part, fresh / f"{file.name}{number}.csv")
+    for number in numbers:
+        print(directory / f"{file.name}{number}.csv")
 
 
 @app.command()
@@ -532,12 +542,19 @@ def _loaded(model: Path, columns: str | None, *records: Path | str | None) -> Mo
     return load_model_file(model, columns)
 
 
-def _record(file: ModelFile, path: Path | None, seed: int, listener: Listener) -> Record:
+def _record(
+    file: ModelFile, paths: Sequence[Path], seed: int, listener: Listener, *, in_sequence: bool = False
+) -> Record:
     from bwbn_bayes.engines.simulation import simulate as simulate_record
+    from bwbn_bayes.records.joined import join_records
     from bwbn_bayes.records.readers import read_record
 
-    if path is not None:
-        return read_record(path, file.columns)
+    if in_sequence and len(paths) < 2:
+        raise UserError("--sequence is the order of several records: give --record more than once")
+    if len(paths) > 1:
+        return join_records([read_record(path, file.columns) for path in paths], in_sequence=in_sequence)
+    if paths:
+        return read_record(paths[0], file.columns)
     if file.record is not None:
         return file.record
     if file.excitation is None or not file.truth:
@@ -546,11 +563,13 @@ def _record(file: ModelFile, path: Path | None, seed: int, listener: Listener) -
     return simulate_record(file.model, file.excitation, file.truth, snr_db=file.snr_db, seed=seed)
 
 
-def _held_out(file: ModelFile, asked: str | None, record: Path | None) -> Record | Literal["end", "repeats"] | None:
+def _held_out(
+    file: ModelFile, asked: str | None, record: Sequence[Path] | None
+) -> Record | Literal["end", "repeats"] | None:
     from bwbn_bayes.records.readers import read_record
 
     if asked is None:
         # A record named on the command line is another test: the file's held-out one may not belong to it.
-        return file.held_out if record is None else None
+        return None if record else file.held_out
     words: dict[str, Literal["end", "repeats"]] = {"end": "end", "repeats": "repeats"}
     return words.get(asked) or read_record(asked, file.columns)

@@ -81,7 +81,7 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
     if not np.isfinite(log_score):
         return CrossValidation(log_score=-np.inf, nrmse=np.inf)
     shares = missed / np.sum(np.square(record.measured[:, record.kept]), axis=1)
-    as_one = posterior.noise.correlation_samples if isinstance(posterior.noise, IntegratedNoise) else 1.0
+    as_one = float(posterior.noise.as_one) if isinstance(posterior.noise, IntegratedNoise) else 1.0
     return CrossValidation(log_score=log_score / as_one, nrmse=float(np.sqrt(np.mean(shares))))
 
 

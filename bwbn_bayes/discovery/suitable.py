@@ -6,7 +6,7 @@ import numpy as np
 
 from bwbn_bayes.engines.base import require_parameters, require_usable
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Record, require_single
 from bwbn_bayes.structures.structure import Structure
 
 
@@ -30,6 +30,7 @@ def require_suitable(model: Structure, record: Record, held_out: Record | None, 
         to another building; if the held-out record is the training record or shares no channel with it.
     """
     require_parameters(model, name)
+    require_single(record, "discover searches one at a time:")
     require_usable(model, record)
     if held_out is None:
         return

@@ -384,7 +384,7 @@ class Sums:
         others = whole[:n, :n] + PRIOR_PRECISION * np.eye(n)
         taken = np.linalg.solve(others, whole[:n, n:])
         left = whole[n:, n:] - whole[n:, :n] @ taken
-        as_one = self.noise.correlation_samples
+        as_one = self.noise.as_one
         whole_precision = precision / np.square(self.level)
         rate = as_one * np.asarray(self.noise.scale)
         counted = 0.5 * self.n_counted / as_one + self.noise.shape

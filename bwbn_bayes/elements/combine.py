@@ -124,6 +124,7 @@ def _law_of(
     is_linear = not {HYSTERETIC_DISPLACEMENT, ENERGY} & outputs[FORCE].free_symbols
     idle = {step("f"), rate_of(HYSTERETIC_DISPLACEMENT), rate_of(ENERGY)} if is_linear and known else set()
     shown += [one for one in written if one.subject not in idle]
+    shown += [_at_first(state, parameter) for state, parameter in slots.initial]
     return StoreyLaw(
         parameters=parameters,
         states=(*own, *(added.state for added in slots.floor_states)),
@@ -138,7 +139,13 @@ def _law_of(
         n_floor_states=len(slots.floor_states),
         acceleration=acceleration,
         base=_base_law(slots, outputs),
+        initial=slots.initial,
     )
+
+
+def _at_first(state: sp.Symbol, parameter: sp.Symbol) -> Definition:
+    caption = f"{state} at the first sample"
+    return Definition(caption=caption, subject=sp.Symbol(f"{state}(0)", finite=True), expression=parameter)
 
 
 def _spelled_out(constraint: sp.Basic, derived: Mapping[sp.Symbol, sp.Expr]) -> sp.Basic:

@@ -141,6 +141,8 @@ class Slots:
     states, :data:`FIRST_FORCE` and :data:`GROUND_ACCELERATION`."""
     base_acceleration: sp.Expr = sp.S.Zero
     """Acceleration of the base relative to the ground."""
+    initial: tuple[tuple[sp.Symbol, sp.Symbol], ...] = ()
+    """States of a link that do not start at zero, each with the parameter that it starts at."""
     sensor_gain: sp.Expr = sp.S.One
     sensor_bias: sp.Expr = sp.S.Zero
     sensor_lag: sp.Expr = sp.S.Zero
@@ -325,6 +327,8 @@ class StoreyLaw:
     n_floor_states: int = 0
     acceleration: sp.Expr | None = None
     base: BaseLaw | None = None
+    initial: tuple[tuple[sp.Symbol, sp.Symbol], ...] = ()
+    """States that do not start at zero, each with the parameter that it starts at."""
 
     @property
     def n_storey_states(self) -> int:

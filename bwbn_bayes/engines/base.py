@@ -69,11 +69,11 @@ class NormalEquations:
 
     Attributes
     ----------
-    misfit : (n_draws, n_channels) array
-        Sum of squared residuals.
-    gradient : (n_draws, n_channels, n_parameters) array
+    misfit : (n_draws, n_blocks) array
+        Sum of squared residuals, of each channel of each record (:attr:`~bwbn_bayes.records.record.Record.blocks`).
+    gradient : (n_draws, n_blocks, n_parameters) array
         ``J^T r``.
-    information : (n_draws, n_channels, n_parameters, n_parameters) array
+    information : (n_draws, n_blocks, n_parameters, n_parameters) array
         ``J^T J``.
     """
 
@@ -124,7 +124,7 @@ class Engine(Protocol):
         ...
 
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
-        """Sum of squared residuals ``(n_draws, n_channels)`` over the measured channels; infinite where it failed.
+        """Sum of squared residuals ``(n_draws, n_blocks)`` over the measured channels; infinite where it failed.
 
         Here and in :meth:`normal_equations` only samples that count take part.
         """
@@ -232,11 +232,6 @@ def masses(model: Structure) -> Floats:
     return np.array([*model.masses, *(1.0 for _ in range(model.n_links - model.n_floors))], dtype=np.float64)
 
 
-def inputs(record: Record) -> Floats:
-    """What drives, ``(n_times, 1 + n_forces)`` in SI units: the excitation, then the force on each forced floor."""
-    return np.stack([record.excitation, *record.forces.values()], axis=1)
-
-
 def check_record(model: Structure, record: Record) -> None:
     """Raise :class:`UserError` unless the record excites the model in the model's own way."""
     if record.excitation_kind != model.excitation_kind:
@@ -249,6 +244,11 @@ def check_record(model: Structure, record: Record) -> None:
         raise UserError(
             f"record {record.name!r}: applied_force_{beyond[0]} acts on a floor that the model does not have, it has "
             f"floors 1 to {model.n_floors}; drop the column or add floors"
+        )
+    if len(record.parts) > 1 and not record.is_sequence and model.law.initial:
+        raise UserError(
+            f"{record.name!r} joins records that each find the structure virgin, and the model starts in an identified "
+            "state, which is that of one record: join them in sequence, or give one"
         )
 
 
@@ -264,12 +264,18 @@ def require_usable(model: Structure, record: Record) -> None:
     """Raise :class:`UserError` unless a model can be identified from a record.
 
     It must be of the model's kind of test, excite it, and measure something of it that changes, for long enough that
-    its noise can be told.
+    its noise can be told: each of several joined records that measures anything.
     """
-    where = f"record {record.name!r}"
     check_record(model, record)
     if not record.channels:
-        raise UserError(f"{where} measures nothing: it needs at least one channel such as acceleration_1")
+        raise UserError(f"record {record.name!r} measures nothing: it needs a channel such as acceleration_1")
+    for part in record.parts:
+        if part.channels:
+            _require_telling(model, part)
+
+
+def _require_telling(model: Structure, record: Record) -> None:
+    where = f"record {record.name!r}"
     channel_map(model, tuple(record.channels))
     if record.n_counted < MIN_SAMPLES:
         raise UserError(f"{where} has {record.n_counted} samples: at least {MIN_SAMPLES} are needed to tell its noise")
@@ -295,10 +301,3 @@ def _same_by_definition(model: Structure, record: Record) -> Iterator[tuple[str,
         if f"drift_{i}" in channels and upper is not None and (i == 1 or lower is not None):
             others = f"displacement_{i}" + (f" less displacement_{i - 1}" if lower is not None else "")
             yield f"drift_{i}", others, upper - (lower if lower is not None else 0.0)
-
-
-def measured_matrix(record: Record, names: Sequence[str]) -> Floats:
-    """Measured channels ``(n_channels, n_times)`` in the given order."""
-    return np.ascontiguousarray([record.channels[name] for name in names], dtype=np.float64).reshape(
-        len(names), record.n_times
-    )

@@ -21,9 +21,10 @@ from bwbn_bayes.engines.cvodes_source import cvodes_source
 from bwbn_bayes.engines.kernel_cache import load_kernel
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar import (
+    Carried,
     ScalarProblem,
     programs_of,
-    scalar_problem,
+    scalar_problems,
     solve_each,
 )
 from bwbn_bayes.errors import UserError, require_installed
@@ -73,8 +74,8 @@ class Cvodes(Reduction):
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problem = scalar_problem(model, draws, record, names, with_tangents=False, load=cvodes_kernel)
-        return self._solve_each(model, draws, problem)[0]
+        problems = scalar_problems(model, draws, record, names, with_tangents=False, load=cvodes_kernel)
+        return self._solve_each(model, draws, problems)[0]
 
     def sensitivities(
         self,
@@ -91,19 +92,21 @@ class Cvodes(Reduction):
         event of unknown time the sensitivities jump by the difference of the rates.
         """
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problem = scalar_problem(model, draws, record, names, with_tangents=True, load=cvodes_kernel)
-        return self._solve_each(model, draws, problem)
+        problems = scalar_problems(model, draws, record, names, with_tangents=True, load=cvodes_kernel)
+        return self._solve_each(model, draws, problems)
 
-    def _solve_each(self, model: Structure, draws: Floats, problem: ScalarProblem) -> tuple[Response, Floats]:
+    def _solve_each(
+        self, model: Structure, draws: Floats, problems: Sequence[ScalarProblem]
+    ) -> tuple[Response, Floats]:
         spread = np.array([parameter.prior.sd for parameter in model.space.parameters])
         scales = np.maximum(np.abs(draws), spread)
 
-        def solve(problem: ScalarProblem, draw: int, out: Floats) -> Status:
-            return self._solve(problem, np.ascontiguousarray(scales[draw]), problem.data(draw), out)
+        def solve(problem: ScalarProblem, draw: int, carried: Carried, out: Floats) -> Status:
+            return self._solve(problem, np.ascontiguousarray(scales[draw]), carried, out)
 
-        return solve_each(problem, solve, self.n_threads)
+        return solve_each(problems, solve, self.n_threads)
 
-    def _solve(self, problem: ScalarProblem, scales: Floats, data: Floats, out: Floats) -> Status:
+    def _solve(self, problem: ScalarProblem, scales: Floats, carried: Carried, out: Floats) -> Status:
         kernel = problem.kernel
         flag = kernel.run_cvodes(
             self.method == "bdf",
@@ -115,7 +118,7 @@ class Cvodes(Reduction):
             kernel.jacobian_callback.address,
             kernel.tangents_callback.address,
             *problem.channel_arrays,
-            data,
+            *carried,
             out,
         )
         if flag >= 0:

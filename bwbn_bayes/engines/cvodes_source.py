@@ -193,12 +193,12 @@ def walk(memory, vector, pointers, y, tangents, max_steps, starts, row, coeffici
 
 @njit({flags})
 def run_cvodes(stiff, rtol, atol, max_steps, scales, rates_address, jacobian_address, tangents_address,
-               starts, row, coefficient, ground_part, data, out):
+               starts, row, coefficient, ground_part, data, state, out):
     """Solve one draw; every object of the library is made and freed here. Returns a flag of CVODES."""
     n_directions = int(data[3])
     n = int(data[0]) * {n_rows} + {n_base_rows}
-    y = np.zeros(n)
-    tangents = np.zeros((n_directions, n))
+    y = state[0]
+    tangents = state[1:]
     pointers = np.zeros(max(n_directions, 1), dtype=np.int64)
     box = np.zeros(1, dtype=np.int64)
     SUNContext_Create(0, box.ctypes.data)

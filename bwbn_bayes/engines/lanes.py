@@ -11,7 +11,7 @@ import os
 import sys
 import threading
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -29,9 +29,7 @@ from bwbn_bayes.engines.base import (
     Status,
     channel_map,
     check_record,
-    inputs,
     masses,
-    measured_matrix,
 )
 from bwbn_bayes.engines.directions import Directions
 from bwbn_bayes.engines.kernel_cache import kernel_path, load_kernel
@@ -39,7 +37,9 @@ from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.scalar import has_programs, programs_of
 from bwbn_bayes.engines.step_rules import interval_steps, steps_in_words
+from bwbn_bayes.engines.stretches import StartingTerm, Stretch, event_columns, starting_terms, stretches_of
 from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.records.blocks import by_block
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -104,18 +104,22 @@ class Lanes:
         return _response(names, values), slopes
 
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
-        """Sum of squared residuals ``(n_draws, n_channels)``; infinite where the solve failed."""
+        """Sum of squared residuals ``(n_draws, n_blocks)``; infinite where the solve failed."""
         problem = _Problem.build(model, record, tuple(record.channels), wanted=_nothing(draws))
-        result = np.empty((len(draws), len(record.channels)))
+        result = np.empty((len(draws), len(record.blocks)))
 
         def solve(block: _Block) -> None:
             if problem.is_summed_outside:
                 values, _ = problem.solve(self, block)
                 with np.errstate(over="ignore"):  # a draw that runs away misses by infinity
-                    result[block.rows] = np.sum((problem.measured - values)[..., problem.kept] ** 2, axis=2)
+                    left = by_block(record, record.measured - values)
+                    result[block.rows] = np.stack([np.sum(rest**2, axis=1) for rest in left], axis=1)
                 return
-            outcome = problem.run(self, block, store=False)
-            result[block.rows] = outcome.misfit.reshape(-1, LANES).T[: block.n_draws]
+            sums = [
+                outcome.misfit.reshape(-1, LANES)[part.rows].T[: block.n_draws]
+                for part, outcome in problem.run(self, block, store=False)
+            ]
+            result[block.rows] = np.concatenate(sums, axis=1)
 
         self._over_blocks(problem, model, draws, solve)
         return np.where(np.isfinite(result), result, np.inf)
@@ -129,7 +133,7 @@ class Lanes:
         response of one block at a time is stored and summed.
         """
         problem = _Problem.build(model, record, tuple(record.channels), wanted=_wanted(model, draws, free))
-        n, c, d = len(draws), len(record.channels), model.space.n_dim
+        n, c, d = len(draws), len(record.blocks), model.space.n_dim
         misfit, gradient, information = np.empty((n, c)), np.empty((n, c, d)), np.empty((n, c, d, d))
 
         def solve(block: _Block) -> None:
@@ -248,99 +252,154 @@ _SHARES, _WEIGHTS = np.array([1 / 2, 1 / 2, 1.0]), np.array([1 / 6, 1 / 3, 1 / 3
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Part:
+    """A stretch as the kernel takes it.
+
+    Attributes
+    ----------
+    stretch : Stretch
+    joints, forced : integer arrays
+        See :func:`_joints`; blocks of the forced floors.
+    channels : ChannelMap
+        What is asked for; nothing of the step between two records.
+    measured : (n_channels, n_times) array
+    rows : slice or integer array
+        Those of the channels that its record measures.
+    sensors : Sensors or None
+    """
+
+    stretch: Stretch
+    joints: NDArray[np.int64]
+    forced: NDArray[np.int64]
+    channels: ChannelMap
+    measured: Floats
+    rows: slice | NDArray[np.int64]
+    sensors: Sensors | None
+
+    @classmethod
+    def of(cls, model: Structure, stretch: Stretch, record: Record, names: tuple[str, ...]) -> _Part:
+        """A stretch of a record, of which the named channels are asked for."""
+        own = names if stretch.samples is not None else ()
+        measures = own == tuple(record.channels) and stretch.samples is not None
+        rows = slice(None) if len(record.parts) == 1 else _positions(tuple(record.channels), stretch.record.channels)
+        return cls(
+            stretch=stretch,
+            joints=_joints(model, stretch.forced_floors),
+            forced=model.n_links + 1 - np.array(stretch.forced_floors, dtype=np.int64),
+            channels=channel_map(model, own),
+            measured=np.array(
+                record.measured[:, stretch.samples], order="C"
+            )  # one that is written would be another type
+            if measures
+            else np.zeros((len(own), len(stretch.inputs))),
+            rows=rows,
+            sensors=sensors_of(model, stretch.record, own),
+        )
+
+
+def _positions(names: tuple[str, ...], some: Iterable[str]) -> NDArray[np.int64]:
+    return np.array([names.index(name) for name in some], dtype=np.int64)
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Problem:
     """What every block of one call shares."""
 
     kernel: ModuleType
     layout: LaneLayout
     n_links: int
-    joints: NDArray[np.int64]
-    forced: NDArray[np.int64]
+    parts: tuple[_Part, ...]
     n_parameters: int
     directions: Directions
-    time_step: float
     driven: bool
-    excitation: Floats
     inverse_masses: Floats
     channels: ChannelMap
-    measured: Floats
-    kept: slice | NDArray[np.int64]
-    sensors: Sensors | None
+    record: Record
+    start: tuple[StartingTerm, ...]
+    index: NDArray[np.int64]
+    events: NDArray[np.int64]
 
     @property
     def is_summed_outside(self) -> bool:
         """Whether stored responses are summed: the kernel knows of every sample alike, and of no sensors."""
-        return self.sensors is not None or not isinstance(self.kept, slice)
+        has_sensors = any(part.sensors is not None for part in self.parts)
+        return has_sensors or not all(isinstance(block.samples, slice) for block in self.record.blocks)
 
     @classmethod
     def build(cls, model: Structure, record: Record, names: tuple[str, ...], *, wanted: Booleans) -> _Problem:
         """The problem of one call; the derivatives ``wanted`` of each draw, ``(n_draws, n_parameters)``."""
         check_record(model, record)
-        known = all(name in record.channels for name in names)
         driven = model.excitation_kind == "displacement"
         kernel, layout = _kernel_of(model.law, driven)
         return cls(
             kernel=kernel,
             layout=layout,
             n_links=model.n_links,
-            joints=_joints(model, record),
-            forced=model.n_links + 1 - np.array(record.forced_floors, dtype=np.int64),
+            parts=tuple(_Part.of(model, stretch, record, names) for stretch in stretches_of(record)),
             n_parameters=wanted.shape[1],
             directions=Directions.of(_moved(model, layout)[: wanted.shape[1]], layout.nowhere, wanted),
-            time_step=record.time_step,
             driven=driven,
-            excitation=inputs(record),
             inverse_masses=1.0 / masses(model),
             channels=channel_map(model, names),
-            measured=measured_matrix(record, names) if known else np.zeros((len(names), record.n_times)),
-            kept=record.kept,
-            sensors=sensors_of(model, record, names),
+            record=record,
+            start=starting_terms(model),
+            index=model.table.index,
+            events=event_columns(model),
         )
 
     def solve(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats]:
         """Channels ``(n_draws, n_channels, n_times)`` of a block as sensors show them, and their derivatives."""
         owner, c = block.directions.owner, len(self.channels.names)
-        stored = self.run(engine, block, store=True).stored.reshape(-1, 1 + block.directions.n, c, LANES)
         n_lanes = block.n_draws * block.n_shares
-        table = np.ascontiguousarray(np.moveaxis(stored, (0, 3), (3, 0))[:n_lanes])
-        values = np.ascontiguousarray(table[:: block.n_shares, 0])
-        slopes = np.zeros((block.n_draws, self.n_parameters, *values.shape[1:]))
         lane, direction = np.nonzero(owner[:n_lanes] >= 0)
-        slopes[lane // block.n_shares, owner[lane, direction]] = table[lane, 1 + direction]
-        if self.sensors is not None:
-            self.sensors.read(block.sensor_parameters, values, slopes)
+        values = np.empty((block.n_draws, c, self.record.n_times))
+        slopes = np.zeros((block.n_draws, self.n_parameters, c, self.record.n_times))
+        for part, outcome in self.run(engine, block, store=True):
+            stored = outcome.stored.reshape(-1, 1 + block.directions.n, c, LANES)
+            table = np.ascontiguousarray(np.moveaxis(stored, (0, 3), (3, 0))[:n_lanes])
+            samples = part.stretch.samples
+            values[..., samples] = table[:: block.n_shares, 0]
+            slopes[..., samples][lane // block.n_shares, owner[lane, direction]] = table[lane, 1 + direction]
+            if part.sensors is not None:
+                part.sensors.read(block.sensor_parameters, values[..., samples], slopes[..., samples])
         return values, slopes
 
     def summed(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats, Floats]:
         """Misfit, gradient and information of a block from its stored response."""
         values, slopes = self.solve(engine, block)
-        residual = (self.measured - values)[..., self.kept]
-        by_channel = np.moveaxis(slopes, 1, 2)[..., self.kept]
+        residuals = by_block(self.record, self.record.measured - values)
+        tables = by_block(self.record, slopes)
         return (
-            np.sum(residual**2, axis=2),
-            np.matmul(by_channel, residual[..., None])[..., 0],
-            np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)),
+            np.stack([np.sum(residual**2, axis=1) for residual in residuals], axis=1),
+            np.stack([(own @ rest[..., None])[..., 0] for own, rest in zip(tables, residuals, strict=True)], axis=1),
+            np.stack([own @ np.swapaxes(own, 1, 2) for own in tables], axis=1),
         )
 
     def reduced(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats, Floats]:
         """Misfit, gradient and information of a block, summed by the kernel."""
+        found = []
+        for part, outcome in self.run(engine, block, store=block.n_shares > 1):
+            whole = outcome if block.n_shares == 1 else self.gathered(block, part, outcome.stored)
+            found.append(self.unpacked(block, part, whole))
+        misfit, gradient, information = (np.concatenate(arrays, axis=1) for arrays in zip(*found, strict=True))
+        return misfit, gradient, information
+
+    def unpacked(self, block: _Block, part: _Part, outcome: _Outcome) -> tuple[Floats, Floats, Floats]:
+        """Misfit, gradient and information of the channels that a part measures."""
         c, own = len(self.channels.names), block.whole.of_parameters(self.n_parameters)
-        outcome = self.run(engine, block, store=block.n_shares > 1)
-        if block.n_shares > 1:
-            outcome = self.gathered(block, outcome.stored)
-        gram = np.moveaxis(outcome.gram.reshape(c, -1, LANES), 2, 0)[: block.n_draws]
+        gram = np.moveaxis(outcome.gram.reshape(c, -1, LANES)[part.rows], 2, 0)[: block.n_draws]
         triangle = _unpack(gram, own.shape[1])
         square = triangle[..., 1:, 1:]
         left, right = np.tril_indices(own.shape[1])
         square[..., right, left] = square[..., left, right]
         with np.errstate(over="ignore", invalid="ignore"):  # derivatives of a draw that runs away
             return (
-                outcome.misfit.reshape(c, LANES).T[: block.n_draws],
+                outcome.misfit.reshape(c, LANES)[part.rows].T[: block.n_draws],
                 np.einsum("nck,nkp->ncp", triangle[..., 1:, 0], own),
                 np.swapaxes(own, 1, 2)[:, None] @ square @ own[:, None],
             )
 
-    def gathered(self, block: _Block, stored: Floats) -> _Outcome:
+    def gathered(self, block: _Block, part: _Part, stored: Floats) -> _Outcome:
         """What a run of a block stored, each draw in a lane of its own again, summed as a run sums it."""
         c, d = len(self.channels.names), block.whole.n
         width = (1 + block.directions.n) * c * LANES
@@ -349,51 +408,89 @@ class _Problem:
         place = (row[:, None] * c + np.arange(c)[:, None]) * LANES + lane[:, None]
         source[:, :, : block.n_draws] = np.where(row[:, None] >= 0, place, -1)
         outcome = _Outcome.empty(c, d, stored=stored)
-        self.kernel.summarise(c, d, self.measured, stored, width, source.ravel(), outcome.misfit, outcome.gram)
+        self.kernel.summarise(c, d, part.measured, stored, width, source.ravel(), outcome.misfit, outcome.gram)
         return outcome
 
-    def run(self, engine: Lanes, block: _Block, *, store: bool) -> _Outcome:
-        """The kernel on one block."""
-        c, d, n, place = len(self.channels.names), block.directions.n, self.n_links, self.layout
-        stored = np.zeros(len(self.excitation) * c * (1 + d) * LANES if store else 1)
-        outcome = _Outcome.empty(c, 0 if store else d, stored=stored)
-        blocks = np.zeros((n + 2, place.block, LANES))
+    def started(self, block: _Block) -> tuple[Floats, Floats]:
+        """Rows of a block before its first sample: parameters, masses, and the states that do not start at zero.
+
+        Returns
+        -------
+        blocks : (n_links + 2, n_rows, LANES) array
+        tangents : (n_directions, n_links + 2, n_rows, LANES) array
+        """
+        n, place, owner = self.n_links, self.layout, block.directions.owner
+        blocks = _aligned((n + 2, place.block, LANES))
+        tangents = _aligned((block.directions.n, n + 2, place.tangent_block, LANES))
         links = blocks[n:0:-1]
         links[:, place.parameters : place.parameters + block.parameters.shape[1]] = block.parameters
         links[:, place.inverse_mass] = self.inverse_masses[:, None]
-        kind, link = np.divmod(self.channels.row, n)
-        # The base stands one block below the links.
-        below = kind == len(OBSERVED_KINDS)
+        for term in self.start:
+            # The sum of a scheme's stages is the state at the end of the step before.
+            row = 2 * place.n_states + term.row
+            links[term.link, row] += term.factor * block.parameters[term.source, term.column]
+            parameter = self.index[term.source, term.column]
+            if parameter >= 0:
+                tangents[:, n - term.link, row] += term.factor * (parameter == owner.T)
+        return blocks, tangents
+
+    def run(self, engine: Lanes, block: _Block, *, store: bool) -> Iterator[tuple[_Part, _Outcome]]:
+        """The kernel on one block, part after part."""
+        d, n, place = block.directions.n, self.n_links, self.layout
         march = self.kernel.run_with_tangents if d > 0 else self.kernel.run
-        march(
-            n,
-            d,
-            self.time_step,
-            self.excitation,
-            self.joints,
-            self.forced,
-            blocks.ravel(),
-            np.zeros(d * (n + 2) * place.tangent_block * LANES),
-            np.moveaxis(block.directions.seed, 0, 2).ravel(),
-            block.directions.column(self.layout.own).ravel(),
-            np.moveaxis(block.directions.active, 0, 2).ravel(),
-            _SHARES,
-            _WEIGHTS,
-            interval_steps(self.excitation[:, 0], engine.substeps, driven=self.driven),
-            float(engine.resolution),
-            engine.cut_at_turns,
-            self.channels.starts,
-            n - link + below,
-            place.observed(kind),
-            self.channels.coefficient,
-            self.channels.ground,
-            self.measured,
-            outcome.misfit,
-            outcome.gram,
-            store,
-            outcome.stored,
-        )
-        return outcome
+        for part in self.parts:
+            stretch, channels = part.stretch, part.channels
+            if not stretch.is_carried:
+                blocks, tangents = self.started(block)
+            blocks[n:0:-1, place.parameters + self.events] = block.parameters[:, self.events] - stretch.begin
+            c = len(channels.names)
+            stored = np.zeros(len(stretch.inputs) * c * (1 + d) * LANES if store else 1)
+            outcome = _Outcome.empty(c, 0 if store else d, stored=stored)
+            kind, link = np.divmod(channels.row, n)
+            # The base stands one block below the links.
+            below = kind == len(OBSERVED_KINDS)
+            march(
+                n,
+                d,
+                stretch.time_step,
+                stretch.inputs,
+                part.joints,
+                part.forced,
+                blocks.ravel(),
+                tangents.ravel(),
+                np.moveaxis(block.directions.seed, 0, 2).ravel(),
+                block.directions.column(place.own).ravel(),
+                np.moveaxis(block.directions.active, 0, 2).ravel(),
+                _SHARES,
+                _WEIGHTS,
+                interval_steps(stretch.inputs[:, 0], engine.substeps, driven=self.driven),
+                float(engine.resolution),
+                engine.cut_at_turns,
+                channels.starts,
+                n - link + below,
+                place.observed(kind),
+                channels.coefficient,
+                channels.ground,
+                part.measured,
+                outcome.misfit,
+                outcome.gram,
+                store,
+                outcome.stored,
+            )
+            if stretch.samples is not None:
+                yield part, outcome
+
+
+def _aligned(shape: tuple[int, ...]) -> Floats:
+    """Zeros that begin where a cache line does: vectors that lie across two cost a sixth of a solve."""
+    n = int(np.prod(shape))
+    room = np.zeros(n + _LINE)
+    first = -(room.ctypes.data // room.itemsize) % _LINE
+    return room[first : first + n].reshape(shape)
+
+
+_LINE = 8
+"""Doubles of a cache line, and of a vector of 512 bits."""
 
 
 def _unpack(gram: Floats, d: int) -> Floats:
@@ -427,11 +524,11 @@ def _moved(model: Structure, place: LaneLayout) -> NDArray[np.int64]:
     return moved
 
 
-def _joints(model: Structure, record: Record) -> NDArray[np.int64]:
+def _joints(model: Structure, forced_floors: tuple[int, ...]) -> NDArray[np.int64]:
     """Blocks of the nodes that each link joins, in the order of the sweep, and whether each was pulled at before."""
-    n, pulled = model.n_links, set(record.forced_floors)
+    n, pulled = model.n_links, set(forced_floors)
     others = [end for number, pair in enumerate(model.joints, 1) for end in pair if end != number]
-    pulls = Counter([*others, *record.forced_floors])
+    pulls = Counter([*others, *forced_floors])
     rows = []
     for number in range(n, 0, -1):
         lower, upper = model.joints[number - 1]

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bwbn_bayes.engines.base import NormalEquations, Response, measured_matrix
+from bwbn_bayes.engines.base import NormalEquations, Response
 from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.records.blocks import by_block
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -37,29 +38,26 @@ class Reduction:
         raise NotImplementedError
 
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
-        """Sum of squared residuals ``(n_draws, n_channels)`` over the measured channels; infinite where it failed."""
-        names = tuple(record.channels)
-        measured = measured_matrix(record, names)[:, record.kept]
-        result = np.empty((len(draws), len(names)))
+        """Sum of squared residuals ``(n_draws, n_blocks)`` over the measured channels; infinite where it failed."""
+        result = np.empty((len(draws), len(record.blocks)))
         for i in range(len(draws)):
-            values = self.simulate(model, draws[i : i + 1], record, names).values[0]
-            result[i] = np.sum((measured - values[:, record.kept]) ** 2, axis=1)
+            values = self.simulate(model, draws[i : i + 1], record).values[0]
+            result[i] = [np.sum(rest**2) for rest in by_block(record, record.measured - values)]
         return np.where(np.isfinite(result), result, np.inf)
 
     def normal_equations(
         self, model: Structure, draws: Floats, record: Record, *, free: Booleans | None = None
     ) -> NormalEquations:
         """Least squares in summary over the measured channels; NaN slopes where the solve failed."""
-        names = tuple(record.channels)
-        measured = measured_matrix(record, names)[:, record.kept]
-        n, c, d = len(draws), len(names), model.space.n_dim
+        n, c, d = len(draws), len(record.blocks), model.space.n_dim
         misfit, gradient, information = np.empty((n, c)), np.empty((n, c, d)), np.empty((n, c, d, d))
         for i in range(n):
             own = None if free is None else free[i : i + 1]
-            response, slopes = self.sensitivities(model, draws[i : i + 1], record, names, free=own)
-            residual, slope = measured - response.values[0][:, record.kept], slopes[0][..., record.kept]
-            misfit[i] = np.sum(residual**2, axis=1)
-            gradient[i] = np.einsum("dct,ct->cd", slope, residual)
-            information[i] = np.einsum("act,bct->cab", slope, slope)
+            response, slopes = self.sensitivities(model, draws[i : i + 1], record, free=own)
+            residuals = by_block(record, record.measured - response.values[0])
+            for block, (rest, slope) in enumerate(zip(residuals, by_block(record, slopes[0]), strict=True)):
+                misfit[i, block] = np.sum(rest**2)
+                gradient[i, block] = slope @ rest
+                information[i, block] = slope @ slope.T
         misfit = np.where(np.isfinite(misfit), misfit, np.inf)
         return NormalEquations(misfit=misfit, gradient=gradient, information=information)

@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 
 from bwbn_bayes.engines.base import Response, Status
 from bwbn_bayes.engines.reduction import Reduction
-from bwbn_bayes.engines.scalar import ScalarProblem, scalar_problem, solve_each
+from bwbn_bayes.engines.scalar import Carried, ScalarProblem, scalar_problems, solve_each
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -73,8 +73,8 @@ class Reference(Reduction):
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problem = scalar_problem(model, draws, record, names, with_tangents=False)
-        return solve_each(problem, self._solve)[0]
+        problems = scalar_problems(model, draws, record, names, with_tangents=False)
+        return solve_each(problems, self._solve)[0]
 
     def sensitivities(
         self,
@@ -100,20 +100,20 @@ class Reference(Reduction):
         slopes[response.status != Status.OK] = np.nan
         return response, slopes
 
-    def _solve(self, problem: ScalarProblem, draw: int, out: Floats) -> Status:
+    def _solve(self, problem: ScalarProblem, draw: int, carried: Carried, out: Floats) -> Status:
         try:
-            self._integrate(problem, problem.data(draw), out)
+            self._integrate(problem, carried, out)
         except _NonFiniteError:
             return Status.NON_FINITE
         except _StepLimitError:
             return Status.STEP_LIMIT
         return Status.OK
 
-    def _integrate(self, problem: ScalarProblem, data: Floats, out: Floats) -> None:
-        kernel, dt = problem.kernel, problem.time_step
+    def _integrate(self, problem: ScalarProblem, carried: Carried, out: Floats) -> None:
+        kernel, dt, data = problem.kernel, problem.time_step, carried.data
         slack = _SLACK * dt
         kernel.prepare(data)
-        y, rates = np.zeros(problem.n_states), np.zeros(problem.n_states)
+        y, rates = carried.state[0].copy(), np.zeros(problem.n_states)
         no_tangents = np.zeros((0, problem.n_states))
         kernel.strike(slack, 0.0, y, no_tangents, rates, rates, data)
         piece = self._start(problem, data)
@@ -132,6 +132,7 @@ class Reference(Reduction):
                 now = until
                 if event <= until + slack:
                     kernel.strike(until + slack, 0.0, y, no_tangents, rates, rates, data)
+        carried.state[0] = y
 
     def _start(self, problem: ScalarProblem, data: Floats) -> Callable[[float, float, Floats], Floats]:
         """A function that carries the state from one time to another."""

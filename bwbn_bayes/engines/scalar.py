@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import sympy
@@ -26,7 +26,6 @@ from bwbn_bayes.engines.base import (
     Status,
     channel_map,
     check_record,
-    inputs,
     masses,
 )
 from bwbn_bayes.engines.codegen import LawPrograms, law_programs, packed, spelled, unpacked
@@ -35,6 +34,7 @@ from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
 from bwbn_bayes.engines.step_rules import interval_steps, steps_in_words
+from bwbn_bayes.engines.stretches import Stretch, event_columns, starting_terms, stretches_of
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -42,7 +42,7 @@ from bwbn_bayes.structures.structure import Structure
 
 @dataclass(frozen=True, kw_only=True)
 class ScalarProblem:
-    """What all draws of one call share.
+    """What all draws of one call share on one stretch of the record.
 
     Attributes
     ----------
@@ -52,8 +52,8 @@ class ScalarProblem:
         Where things stand in ``data``.
     n_links, n_states, n_directions, n_times : int
         Sizes; ``n_directions`` is zero without sensitivities.
-    time_step : float
-        Between samples. [s]
+    stretch : Stretch
+        Samples of one time step.
     driven : bool
         Whether the displacement is given.
     template : (n_data,) array
@@ -62,6 +62,8 @@ class ScalarProblem:
         What is asked for.
     local : (n_draws, n_links, n_law) array
         Law parameters of each draw.
+    model : Structure
+        What is solved.
     sensors : Sensors or None
         What stands between the floors and the channels.
     sensor_parameters : (n_draws, n_links, n_sensor_parameters) array
@@ -74,20 +76,41 @@ class ScalarProblem:
     n_states: int
     n_directions: int
     n_times: int
-    time_step: float
+    stretch: Stretch
     driven: bool
     template: Floats
     channels: ChannelMap
     local: Floats
+    model: Structure
     sensors: Sensors | None
     sensor_parameters: Floats
 
-    def data(self, draw: int) -> Floats:
-        """The flat array of one draw, its own copy."""
-        data = self.template.copy()
-        blocks = data[HEAD : self.place.seed(self.n_links)].reshape(self.n_links, self.place.block)
+    @property
+    def time_step(self) -> float:
+        """Time between samples [s]."""
+        return self.stretch.time_step
+
+    def data(self, draw: int, before: Floats | None = None) -> Floats:
+        """The flat array of one draw, its own copy; events that have happened ``before`` have happened in it."""
+        data, own = self.template.copy(), slice(HEAD, self.place.seed(self.n_links))
+        blocks = data[own].reshape(self.n_links, self.place.block)
         blocks[:, : self.local.shape[2]] = self.local[draw]
+        blocks[:, event_columns(self.model)] -= self.stretch.begin
+        if before is not None:
+            happened = slice(self.place.happened, self.place.inverse_mass)
+            blocks[:, happened] = before[own].reshape(blocks.shape)[:, happened]
         return data
+
+    def start(self, draw: int) -> Floats:
+        """States before the first sample and their derivatives, ``(1 + n_directions, n_states)``."""
+        state, index = np.zeros((1 + self.n_directions, self.n_states)), self.model.table.index
+        for term in starting_terms(self.model):
+            row = term.link * self.place.n_rows + term.row
+            state[0, row] += term.factor * self.local[draw, term.source, term.column]
+            parameter = index[term.source, term.column]
+            if parameter >= 0 and self.n_directions:
+                state[1 + parameter, row] += term.factor
+        return state
 
     @property
     def excitation(self) -> Floats:
@@ -105,7 +128,7 @@ class ScalarProblem:
         return self.channels.starts, self.channels.row, self.channels.coefficient, self.channels.ground
 
 
-def scalar_problem(
+def scalar_problems(
     model: Structure,
     draws: Floats,
     record: Record,
@@ -113,8 +136,8 @@ def scalar_problem(
     *,
     with_tangents: bool,
     load: Callable[[StoreyLaw, bool], ModuleType] | None = None,
-) -> ScalarProblem:
-    """Set up the draws of a model under a record.
+) -> tuple[ScalarProblem, ...]:
+    """Set up the draws of a model under a record, stretch by stretch.
 
     Parameters
     ----------
@@ -140,33 +163,43 @@ def scalar_problem(
     driven = model.excitation_kind == "displacement"
     place = layout(*programs_of(model.law))
     n, d = model.n_links, model.space.n_dim if with_tangents else 0
-    driving = inputs(record).T
+    local, n_law = model.table.local(np.asarray(draws, dtype=np.float64)), len(model.law.parameters)
+
+    def on(stretch: Stretch) -> ScalarProblem:
+        own = tuple(names) if stretch.samples is not None else ()
+        return ScalarProblem(
+            kernel=(load or scalar_kernel)(model.law, driven),
+            place=place,
+            n_links=n,
+            n_states=place.n_states(n),
+            n_directions=d,
+            n_times=len(stretch.inputs),
+            stretch=stretch,
+            driven=driven,
+            template=_template(model, stretch, place, d),
+            channels=channel_map(model, own),
+            local=local[..., :n_law],
+            model=model,
+            sensors=sensors_of(model, stretch.record, own),
+            sensor_parameters=local[..., n_law:],
+        )
+
+    return tuple(map(on, stretches_of(record)))
+
+
+def _template(model: Structure, stretch: Stretch, place: Layout, d: int) -> Floats:
+    n, driving = model.n_links, stretch.inputs.T
     template = np.zeros(place.excitation(n, d) + driving.size)
-    template[:HEAD] = n, record.time_step, record.n_times, d, len(driving)
+    template[:HEAD] = n, stretch.time_step, len(stretch.inputs), d, len(driving)
     blocks = template[HEAD : place.seed(n)].reshape(n, place.block)
     blocks[:, place.inverse_mass] = 1.0 / masses(model)
     blocks[:, [place.lower, place.upper]] = model.joints
-    for row, floor in enumerate(record.forced_floors):
+    for row, floor in enumerate(stretch.forced_floors):
         blocks[floor - 1, place.force_row] = 1 + row
     if d:
         template[place.seed(n) : place.excitation(n, d)] = _columns(model, place).ravel()
     template[place.excitation(n, d) :] = driving.ravel()
-    local, n_law = model.table.local(np.asarray(draws, dtype=np.float64)), len(model.law.parameters)
-    return ScalarProblem(
-        kernel=(load or scalar_kernel)(model.law, driven),
-        place=place,
-        n_links=n,
-        n_states=place.n_states(n),
-        n_directions=d,
-        n_times=record.n_times,
-        time_step=record.time_step,
-        driven=driven,
-        template=template,
-        channels=channel_map(model, names),
-        local=local[..., :n_law],
-        sensors=sensors_of(model, record, names),
-        sensor_parameters=local[..., n_law:],
-    )
+    return template
 
 
 def _columns(model: Structure, place: Layout) -> Floats:
@@ -203,36 +236,40 @@ def scalar_kernel(law: StoreyLaw, driven: bool) -> ModuleType:
     return load_kernel("scalar", scalar_source(*programs_of(law), driven=driven))
 
 
+class Carried(NamedTuple):
+    """What a solve of one draw begins with and changes in place: the next stretch may begin with it."""
+
+    data: Floats
+    """The flat array of the draw."""
+    state: Floats
+    """States and their derivatives, ``(1 + n_directions, n_states)``."""
+
+
 class SolveOne(Protocol):
     """Solves one draw of a problem into ``out (n_times, 1 + n_directions, n_channels)`` and says what became of it."""
 
-    def __call__(self, problem: ScalarProblem, draw: int, out: Floats) -> Status:
+    def __call__(self, problem: ScalarProblem, draw: int, carried: Carried, out: Floats) -> Status:
         """Solve draw number ``draw``."""
         ...
 
 
-def solve_each(problem: ScalarProblem, solve: SolveOne, n_threads: int = 1) -> tuple[Response, Floats]:
-    """Solve the draws one by one.
+def solve_each(problems: Sequence[ScalarProblem], solve: SolveOne, n_threads: int = 1) -> tuple[Response, Floats]:
+    """Solve the draws one by one, each stretch after stretch.
 
     Returns
     -------
     tuple of Response and (n_draws, n_directions, n_channels, n_times) array
         NaN where a draw failed or a number is not finite.
     """
-    n_draws, names = len(problem.local), problem.channels.names
-    values = np.full((n_draws, len(names), problem.n_times), np.nan)
-    slopes = np.full((n_draws, problem.n_directions, len(names), problem.n_times), np.nan)
+    asked = [problem for problem in problems if problem.stretch.samples is not None]
+    first, n_times = problems[0], sum(problem.n_times for problem in asked)
+    n_draws, names = len(first.local), first.channels.names
+    values = np.full((n_draws, len(names), n_times), np.nan)
+    slopes = np.full((n_draws, first.n_directions, len(names), n_times), np.nan)
     status = np.full(n_draws, Status.NON_FINITE, dtype=np.int64)
 
     def one(draw: int) -> None:
-        out = problem.empty_output()
-        if np.all(np.isfinite(problem.local[draw])):
-            status[draw] = solve(problem, draw, out)
-        if status[draw] == Status.OK and not np.all(np.isfinite(out)):
-            status[draw] = Status.NON_FINITE
-        if status[draw] == Status.OK:
-            values[draw] = out[:, 0].T
-            slopes[draw] = np.moveaxis(out[:, 1:], 0, 2)
+        status[draw] = _solve_stretches(problems, solve, draw, values[draw], slopes[draw])
 
     if n_threads == 1 or n_draws == 1:
         for draw in range(n_draws):
@@ -240,12 +277,36 @@ def solve_each(problem: ScalarProblem, solve: SolveOne, n_threads: int = 1) -> t
     else:
         with ThreadPoolExecutor(n_threads) as pool:
             list(pool.map(one, range(n_draws)))
-    if problem.sensors is not None:
-        problem.sensors.read(problem.sensor_parameters, values, slopes)
-        failed = ~np.all(np.isfinite(values), axis=(1, 2))
-        status[failed & (status == Status.OK)] = Status.NON_FINITE
-        values[failed], slopes[failed] = np.nan, np.nan
+    for problem in asked:
+        if problem.sensors is not None:
+            samples = problem.stretch.samples
+            problem.sensors.read(problem.sensor_parameters, values[..., samples], slopes[..., samples])
+    failed = ~np.all(np.isfinite(values), axis=(1, 2))
+    status[failed & (status == Status.OK)] = Status.NON_FINITE
+    values[failed], slopes[failed] = np.nan, np.nan
     return Response(channels=names, values=values, status=status), slopes
+
+
+def _solve_stretches(
+    problems: Sequence[ScalarProblem], solve: SolveOne, draw: int, values: Floats, slopes: Floats
+) -> Status:
+    """Fill a draw's channels ``(n_channels, n_times)`` and derivatives, as far as it can be solved."""
+    if not np.all(np.isfinite(problems[0].local[draw])):
+        return Status.NON_FINITE
+    carried: Carried | None = None
+    for problem in problems:
+        if carried is None or not problem.stretch.is_carried:
+            carried = Carried(problem.data(draw), problem.start(draw))
+        else:
+            carried = Carried(problem.data(draw, carried.data), carried.state)
+        out = problem.empty_output()
+        status = solve(problem, draw, carried, out)
+        if status != Status.OK or not np.all(np.isfinite(out)):
+            return Status.NON_FINITE if status == Status.OK else status
+        if problem.stretch.samples is not None:
+            values[:, problem.stretch.samples] = out[:, 0].T
+            slopes[..., problem.stretch.samples] = np.moveaxis(out[:, 1:], 0, 2)
+    return Status.OK
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,8 +339,8 @@ class ScalarRk4(Reduction):
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problem = scalar_problem(model, draws, record, names, with_tangents=False)
-        return solve_each(problem, self._solve, self.n_threads)[0]
+        problems = scalar_problems(model, draws, record, names, with_tangents=False)
+        return solve_each(problems, self._solve, self.n_threads)[0]
 
     def sensitivities(
         self,
@@ -292,10 +353,10 @@ class ScalarRk4(Reduction):
     ) -> tuple[Response, Floats]:
         """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problem = scalar_problem(model, draws, record, names, with_tangents=True)
-        return solve_each(problem, self._solve, self.n_threads)
+        problems = scalar_problems(model, draws, record, names, with_tangents=True)
+        return solve_each(problems, self._solve, self.n_threads)
 
-    def _solve(self, problem: ScalarProblem, draw: int, out: Floats) -> Status:
+    def _solve(self, problem: ScalarProblem, draw: int, carried: Carried, out: Floats) -> Status:
         steps = interval_steps(problem.excitation, self.substeps, driven=problem.driven)
-        problem.kernel.run_rk4(steps, float(self.resolution), *problem.channel_arrays, problem.data(draw), out)
+        problem.kernel.run_rk4(steps, float(self.resolution), *problem.channel_arrays, *carried, out)
         return Status.OK

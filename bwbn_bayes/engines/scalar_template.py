@@ -261,10 +261,10 @@ def turned(h, y, dy, data):
 
 
 @njit({flags})
-def run_rk4(substeps, resolution, starts, row, coefficient, ground_part, data, out):
+def run_rk4(substeps, resolution, starts, row, coefficient, ground_part, data, y, out):
     n_links, dt, n_times, n_directions = int(data[0]), data[1], int(data[2]), int(data[3])
     shape = (1 + n_directions, n_links * {n_rows} + {n_base_rows})
-    y, dy, trial, total = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    dy, trial, total = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     before = np.zeros(shape[1])
     after = np.zeros(shape[1])
     tolerance = 1e-9 * dt

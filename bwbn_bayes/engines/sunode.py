@@ -23,7 +23,7 @@ import numpy as np
 
 from bwbn_bayes.engines.base import Response, Status
 from bwbn_bayes.engines.reduction import Reduction
-from bwbn_bayes.engines.scalar import ScalarProblem, scalar_problem, solve_each
+from bwbn_bayes.engines.scalar import Carried, ScalarProblem, scalar_problems, solve_each
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
@@ -67,8 +67,8 @@ class Sunode(Reduction):
         """Response at the record's times; its measured channels unless others are named."""
         load_sunode()
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problem = scalar_problem(model, draws, record, names, with_tangents=False)
-        return solve_each(problem, self._solve)[0]
+        problems = scalar_problems(model, draws, record, names, with_tangents=False)
+        return solve_each(problems, self._solve)[0]
 
     def sensitivities(
         self,
@@ -85,8 +85,8 @@ class Sunode(Reduction):
         """
         load_sunode()
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problem = scalar_problem(model, draws, record, names, with_tangents=True)
-        return solve_each(problem, self._solve)
+        problems = scalar_problems(model, draws, record, names, with_tangents=True)
+        return solve_each(problems, self._solve)
 
     def adjoint_pullback(self, model: Structure, draws: Floats, record: Record, cotangents: Floats) -> Floats:
         """Gradients ``(n_draws, n_parameters)`` of ``sum(cotangents * channels)`` by the adjoint; NaN where it failed.
@@ -94,16 +94,17 @@ class Sunode(Reduction):
         Parameters
         ----------
         model : Structure
-            Without events of unknown time and without sensor effects, for which the adjoint would need jumps of its
-            own: those take the forward tangents.
+            From rest, without events of unknown time and without sensor effects, for which the adjoint would need
+            terms of its own: those and joined records take the forward tangents.
         draws : (n_draws, n_parameters) array
         record : Record
         cotangents : (n_draws, n_channels, n_times) array
         """
         load_sunode()
-        problem = scalar_problem(model, draws, record, tuple(record.channels), with_tangents=True)
-        if problem.sensors is not None or model.law.events or problem.driven:
-            slopes = solve_each(problem, self._solve)[1]
+        problems = scalar_problems(model, draws, record, tuple(record.channels), with_tangents=True)
+        problem, law = problems[0], model.law
+        if len(problems) > 1 or problem.sensors is not None or law.events or law.initial or problem.driven:
+            slopes = solve_each(problems, self._solve)[1]
             return np.asarray(np.einsum("npct,nct->np", slopes, cotangents))
         return np.array([self._adjoint(problem, i, cotangent) for i, cotangent in enumerate(cotangents)])
 
@@ -111,13 +112,13 @@ class Sunode(Reduction):
         sizes = problem.n_states, problem.n_directions, len(problem.template)
         return _forward_solver(problem.kernel, *sizes, self.method, self.rtol, self.atol)
 
-    def _solve(self, problem: ScalarProblem, draw: int, out: Floats) -> Status:
+    def _solve(self, problem: ScalarProblem, draw: int, carried: Carried, out: Floats) -> Status:
         """Solve from event to event (a driven specimen: from sample to sample) and observe at the samples."""
         kernel, solver = problem.kernel, self._solver(problem)
         numbers = solver._user_data["numbers"]
-        numbers[:] = problem.data(draw)
+        numbers[:] = carried.data
         times, tolerance = np.arange(problem.n_times) * problem.time_step, 1e-9 * problem.time_step
-        y, tangents = np.zeros(problem.n_states), np.zeros((problem.n_directions, problem.n_states))
+        y, tangents = carried.state[0].copy(), carried.state[1:].copy()
         before, after, rate = np.zeros_like(y), np.zeros_like(y), np.zeros_like(y)
         kernel.prepare(numbers)
         kernel.drive(0, y, numbers)
@@ -142,6 +143,7 @@ class Sunode(Reduction):
                 kernel.drive(j, y, numbers)
             if now >= times[-1] - tolerance:
                 _observe(problem, j, y, tangents, numbers, rate, out[j])
+                carried.data[:], carried.state[0], carried.state[1:] = numbers, y, tangents
                 return Status.OK
 
     def _adjoint(self, problem: ScalarProblem, draw: int, cotangent: Floats) -> Floats:

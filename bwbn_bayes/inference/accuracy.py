@@ -16,6 +16,7 @@ from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.blocks import counts, mean_squares, over_time
 
 LIMIT = 0.5
 LADDER = (
@@ -95,10 +96,11 @@ class Judge:
         _, slopes = posterior.engine.sensitivities(model, values, record)
         exact = finest.simulate(model, values, record).values[0]
         posterior.solves.add(2)
-        misfit = np.sum(np.square(record.measured - exact)[:, record.kept], axis=1)[None]
-        weight = np.sqrt(posterior.noise.precision(misfit, record.n_counted, noise_values)[0])[:, None]
+        n_times = counts(record)
+        misfit = (n_times * mean_squares(record, record.measured - exact))[None]
+        weight = over_time(record, np.sqrt(posterior.noise.precision(misfit, n_times, noise_values)[0]))
         scale = model.space.unit_scale(values)[0]
-        jacobian = (slopes[0] * scale[:, None, None] * weight)[..., record.kept].reshape(model.space.n_dim, -1)
+        jacobian = (slopes[0] * scale[:, None, None] * weight).reshape(model.space.n_dim, -1)
         return cls(posterior=posterior, values=values, exact=exact, jacobian=jacobian, weight=weight)
 
     def __call__(self, engine: Engine) -> Discretisation:
@@ -106,17 +108,17 @@ class Judge:
         record = self.posterior.record
         response = engine.simulate(self.posterior.model, self.values, record).values[0]
         self.posterior.solves.add(1)
-        whitened = ((self.exact - response) * self.weight)[:, record.kept].ravel()
-        residual = ((record.measured - self.exact) * self.weight)[:, record.kept].ravel()
+        whitened = ((self.exact - response) * self.weight).ravel()
+        residual = ((record.measured - self.exact) * self.weight).ravel()
         information = self.jacobian @ self.jacobian.T
         shift = np.linalg.solve(information + 12.0 * np.eye(len(information)), self.jacobian @ whitened)
         left = whitened - shift @ self.jacobian
-        size = np.mean(np.square(record.measured[:, record.kept]), axis=1)
+        missed = mean_squares(record, self.exact - response) / mean_squares(record, record.measured)
         return Discretisation(
             scheme=engine.scheme,
             joint_shift_sd=float(np.sqrt(shift @ information @ shift)),
             log_likelihood_shift=float(-residual @ left - 0.5 * left @ left),
-            nrmse=float(np.sqrt(np.mean(np.mean(np.square(self.exact - response), axis=1) / size))),
+            nrmse=float(np.sqrt(np.mean(missed))),
         )
 
 

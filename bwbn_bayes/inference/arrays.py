@@ -12,6 +12,7 @@ from bwbn_bayes.engines.base import BASE_DISPLACEMENT
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.responses import STATISTICS, Responses, Singles, batches, evenly
 from bwbn_bayes.parameters import Floats, FreeParameter
+from bwbn_bayes.records.blocks import counts, labels, measured_or_nan, over_time
 from bwbn_bayes.records.record import Record, si_unit
 from bwbn_bayes.structures.quantities import engineering_quantities, time_points
 from bwbn_bayes.structures.structure import Structure
@@ -34,10 +35,10 @@ _UNITS = {
 
 
 def noise_scales(posterior: Posterior, points: Floats, rng: np.random.Generator) -> Floats:
-    """Noise standard deviations ``(n_draws, n_channels)``, one from each draw's own posterior of them."""
+    """Noise standard deviations ``(n_draws, n_blocks)``, one from each draw's own posterior of them."""
     different, place = np.unique(points, axis=0, return_inverse=True)
     misfit = posterior.misfit(different)[place]
-    return np.array(posterior.noise.draw_sd(rng, misfit, posterior.record.n_counted, posterior.split(points)[1]))
+    return np.array(posterior.noise.draw_sd(rng, misfit, counts(posterior.record), posterior.split(points)[1]))
 
 
 def posterior_tree(
@@ -59,7 +60,7 @@ def posterior_tree(
         Draws in the unit cube.
     log_likelihood : (n_draws,) array
         Of each draw.
-    noise_sd : (n_draws, n_channels) array
+    noise_sd : (n_draws, n_blocks) array
         Noise scales of each draw.
     responses : Responses
         Of the draws that bands, predictions and quantities are made of.
@@ -83,7 +84,8 @@ def posterior_tree(
         "sample_stats": _numbered(xr.Dataset({"lp": (("chain", "draw"), lp[None])})),
         "log_likelihood": _pointwise(posterior, points, noise_sd),
         "observed_data": _histories(
-            record, {name: ("time", _or_nothing(record, s)) for name, s in record.channels.items()}
+            record,
+            {name: ("time", row) for name, row in zip(record.channels, measured_or_nan(record), strict=True)},
         ),
         "constant_data": constant_dataset(model, record),
         "posterior_predictive": _predicted(record, responses.predicted[None], ("chain", "draw")).assign_coords(
@@ -108,12 +110,13 @@ def posterior_tree(
 
 
 def _draws(model: Structure, record: Record, values: Floats, noise_sd: Floats) -> xr.Dataset:
-    """Parameters ``(n, n_parameters)`` and, unless they have no columns, noise scales ``(n, n_channels)``."""
+    """Parameters ``(n, n_parameters)`` and, unless they have no columns, noise scales ``(n, n_blocks)``."""
     dataset = parameter_dataset(model.space.parameters, values, model.n_links)
     if noise_sd.size:
         units = {"units": ", ".join(dict.fromkeys(si_unit(name) for name in record.channels))}
+        own = list(labels(record))
         dataset = dataset.assign(noise_sd=(("chain", "draw", "channel"), noise_sd[None], units))
-        dataset = dataset.assign_coords(channel=list(record.channels))
+        dataset = dataset.assign_coords(channel=own)
     return _numbered(dataset)
 
 
@@ -156,10 +159,14 @@ def _pointwise(posterior: Posterior, points: Floats, noise_sd: Floats) -> xr.Dat
         residual = posterior.engine.simulate(posterior.model, values[rows], record).values[..., record.kept]
         residual -= record.measured[:, record.kept]
         sd = noise_sd[chosen[rows]][:, :, None]
+        if len(record.parts) > 1:
+            sd = over_time(record, sd[..., 0])[..., record.kept]
+        # What was not measured says nothing: a density of one.
+        sd = np.where(sd > 0.0, sd, np.inf)
         residual /= sd
         np.square(residual, out=residual)
         residual *= -0.5
-        residual -= np.log(sd) + 0.5 * _LOG_2PI
+        residual -= np.where(sd < np.inf, np.log(sd) + 0.5 * _LOG_2PI, 0.0)
         density[rows] = np.add.reduceat(residual, begins, axis=2)
         del residual  # before the next is made
     return xr.Dataset(

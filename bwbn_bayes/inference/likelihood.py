@@ -21,8 +21,9 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.parameters import Booleans, Floats, FreeParameter, ParameterSpace, Prior
 from bwbn_bayes.records.band import noise_band
+from bwbn_bayes.records.blocks import counts, labels
 from bwbn_bayes.records.noise import noise_sds
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Record, require_single
 from bwbn_bayes.structures.structure import Structure
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -31,10 +32,16 @@ _LEAST_LEVEL = 1e-5
 
 
 class Noise(Protocol):
-    """How the noise scale of each channel enters the likelihood.
+    """How the noise scale of each block enters the likelihood: a channel of one record.
 
-    Squared residuals are those of whitened residuals where the samples' errors are correlated.
+    Squared residuals are those of whitened residuals where the samples' errors are correlated; ``n_times`` is the
+    number of samples behind each, ``(n_blocks,)`` or one number for all.
     """
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of noise scales."""
+        ...
 
     @property
     def correlation(self) -> Correlation | None:
@@ -46,16 +53,16 @@ class Noise(Protocol):
         """Noise parameters that are sampled beside the model's own."""
         ...
 
-    def log_likelihood(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
-        """Log likelihood ``(n_draws,)`` from squared residuals ``(n_draws, n_channels)`` and sampled noise values."""
+    def log_likelihood(self, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
+        """Log likelihood ``(n_draws,)`` from squared residuals ``(n_draws, n_blocks)`` and sampled noise values."""
         ...
 
-    def precision(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
-        """Minus twice the slope of the log likelihood in the squared residuals, ``(n_draws, n_channels)``."""
+    def precision(self, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
+        """Minus twice the slope of the log likelihood in the squared residuals, ``(n_draws, n_blocks)``."""
         ...
 
-    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: int, values: Floats) -> Floats:
-        """Noise standard deviations ``(n_draws, n_channels)`` from their posterior given each draw."""
+    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
+        """Noise standard deviations ``(n_draws, n_blocks)`` from their posterior given each draw."""
         ...
 
     def describe(self) -> str:
@@ -65,23 +72,27 @@ class Noise(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class KnownNoise:
-    """Noise standard deviations ``(n_channels,)`` known beforehand."""
+    """Noise standard deviations ``(n_blocks,)`` known beforehand."""
 
     sd: tuple[float, ...]
     correlation: ClassVar[Correlation | None] = None
 
     @property
+    def n_blocks(self) -> int:
+        return len(self.sd)
+
+    @property
     def parameters(self) -> tuple[FreeParameter, ...]:
         return ()
 
-    def log_likelihood(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+    def log_likelihood(self, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         variance = np.square(self.sd)
         return -0.5 * np.sum(misfit / variance + n_times * (np.log(variance) + _LOG_2PI), axis=1)
 
-    def precision(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+    def precision(self, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         return np.broadcast_to(1.0 / np.square(self.sd), misfit.shape)
 
-    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: int, values: Floats) -> Floats:
+    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         return np.broadcast_to(np.asarray(self.sd), misfit.shape)
 
     def describe(self) -> str:
@@ -97,52 +108,69 @@ class IntegratedNoise:
     shape : float
         Shape of the inverse-gamma prior of each channel's variance.
     scale : tuple of float
-        Its scale, one per channel, in squared units of the channel.
-    correlation_samples : float
-        Samples that count as one. Behind a filter that ends the noise at a share of half the sampling rate it is one
-        over that share: to a motion within the band the likelihood is then that of the noise as it is.
+        Its scale, one per block, in squared units of the channel.
+    correlation_samples : float or tuple of float
+        Samples that count as one, of all blocks or of each. Behind a filter that ends the noise at a share of half the
+        sampling rate it is one over that share: to a motion within the band the likelihood is then that of the noise as
+        it is.
     correlation : Correlation, optional
         Of the samples' errors, autoregressive or with a force of no known law among them.
     """
 
     shape: float
     scale: tuple[float, ...]
-    correlation_samples: float = 1.0
+    correlation_samples: float | tuple[float, ...] = 1.0
     correlation: Correlation | None = None
+
+    @property
+    def n_blocks(self) -> int:
+        return len(self.scale)
+
+    @property
+    def as_one(self) -> Floats:
+        """Samples that count as one, one number or ``(n_blocks,)``."""
+        return np.asarray(self.correlation_samples, dtype=np.float64)
 
     @property
     def parameters(self) -> tuple[FreeParameter, ...]:
         return ()
 
-    def log_likelihood(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
-        scale, counted = np.asarray(self.scale), n_times / self.correlation_samples
+    def log_likelihood(self, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
+        scale, counted = np.asarray(self.scale), n_times / self.as_one
         end = self.shape + 0.5 * counted
         constant = self.shape * np.log(scale) - gammaln(self.shape) + gammaln(end) - 0.5 * counted * _LOG_2PI
         volume = 0.0 if self.correlation is None else self.correlation.log_volume
-        return np.sum(constant - end * np.log(scale + 0.5 * misfit / self.correlation_samples), axis=1) + volume
+        return np.sum(constant - end * np.log(scale + 0.5 * misfit / self.as_one), axis=1) + volume
 
-    def precision(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
-        as_one = self.correlation_samples
-        return (2.0 * as_one * self.shape + n_times) / (2.0 * as_one * np.asarray(self.scale) + misfit) / as_one
+    def precision(self, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
+        as_one = self.as_one
+        rate = 2.0 * as_one * np.asarray(self.scale) + misfit
+        return np.asarray((2.0 * as_one * self.shape + n_times) / rate / as_one)
 
-    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: int, values: Floats) -> Floats:
-        rate = np.asarray(self.scale) + 0.5 * misfit / self.correlation_samples
-        return np.sqrt(rate / rng.gamma(self.shape + 0.5 * n_times / self.correlation_samples, size=misfit.shape))
+    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
+        rate = np.asarray(self.scale) + 0.5 * misfit / self.as_one
+        shape = np.broadcast_to(self.shape + 0.5 * n_times / self.as_one, misfit.shape)
+        return np.asarray(np.sqrt(rate / rng.gamma(shape)))
 
     def describe(self) -> str:
         scales = ", ".join(f"{scale:.3g}" for scale in self.scale)
         prior = f"inverse-gamma priors of shape {self.shape:g} and scales {scales}"
-        filtered = f" A filter has correlated the noise: {self.correlation_samples:.3g} samples count as one."
-        return f"Noise variances are integrated out under {prior}.{filtered if self.correlation_samples > 1.0 else ''}"
+        counts = " and ".join(f"{one:.3g}" for one in np.unique(self.as_one))
+        filtered = f" A filter has correlated the noise: {counts} samples count as one."
+        return f"Noise variances are integrated out under {prior}.{filtered if np.any(self.as_one > 1.0) else ''}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class SampledNoise:
-    """Noise standard deviations sampled beside the model's parameters, one prior per channel."""
+    """Noise standard deviations sampled beside the model's parameters, one prior per block; ``channels`` names them."""
 
     channels: tuple[str, ...]
     priors: tuple[Prior, ...]
     correlation: ClassVar[Correlation | None] = None
+
+    @property
+    def n_blocks(self) -> int:
+        return len(self.priors)
 
     @property
     def parameters(self) -> tuple[FreeParameter, ...]:
@@ -151,14 +179,14 @@ class SampledNoise:
             for c, p in zip(self.channels, self.priors, strict=True)
         )
 
-    def log_likelihood(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+    def log_likelihood(self, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         variance = np.square(values)
         return -0.5 * np.sum(misfit / variance + n_times * (np.log(variance) + _LOG_2PI), axis=1)
 
-    def precision(self, misfit: Floats, n_times: int, values: Floats) -> Floats:
+    def precision(self, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         return 1.0 / np.square(values)
 
-    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: int, values: Floats) -> Floats:
+    def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         return values
 
     def describe(self) -> str:
@@ -166,8 +194,8 @@ class SampledNoise:
 
 
 def require_noise(noise: Noise, record: Record) -> None:
-    """Raise :class:`UserError` unless a noise model has one positive scale for each channel, in the record's order."""
-    channels = tuple(record.channels)
+    """Raise :class:`UserError` unless a noise model has one positive scale for each block, in the record's order."""
+    channels = labels(record)
     if isinstance(noise, SampledNoise):
         if noise.channels != channels or len(noise.priors) != len(channels):
             raise UserError(
@@ -183,27 +211,44 @@ def require_noise(noise: Noise, record: Record) -> None:
         raise UserError(f"{kind}: {len(scales)} scales for {len(channels)} channels: give one for each")
     if not all(0.0 < scale < np.inf for scale in scales) or (isinstance(noise, IntegratedNoise) and noise.shape <= 0.0):
         raise UserError(f"{kind}: every scale must be a positive number, not {', '.join(map(str, scales))}")
-    if isinstance(noise, IntegratedNoise) and not 1.0 <= noise.correlation_samples < np.inf:
-        raise UserError(f"{kind}: correlation_samples is {noise.correlation_samples}: it must be a number from 1 up")
+    if isinstance(noise, IntegratedNoise):
+        as_one = noise.as_one
+        if as_one.shape not in ((), (len(channels),)) or not np.all((as_one >= 1.0) & (as_one < np.inf)):
+            raise UserError(
+                f"{kind}: correlation_samples is {noise.correlation_samples}: it must be a number from 1 up, "
+                "or one for each channel"
+            )
+        if noise.correlation is not None:
+            require_single(record, "correlated errors are known of one:")
 
 
 def default_noise(record: Record) -> IntegratedNoise:
-    """Inverse-gamma priors of shape 1 about the model-free noise level of each channel.
+    """Inverse-gamma priors of shape 1 about the model-free noise level of each channel of each record.
 
     The level (:func:`~bwbn_bayes.records.noise.noise_sds`) counts as two samples: a model that leaves ten times as much
     pays for it by its misfit, not by the prior. It is at least 1e-5 of the channel's rms, which no solver is beyond.
     Where a filter ends the noise (:func:`~bwbn_bayes.records.band.noise_band`), several samples count as one.
     All this depends on the training record alone, so that it is the same in every compared model.
     """
-    scales = []
+    scales: list[float] = []
+    as_one: list[float] = []
+    for part in record.parts:
+        if part.channels:
+            scales += _noise_variances(part)
+            band = noise_band(part)
+            as_one += [1.0 if band is None else band.correlation_samples] * len(part.channels)
+    alike = len(set(as_one)) == 1
+    return IntegratedNoise(shape=1.0, scale=tuple(scales), correlation_samples=as_one[0] if alike else tuple(as_one))
+
+
+def _noise_variances(record: Record) -> list[float]:
+    variances = []
     for (name, signal), level in zip(record.channels.items(), noise_sds(record).tolist(), strict=True):
         rms = float(np.sqrt(np.mean(np.square(signal[record.kept]))))
         if rms == 0.0:
             raise UserError(f"channel {name} of record {record.name!r} is zero throughout: drop it or mend the record")
-        scales.append(max(level, _LEAST_LEVEL * rms) ** 2)
-    band = noise_band(record)
-    correlation = 1.0 if band is None else band.correlation_samples
-    return IntegratedNoise(shape=1.0, scale=tuple(scales), correlation_samples=correlation)
+        variances.append(max(level, _LEAST_LEVEL * rms) ** 2)
+    return variances
 
 
 @dataclass
@@ -309,7 +354,7 @@ class Posterior:
         return values[:, : self.model.space.n_dim], values[:, self.model.space.n_dim :]
 
     def misfit(self, points: Floats) -> Floats:
-        """Squared residuals, whitened, ``(n_draws, n_channels)``; infinite where the solve failed."""
+        """Squared residuals, whitened, ``(n_draws, n_blocks)``; infinite where the solve failed."""
         self.solves.add(len(points))
         if self.journal is None:
             return self._misfit(points)
@@ -355,6 +400,16 @@ class Posterior:
                 information=products[:, :, 1:, 1:],
             )
 
+    def _of_all_blocks(self, of_blocks: Floats) -> Floats:
+        """Sums ``(..., n_blocks)`` with zeros for the records that the first seconds do not reach."""
+        beyond = self.noise.n_blocks - of_blocks.shape[-1]
+        return of_blocks if beyond == 0 else np.pad(of_blocks, [(0, 0)] * (of_blocks.ndim - 1) + [(0, beyond)])
+
+    @cached_property
+    def _n_times(self) -> Floats:
+        """Samples of each block that count."""
+        return self._of_all_blocks(counts(self.record))
+
     def log_likelihood(self, points: Floats) -> Floats:
         """Log likelihood ``(n_draws,)``; minus infinity where the solve failed."""
         return self.log_likelihood_of(self.misfit(points), points)
@@ -364,7 +419,7 @@ class Posterior:
         ok = np.all(np.isfinite(misfit), axis=1)
         result = np.full(len(points), -np.inf)
         noise_values = self.split(points[ok])[1]
-        result[ok] = self.noise.log_likelihood(misfit[ok], self.record.n_counted, noise_values)
+        result[ok] = self.noise.log_likelihood(self._of_all_blocks(misfit[ok]), self._n_times, noise_values)
         return result
 
     def linearise(self, points: Floats, free: Booleans | None = None) -> Linearisation:
@@ -378,20 +433,20 @@ class Posterior:
         own = None if free is None else free[:, :d]
         equations = self._equations(values, own)
         ok = np.all(np.isfinite(equations.misfit), axis=1)
-        misfit = np.where(ok[:, None], equations.misfit, 1.0)
-        weight = self.noise.precision(misfit, self.record.n_counted, noise_values) * ok[:, None]
+        own_misfit = np.where(ok[:, None], equations.misfit, 1.0)
+        misfit, n_times = self._of_all_blocks(own_misfit), self._n_times
+        weight = (self.noise.precision(misfit, n_times, noise_values) * ok[:, None])[:, : own_misfit.shape[1]]
         scale = self.space.unit_scale(np.hstack([values, noise_values]))
         scale = scale if free is None else np.where(free, scale, 0.0)
         gradient, information = np.zeros((len(points), self.n_dim)), np.zeros((len(points), self.n_dim, self.n_dim))
         gradient[:, :d] = np.einsum("nc,ncp->np", weight, np.nan_to_num(equations.gradient))
         information[:, :d, :d] = np.einsum("nc,ncpq->npq", weight, np.nan_to_num(equations.information))
-        n_times = self.record.n_counted
         for c in range(self.n_dim - d):
             sd = noise_values[:, c]
-            gradient[:, d + c] = ok * (misfit[:, c] / sd**3 - n_times / sd)
-            information[:, d + c, d + c] = ok * 2.0 * n_times / sd**2
+            gradient[:, d + c] = ok * (misfit[:, c] / sd**3 - n_times[c] / sd)
+            information[:, d + c, d + c] = ok * 2.0 * n_times[c] / sd**2
         return Linearisation(
-            log_likelihood=np.where(ok, self.log_likelihood_of(misfit, points), -np.inf),
+            log_likelihood=np.where(ok, self.log_likelihood_of(own_misfit, points), -np.inf),
             gradient=gradient * scale,
             information=information * scale[:, :, None] * scale[:, None, :],
         )

@@ -57,13 +57,17 @@ def windows(duration: float, first: float) -> tuple[float, ...]:
 
 
 def first_window(posterior: Posterior) -> float:
-    """End of the first window: where 2 % of the record's energy has arrived, but at least 150 samples, in seconds."""
+    """End of the first window: where 2 % of the record's energy has arrived, but at least 150 samples, in seconds.
+
+    Samples are counted from the first that is measured.
+    """
     record = posterior.record
     energy = np.sum(
         [np.cumsum(np.square(signal)) / np.sum(np.square(signal)) for signal in record.channels.values()], axis=0
     )
     sample = int(np.searchsorted(energy, 0.02 * energy[-1]))
-    return float(min(max(sample, 150) * record.time_step, record.duration))
+    first = int(np.arange(record.n_times)[record.kept][0])
+    return float(record.times[min(max(sample, first + 150), record.n_times - 1)])
 
 
 def find_modes(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.band import noise_band
+from bwbn_bayes.records.blocks import by_block, by_part, labels
 from bwbn_bayes.records.noise import LEAST_NOISE, noise_sds
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check
@@ -149,7 +150,7 @@ def residual_of(posterior: Posterior, point: Floats) -> Floats:
 
 
 def counted(record: Record, residual: Floats) -> Floats:
-    """Residuals ``(n_channels, n_times)`` at a rate at which the record's noise is white, ``(n_channels, n_counted)``.
+    """Residuals ``(n_channels, n_times)`` at a rate at which one record's noise is white, ``(n_channels, n_counted)``.
 
     Where a filter ends the noise that is twice its band (:func:`~bwbn_bayes.records.band.noise_band`), else the
     record's own; without the samples that do not count.
@@ -166,7 +167,7 @@ def leaves_quiet(posterior: Posterior, point: Floats) -> bool:
     residual = residual_of(posterior, point)
     if max(_to_noise(posterior.record, residual)) >= QUIET_RATIO:
         return False
-    rests = counted(posterior.record, residual)
+    rests = _rests(posterior.record, residual)
     return all(min(whiteness_probability(rest), steadiness(rest)) > QUIET_PROBABILITY for rest in rests)
 
 
@@ -182,9 +183,17 @@ def leaves_noise(posterior: Posterior, point: Floats) -> bool:
     posterior.solves.add(1)
     rows = observe(posterior.engine, posterior.model, values, record)
     motions = np.concatenate([modelled, *(rows[kind][0] for kind in _MOTIONS)])
-    band = noise_band(record)
-    motions = motions[:, record.kept] if band is None else band.at_thinned(motions)
-    return all(is_noise(rest, motions) for rest in counted(record, record.measured - modelled))
+    parts = zip(by_part(record, record.measured - modelled), _motions(record, motions), strict=True)
+    return all(is_noise(rest, own) for (part, left), own in parts for rest in counted(part, left))
+
+
+def _motions(record: Record, motions: Floats) -> Iterator[Floats]:
+    """Motions ``(n_motions, n_times)`` at the samples of :func:`counted`, for each record that measures anything."""
+    for part, stretch in zip(record.parts, record.stretches, strict=True):
+        if part.channels:
+            band = noise_band(part)
+            own = motions[:, stretch]
+            yield own[:, part.kept] if band is None else band.at_thinned(own)
 
 
 def _modelled(posterior: Posterior, point: Floats) -> Floats:
@@ -200,28 +209,33 @@ def _level(residual: Floats) -> float:
 
 
 def noise_floors(record: Record) -> Floats:
-    """Model-free noise level of each channel ``(n_channels,)``; at least a thousandth of its rms, were it less."""
+    """Model-free noise level of each channel of one record ``(n_channels,)``; at least a thousandth of its rms."""
     return np.maximum(noise_sds(record), LEAST_NOISE * np.std(record.measured[:, record.kept], axis=1))
 
 
+def _rests(record: Record, residual: Floats) -> list[Floats]:
+    """Residuals ``(n_channels, n_times)`` as :func:`counted` gives them, block by block."""
+    return [rest for part, own in by_part(record, residual) for rest in counted(part, own)]
+
+
 def _to_noise(record: Record, residual: Floats) -> list[float]:
-    """Level of each channel's residual ``(n_channels, n_times)`` over its model-free noise level."""
-    kept = residual[:, record.kept]
-    return [_level(rest) / floor for rest, floor in zip(kept, noise_floors(record).tolist(), strict=True)]
+    """Level of each block's residual, of ``(n_channels, n_times)``, over its model-free noise level."""
+    floors = [floor for part in record.parts if part.channels for floor in noise_floors(part).tolist()]
+    return [_level(rest) / floor for rest, floor in zip(by_block(record, residual), floors, strict=True)]
 
 
 def heard_rests(posterior: Posterior, point: Floats) -> dict[str, Floats]:
-    """Residuals ``(n_counted,)`` at a point ``(n_dim,)`` by channel, where they exceed what a solver may leave."""
+    """Residuals ``(n_counted,)`` at a point ``(n_dim,)`` by block, where they exceed what a solver may leave."""
     return _heard(posterior.record, residual_of(posterior, point))
 
 
 def _heard(record: Record, residual: Floats) -> dict[str, Floats]:
-    rests = zip(record.channels, counted(record, residual), record.measured[:, record.kept], strict=True)
+    rests = zip(labels(record), _rests(record, residual), by_block(record, record.measured), strict=True)
     return {name: rest for name, rest, signal in rests if _level(rest) > LEAST_NOISE * np.std(signal)}
 
 
 def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
-    """Noise level and whiteness of the residual at a point ``(n_dim,)`` of the unit cube, worst channel of each.
+    """Noise level and whiteness of the residual at a point ``(n_dim,)`` of the unit cube, worst block of each.
 
     The colour of what is less than a thousandth of a channel's rms does not count: a record without noise leaves only
     the solver's error. Coloured noise fails, since neither yardstick nor likelihood knows of any but white noise; the
@@ -229,9 +243,9 @@ def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     """
     record = posterior.record
     residual = residual_of(posterior, point)
-    ratios = dict(zip(record.channels, _to_noise(record, residual), strict=True))
+    ratios = dict(zip(labels(record), _to_noise(record, residual), strict=True))
     heard = _heard(record, residual)
-    white = {name: whiteness_probability(heard[name]) if name in heard else 1.0 for name in record.channels}
+    white = {name: whiteness_probability(heard[name]) if name in heard else 1.0 for name in ratios}
     loudest, reddest = max(ratios, key=lambda name: ratios[name]), min(white, key=lambda name: white[name])
     is_white = white[reddest] > LEAST_PROBABILITY
     whiteness = f"White noise is as coloured as the residual of {reddest} with probability {white[reddest]:.2g}."

@@ -108,8 +108,8 @@ def summarised(
         Positions of the draws among all.
     values : (n, n_parameters) array
         Identified parameters.
-    noise_sd : (n, n_channels) array
-        Noise scales of the measured channels.
+    noise_sd : (n, n_blocks) array
+        Noise scales of the measured channels, of each record.
     rng : numpy.random.Generator
         For the noise of predictions.
     """
@@ -117,7 +117,13 @@ def summarised(
     names = tuple(dict.fromkeys([*(name for names in kinds.values() for name in names), *measured]))
     most = _WHOLE_NUMBERS // (len(names) * record.n_times)
     kept = evenly(len(draws), min(max(most, _FEWEST_WHOLE), _MOST_WHOLE))
-    noise = {name: (noise_sd[:, i], rng.spawn(1)[0]) for i, name in enumerate(measured)}
+    noise = {
+        name: (
+            tuple((record.stretches[b.part], noise_sd[:, i]) for i, b in enumerate(record.blocks) if b.channel == row),
+            rng.spawn(1)[0],
+        )
+        for row, name in enumerate(measured)
+    }
     found = _Found(kept=kept, noise=noise)
     at_once = max(1, _HELD // (len(draws) * record.n_times))
     for first in range(0, len(names), at_once):
@@ -137,10 +143,10 @@ def summarised(
 
 @dataclass(frozen=True, kw_only=True)
 class _Found:
-    """What is kept so far, by channel; ``noise`` holds each measured channel's scales and random stream."""
+    """What is kept so far, by channel; ``noise`` holds each measured channel's scales where it has them, and stream."""
 
     kept: NDArray[np.int64]
-    noise: Mapping[str, tuple[Floats, np.random.Generator]]
+    noise: Mapping[str, tuple[tuple[tuple[slice, Floats], ...], np.random.Generator]]
     means: dict[str, Floats] = field(default_factory=dict)
     bands: dict[str, Singles] = field(default_factory=dict)
     whole: dict[str, Singles] = field(default_factory=dict)
@@ -167,9 +173,11 @@ def _solve(
         kind = name.rpartition("_")[0]
         found.landmarks[name] = landmarks(kind, history[:, None], record.times)
         if name in found.noise:
-            sd, rng = found.noise[name]
-            for one, scale in zip(history, sd, strict=True):  # in place: nobody reads it without noise any more
-                one += scale * rng.standard_normal(record.n_times, dtype=np.float32)
+            scales, rng = found.noise[name]
+            for number, one in enumerate(history):  # in place: nobody reads it without noise any more
+                drawn = rng.standard_normal(record.n_times, dtype=np.float32)
+                for samples, sd in scales:
+                    one[samples] += sd[number] * drawn[samples]
             found.noisy_bands[name] = _band(history, mean)
             found.noisy[name] = history[found.kept]
 

@@ -24,6 +24,7 @@ from bwbn_bayes.inference.registry import title_of
 from bwbn_bayes.inference.responses import N_DRAWS, Singles, evenly, observable, summarised
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.blocks import labels, mean_squares
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import (
     DOUBTS,
@@ -133,7 +134,7 @@ def build_result(
         log_evidence=log_evidence,
         log_evidence_se=log_evidence_se,
         nrmse=fit_error(record, responses.signals),
-        noise_sd=dict(zip(record.channels, np.mean(noise_sd, axis=0).tolist(), strict=True)),
+        noise_sd=dict(zip(labels(record), np.mean(noise_sd, axis=0).tolist(), strict=True)),
         n_solves=posterior.solves.total,
         n_stages=len(stages),
         elapsed_s=elapsed(),
@@ -223,13 +224,9 @@ def densest_interval(draws: Floats, support: tuple[float, float], prob: float = 
 
 
 def fit_error(record: Record, signals: Floats) -> dict[str, float]:
-    """Rms of measured minus mean predicted channels ``(n_channels, n_times)`` over the measured rms."""
-    return {
-        name: float(np.sqrt(np.mean(np.square(signal - mean)) / np.mean(np.square(signal))))
-        for name, signal, mean in zip(
-            record.channels, record.measured[:, record.kept], signals[:, record.kept], strict=True
-        )
-    }
+    """Rms of measured minus mean predicted channels ``(n_channels, n_times)`` over the measured rms, by block."""
+    shares = mean_squares(record, record.measured - signals) / mean_squares(record, record.measured)
+    return dict(zip(labels(record), np.sqrt(shares).tolist(), strict=True))
 
 
 def force_agreement(found: Floats | Singles, truth: Mapping[str, Floats] | None) -> dict[str, dict[str, float]]:
@@ -308,7 +305,8 @@ def conventions(model: Structure) -> tuple[str, ...]:
     """What every identification of a model takes for granted, in sentences."""
     lines = ["Energy is the work on the hysteretic spring in joules; delta_nu, delta_eta and delta_s are per joule."]
     if not model.is_driven:
-        lines.append("The structure starts at rest; the ground acceleration is linear between samples.")
+        start = "in the state that its parameters say" if model.law.initial else "at rest"
+        lines.append(f"The structure starts {start}; the ground acceleration is linear between samples.")
         lines.append(
             "R-t is the correlation of the storey force histories; R-x is taken at equal steps of the travelled drift."
         )

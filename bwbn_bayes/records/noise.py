@@ -11,6 +11,7 @@ from scipy import stats
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.band import noise_band
+from bwbn_bayes.records.joined import JoinedRecord
 from bwbn_bayes.records.record import Record
 
 MAX_DIFFERENCE_ORDER = 16
@@ -55,6 +56,8 @@ def add_noise(record: Record, snr_db: float | None, rng: np.random.Generator) ->
         raise UserError(
             f"snr_db is {snr_db}: it must be a number of decibels within {MOST_DECIBELS:g} of zero, or None for none"
         )
+    if isinstance(record, JoinedRecord):
+        return record.with_each(lambda part: add_noise(part, snr_db, rng))
     noisy: dict[str, Floats] = {}
     noise_sd: dict[str, float] = {}
     for channel, values in record.channels.items():

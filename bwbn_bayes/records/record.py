@@ -10,8 +10,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import pairwise
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,6 +75,19 @@ def si_unit(column: str) -> str:
     if quantity is None:
         raise UserError(f"channel {column} is not known: use {CHANNEL_NAMES}, or force for a cyclic test")
     return _SI_UNITS[quantity]
+
+
+class Block(NamedTuple):
+    """Samples whose noise has one level: a channel, or of several joined records each record's own."""
+
+    label: str
+    """The channel's name; with the record's where there are several."""
+    part: int
+    """Position among :attr:`Record.parts`."""
+    channel: int
+    """Row of :attr:`Record.measured`."""
+    samples: slice | NDArray[np.int64]
+    """Index along time of those that count."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -227,6 +241,27 @@ class Record:
     def n_counted(self) -> int:
         """Number of samples that count."""
         return self.n_times if self.counted is None else int(np.count_nonzero(self.counted))
+
+    @property
+    def parts(self) -> tuple[Record, ...]:
+        """The records that it joins, see :func:`~bwbn_bayes.records.joined.join_records`; itself where it is one."""
+        return (self,)
+
+    @property
+    def is_sequence(self) -> bool:
+        """Whether each part begins in the state in which the one before it ended."""
+        return False
+
+    @cached_property
+    def stretches(self) -> tuple[slice, ...]:
+        """Samples of each part, along time."""
+        ends = np.cumsum([0, *(part.n_times for part in self.parts)]).tolist()
+        return tuple(slice(*pair) for pair in pairwise(ends))
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Each channel of each part."""
+        return tuple(Block(name, 0, row, self.kept) for row, name in enumerate(self.channels))
 
     @property
     def columns(self) -> dict[str, Floats]:
@@ -448,10 +483,17 @@ def _rebuilt(plain_fields: Mapping[str, object]) -> Record:
 
 
 def require_whole(record: Record) -> None:
-    """Raise :class:`UserError` unless every sample counts: files and some methods know of no others."""
+    """Raise :class:`UserError` unless it is one record, every sample of which counts; files know no others, say."""
+    require_single(record, "what is asked for knows of one:")
     if record.counted is not None:
         left_out = record.n_times - record.n_counted
         raise UserError(f"{left_out} samples of record {record.name!r} do not count: give the whole record instead")
+
+
+def require_single(record: Record, why: str) -> None:
+    """Raise :class:`UserError` unless a record is one and no joined ones; ``why`` says who knows of no others."""
+    if len(record.parts) > 1:
+        raise UserError(f"{record.name!r} joins {len(record.parts)} records, and {why} give one of them")
 
 
 def _mask(counted: Booleans | None, n_times: int) -> Booleans | None:

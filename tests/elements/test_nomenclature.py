@@ -9,6 +9,7 @@ from laboratory import FREE
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import catalogue
+from bwbn_bayes.elements.initial_state import InitialState
 from bwbn_bayes.parameters import Parameter
 
 PAGE = (Path(__file__).parents[2] / "docs" / "nomenclature.md").read_text(encoding="utf-8")
@@ -55,6 +56,11 @@ def test_parameters_of_forms_of_free_shape(form):
         effect, _, unit, _, source = FREE_SHAPES[parameter.symbol]
         assert (effect, unit) == (form.name, written(parameter.unit))
         assert parameter.source.startswith(source)
+
+
+def test_the_state_at_the_first_sample():
+    rows = table_under("State at the first sample")
+    assert rows == {p.symbol: [p.description, p.unit] for p in InitialState.parameters}
 
 
 def test_the_page_names_no_parameter_that_does_not_exist():

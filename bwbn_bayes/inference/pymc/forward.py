@@ -20,6 +20,7 @@ from bwbn_bayes.engines.base import Engine, check_record, masses
 from bwbn_bayes.engines.sunode import Sunode
 from bwbn_bayes.inference.likelihood import SolveCount
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.blocks import labels, over_time
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -62,6 +63,11 @@ class ForwardProblem:
         return tuple(self.record.channels)
 
     @property
+    def levels(self) -> tuple[str, ...]:
+        """Names of the blocks, which have a noise level each."""
+        return labels(self.record)
+
+    @property
     def measured(self) -> Floats:
         """Measured channels ``(n_channels, n_times)``."""
         return self.record.measured
@@ -91,7 +97,7 @@ class ForwardProblem:
         return self._counted_slopes(np.einsum("npct,nct->np", slopes, cotangents))
 
     def squared_residuals(self, values: Floats, measured: Floats | None = None) -> Floats:
-        """Sums over time ``(n_draws, n_channels)``; infinite where the solve failed."""
+        """Sums over time ``(n_draws, n_blocks)``; infinite where the solve failed."""
         misfit = self.solver.misfit(self.model, values, self._record_with(measured))
         self._count(np.all(np.isfinite(misfit), axis=1))
         return misfit
@@ -101,7 +107,7 @@ class ForwardProblem:
         record = self._record_with(measured)
         if isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint":
             residual = record.measured - self.solver.simulate(self.model, values, record).values
-            return self.response_pullback(values, -2.0 * cotangents[:, :, None] * residual)
+            return self.response_pullback(values, -2.0 * over_time(record, cotangents) * residual)
         gradient = self.solver.normal_equations(self.model, values, record).gradient
         return self._counted_slopes(-2.0 * np.einsum("nc,ncp->np", cotangents, gradient))
 

@@ -31,10 +31,11 @@ from bwbn_bayes.inference.likelihood import (
     require_noise,
 )
 from bwbn_bayes.inference.pymc.forward import ForwardProblem, forward_problem
-from bwbn_bayes.inference.pymc.operators import ChannelResponse, LogAdmissible, SquaredResiduals
+from bwbn_bayes.inference.pymc.operators import ChannelResponse, LogAdmissible, SquaredResiduals, spread
 from bwbn_bayes.inference.pymc.priors import prior_twin
 from bwbn_bayes.inference.pymc.scheme import fine_enough, require_fine_enough
 from bwbn_bayes.parameters import Floats, FreeParameter
+from bwbn_bayes.records.blocks import counts, mean_squares, over_time
 from bwbn_bayes.records.record import Record, require_whole
 from bwbn_bayes.structures.structure import Structure
 
@@ -54,7 +55,7 @@ class Observation:
     values : TensorVariable
         Identified parameters ``(n_parameters,)``.
     noise_sd : TensorVariable or None
-        Sampled noise scales ``(n_channels,)``.
+        Sampled noise scales ``(n_blocks,)``.
     dims : tuple of str
         Dimensions of the measured matrix: channel and time.
     data : SharedVariable
@@ -122,7 +123,8 @@ def to_pymc(
     model : Structure
         With priors on the parameters to identify.
     records : Record or sequence of Record
-        Of the same structure; several share its parameters.
+        Of the same structure; several share its parameters, and find it virgin each time. Those that it comes to one
+        after the other are one (:func:`~bwbn_bayes.records.joined.join_records`).
     noise : Noise or sequence of Noise, optional
         For each record; by default the scales are integrated out under priors from that record.
     engine : str or Engine
@@ -157,7 +159,8 @@ def to_pymc(
     require_parameters(model, name or "model")
     for record, own in zip(several, noises, strict=True):
         require_usable(model, record)
-        require_whole(record)
+        for part in record.parts:
+            require_whole(part)
         require_noise(own, record)
     solver, discretisations = fine_enough(model, several, noises, solver, fixed=not isinstance(engine, str))
     problems = [forward_problem(model, record, solver) for record in several]
@@ -228,23 +231,28 @@ def _observe(
     twin.add_coord(dims[1], problem.record.times)
     noise_sd = None
     if isinstance(noise, SampledNoise):
-        noise_sd = prior_twin(f"noise_sd{suffix}", [p.prior for p in noise.parameters], dims[0])
+        is_joined = len(problem.record.parts) > 1
+        level = f"{prefix}level{suffix}" if is_joined else dims[0]
+        twin.add_coord(level, problem.levels)
+        noise_sd = prior_twin(f"noise_sd{suffix}", [p.prior for p in noise.parameters], level)
     elif not isinstance(noise, KnownNoise | IntegratedNoise):
         raise UserError(
             f"noise of kind {type(noise).__name__} has no PyMC twin: use known, sampled or integrated noise"
         )
 
     def log_density(measured: pt.TensorVariable, values: pt.TensorVariable, *sd: pt.TensorVariable) -> object:
-        return noise_log_likelihood(noise, SquaredResiduals(problem)(values, measured), problem.record.n_times, *sd)
+        return noise_log_likelihood(noise, SquaredResiduals(problem)(values, measured), counts(problem.record), *sd)
 
     def predict(values: pt.TensorVariable, *sd_and_size: pt.TensorVariable) -> pt.TensorVariable:
         *sd, _ = sd_and_size
         scale = sd[0] if sd else _prior_noise_sd(noise)
         response = ChannelResponse(problem)(values)
-        return response + scale[:, None] * pm.Normal.dist(np.zeros(()), 1.0, shape=problem.measured.shape)
+        return response + spread(scale, problem.record) * pm.Normal.dist(
+            np.zeros(()), 1.0, shape=problem.measured.shape
+        )
 
     inputs = [values] if noise_sd is None else [values, noise_sd]
-    cores = ["(p)"] if noise_sd is None else ["(p)", "(c)"]
+    cores = ["(p)"] if noise_sd is None else ["(p)", "(b)" if len(problem.record.parts) > 1 else "(c)"]
     data = pm.Data(f"measured_data{suffix}", problem.measured, dims=dims)
     variable = pm.CustomDist(
         f"measured{suffix}",
@@ -268,19 +276,19 @@ def _observe(
 
 
 def noise_log_likelihood(
-    noise: Noise, misfit: pt.TensorVariable, n_times: int, noise_sd: pt.TensorVariable | None = None
+    noise: Noise, misfit: pt.TensorVariable, n_times: float | Floats, noise_sd: pt.TensorVariable | None = None
 ) -> pt.TensorVariable:
-    """Symbolic twin of the noise models' log likelihood, from squared residuals ``(n_channels,)``."""
+    """Symbolic twin of the noise models' log likelihood, from squared residuals ``(n_blocks,)``."""
     if isinstance(noise, IntegratedNoise):
-        scale, end = np.asarray(noise.scale), noise.shape + 0.5 * n_times / noise.correlation_samples
+        scale, end = np.asarray(noise.scale), noise.shape + 0.5 * n_times / noise.as_one
         constant = noise.log_likelihood(np.zeros((1, len(scale))), n_times, np.zeros((1, 0)))[0]
-        return constant - end * pt.sum(pt.log1p(0.5 * misfit / (noise.correlation_samples * scale)), axis=-1)
+        return constant - pt.sum(end * pt.log1p(0.5 * misfit / (noise.as_one * scale)), axis=-1)
     variance = np.square(noise.sd) if isinstance(noise, KnownNoise) else pt.square(noise_sd)
     return -0.5 * pt.sum(misfit / variance + n_times * (pt.log(variance) + _LOG_2PI), axis=-1)
 
 
 def _prior_noise_sd(noise: Noise) -> pt.TensorVariable:
-    """Noise scales ``(n_channels,)`` for predictions."""
+    """Noise scales ``(n_blocks,)`` for predictions."""
     if isinstance(noise, IntegratedNoise):
         return pt.sqrt(1.0 / pm.Gamma.dist(np.asarray(noise.shape), np.asarray(noise.scale)))
     assert isinstance(noise, KnownNoise)
@@ -358,11 +366,14 @@ def _inputs_of(observation: Observation) -> pt.TensorVariable:
 
 def _predictions(observation: Observation, draws: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Pointwise log density and noisy responses, ``(n_draws, n_channels, n_times)``."""
-    problem = observation.problem
+    problem, record = observation.problem, observation.problem.record
     values, noise_values = np.split(draws, [problem.model.space.n_dim], axis=1)
     response = problem.response(values)
     residual = np.asarray(observation.data.get_value()) - response
-    misfit = np.sum(np.square(residual), axis=2)
-    sd = observation.noise.draw_sd(rng, misfit, problem.record.n_times, noise_values)[:, :, None]
-    density = -0.5 * np.square(residual / sd) - np.log(sd) - 0.5 * _LOG_2PI
+    n_times = counts(record)
+    sd = over_time(
+        record, observation.noise.draw_sd(rng, n_times * mean_squares(record, residual), n_times, noise_values)
+    )
+    is_measured, scale = sd > 0.0, np.where(sd > 0.0, sd, 1.0)
+    density = np.where(is_measured, -0.5 * np.square(residual / scale) - np.log(scale) - 0.5 * _LOG_2PI, 0.0)
     return density, response + sd * rng.standard_normal(response.shape)

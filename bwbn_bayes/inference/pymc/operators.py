@@ -20,6 +20,7 @@ from pytensor.graph.replace import _vectorize_node
 from pytensor.link.numba.dispatch.basic import get_numba_type, numba_njit, register_funcify_and_cache_key
 
 from bwbn_bayes.inference.pymc.forward import ForwardProblem, code_digest, solved
+from bwbn_bayes.records.record import Record
 
 
 class Solve(Op):
@@ -81,7 +82,7 @@ class ResponsePullback(_Pullback):
 
 
 class SquaredResidualsPullback(_Pullback):
-    """Cotangents ``(n_channels,)`` times the exact derivatives of the squared residuals."""
+    """Cotangents ``(n_blocks,)`` times the exact derivatives of the squared residuals."""
 
     quantity = "squared_residuals_pullback"
 
@@ -103,7 +104,7 @@ class ChannelResponse(Solve):
 
 
 class SquaredResiduals(Solve):
-    """Sum over time of squared residuals ``(n_channels,)``; infinite where the solve fails.
+    """Sum over time of squared residuals ``(n_blocks,)``; infinite where the solve fails.
 
     Against the record's channels, or against those ``(n_channels, n_times)`` given beside the values.
     """
@@ -111,8 +112,8 @@ class SquaredResiduals(Solve):
     quantity = "squared_residuals"
 
     def core_shape(self) -> tuple[int, ...]:
-        """Channels."""
-        return (len(self.problem.channels),)
+        """Channels of each record."""
+        return (len(self.problem.levels),)
 
     def pullback(
         self, inputs: Sequence[Variable], outputs: Sequence[Variable], cotangents: Sequence[Variable]
@@ -121,7 +122,17 @@ class SquaredResiduals(Solve):
         values, *measured = inputs
         slopes = [SquaredResidualsPullback(self.problem)(values, cotangents[0], *measured)]
         residual = [data - ChannelResponse(self.problem)(values) for data in measured]
-        return slopes + [2.0 * pt.shape_padright(cotangents[0]) * left for left in residual]
+        return slopes + [2.0 * spread(cotangents[0], self.problem.record) * left for left in residual]
+
+
+def spread(values: Variable, record: Record) -> Variable:
+    """Symbolic twin of :func:`~bwbn_bayes.records.blocks.over_time`, of ``(n_blocks,)``."""
+    if len(record.parts) == 1:
+        return pt.shape_padright(values)
+    place = np.full((len(record.channels), record.n_times), len(record.blocks))
+    for position, block in enumerate(record.blocks):
+        place[block.channel, block.samples] = position
+    return pt.concatenate([values, pt.zeros(1)])[place]
 
 
 class LogAdmissible(Solve):

@@ -11,7 +11,18 @@ import pytest
 import xarray as xr
 from pymc_cases import ENGINE, TRUTH, small_model, small_posterior, small_record
 
-from bwbn_bayes import HalfNormal, LogNormal, Normal, PerStorey, Record, ShearBuilding, Uniform, UserError, to_pymc
+from bwbn_bayes import (
+    HalfNormal,
+    LogNormal,
+    Normal,
+    PerStorey,
+    Record,
+    ShearBuilding,
+    Uniform,
+    UserError,
+    join_records,
+    to_pymc,
+)
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.inference.accuracy import Judge
@@ -168,6 +179,42 @@ def test_several_records_share_the_parameters() -> None:
     likelihoods = [float(small_posterior(record).log_likelihood(point)[0]) for record in records]
     assert log_density(twin, TRUTH, twin.observed_RVs) == pytest.approx(sum(likelihoods), rel=1e-10)
     assert list(observations(twin)) == ["measured_1", "measured_2"]
+
+
+@pytest.mark.parametrize("in_sequence", [False, True], ids=["virgin", "in sequence"])
+@pytest.mark.parametrize("kind", ["integrated", "sampled"])
+def test_joined_records_have_the_packages_own_density_and_slopes(kind: str, in_sequence: bool) -> None:
+    """Two records and a pause that measures nothing; each record has noise of its own level."""
+    pause = Record(name="pause", time_step=0.02, excitation=np.zeros(20))
+    pair = [replace(small_record(seed=seed, duration=4.0), name=f"run {seed}") for seed in (1, 2)]
+    record = join_records([pair[0], pause, pair[1]], in_sequence=in_sequence)
+    labels = tuple(block.label for block in record.blocks)
+    sampled = SampledNoise(channels=labels, priors=(LogNormal(0.2, 0.5), LogNormal(0.3, 0.5)))
+    noise = default_noise(record) if kind == "integrated" else sampled
+    model = small_model()
+    twin = to_pymc(model, record, noise=noise, engine=ENGINE)
+    sd = [0.2, 0.4] if kind == "sampled" else []
+    named = TRUTH | ({"noise_sd": np.array(sd)} if sd else {})
+    posterior = Posterior(model=model, record=record, engine=ENGINE, noise=noise)
+    point = posterior.space.to_unit(np.array([[*TRUTH.values(), *sd]]))
+    expected = float(posterior.log_likelihood(point)[0])
+    assert log_density(twin, named, twin.observed_RVs) == pytest.approx(expected, rel=1e-10)
+    slope = twin.compile_dlogp(vars=[twin["k"]], jacobian=False)
+    start = twin.initial_point()
+    step, free = 1e-5, twin.rvs_to_values[twin["k"]].name
+    density = twin.compile_logp(jacobian=False)
+    ends = [density({**start, free: start[free] + side * step}) for side in (1.0, -1.0)]
+    assert float(slope(start)[0]) == pytest.approx((ends[0] - ends[1]) / (2.0 * step), rel=5e-3)
+    one = {
+        name: (("chain", "draw", "level")[: 2 + np.ndim(value)], np.array(value)[None, None])
+        for name, value in named.items()
+    }
+    tree = xr.DataTree.from_dict({"posterior": xr.Dataset(one, coords={"chain": [0], "draw": [0]})})
+    done = complete(tree, twin, rng=np.random.default_rng(1))
+    pointwise = done["log_likelihood"]["measured"].values
+    if kind == "sampled":
+        assert float(pointwise.sum()) == pytest.approx(expected, rel=1e-10)
+    assert not np.any(pointwise[0, 0, 0, pair[0].n_times : pair[0].n_times + 20])
 
 
 def test_it_is_a_part_of_another_model() -> None:

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from bwbn_bayes.elements.effects.free_stop import FreeStop
     from bwbn_bayes.elements.effects.quadratic_damping import PowerDamper
     from bwbn_bayes.elements.effects.slip_lock import FreeSlip
+    from bwbn_bayes.elements.friction_pendulum import FrictionPendulum
     from bwbn_bayes.elements.linear import Linear
     from bwbn_bayes.engines.simulation import simulate
     from bwbn_bayes.errors import UserError
@@ -80,6 +81,7 @@ __all__ = [
     "FreePinch",
     "FreeSlip",
     "FreeStop",
+    "FrictionPendulum",
     "GapImpact",
     "GeneticSettings",
     "HalfNormal",
@@ -145,6 +147,7 @@ _on_first_use = importer(
         "bwbn_bayes.discovery.workflow": ("discover",),
         "bwbn_bayes.elements.bouc_wen": ("BoucWen",),
         "bwbn_bayes.elements.catalogue": ("register",),
+        "bwbn_bayes.elements.friction_pendulum": ("FrictionPendulum",),
         "bwbn_bayes.elements.linear": ("Linear",),
         "bwbn_bayes.elements.effects": (
             "Appendage",

@@ -8,6 +8,7 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
+import xarray as xr
 
 from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.elements.catalogue import registered, title_of
@@ -18,7 +19,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, PerStorey, Prior, Truncated
-from bwbn_bayes.structures.quantities import modes
+from bwbn_bayes.structures.quantities import modes, parameters_at
 from bwbn_bayes.structures.structure import PlacedEffect, Structure
 
 PLACED_LEVELS = ("link", "node", "observation")
@@ -290,10 +291,9 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
     model, record = posterior.model, posterior.record
     values, _ = posterior.split(point[None])
     rows = {kind: history[0] for kind, history in observe(posterior.engine, model, values, record).items()}
-    parameters = dict(
-        zip((p.symbol for p in model.parameters), np.moveaxis(model.table.local(values)[0], 1, 0), strict=True)
-    )
-    parameters |= model.law.derived_from(parameters)
+    columns = zip((p.symbol for p in model.parameters), np.moveaxis(model.table.local(values)[0], 1, 0), strict=True)
+    at_start = parameters_at(model.law, xr.Dataset({name: ("storey", column) for name, column in columns}), 0.0)
+    parameters = {name: at_start[name].values for name in ("A", *_PARAMETER_SCALES.values())}
     energy = np.cumsum(np.sum(np.square(list(record.drivers.values())), axis=0))
     onset = float(np.searchsorted(energy, ONSET_SHARE * energy[-1])) * record.time_step
     ways = [np.array(model.links_below(model.joints[i][1])) - 1 for i in range(model.n_links)]

@@ -118,6 +118,8 @@ class Slots:
     """Drift lost in series with the springs, which see ``u`` less this. [m]"""
     drift_rate_share: sp.Expr = sp.S.One
     """Share of the drift rate that reaches the springs: one less the rate of ``drift_taken_up`` over ``v``."""
+    hysteretic_factor: sp.Expr = sp.S.One
+    """Multiplies the force of the hysteretic spring, and so the work on it."""
     added_force: sp.Expr = sp.S.Zero
     added_states: tuple[AddedState, ...] = ()
     increments: Mapping[sp.Symbol, sp.Expr] = field(default_factory=dict)
@@ -157,7 +159,8 @@ class Slots:
         pace = sp.Symbol("pace", positive=True)
         fixed = (
             self.stiffness_factor, self.nu, self.eta, self.shape_bracket, self.rate_multiplier, self.slip_compliance,
-            self.drift_taken_up, self.drift_rate_share, self.added_force, *self.increments.values(),
+            self.drift_taken_up, self.drift_rate_share, self.hysteretic_factor, self.added_force,
+            *self.increments.values(),
             *(one.expression for one in self.steps),
             *(added.rate / DRIFT_RATE for added in self.added_states),
         )  # fmt: skip
@@ -166,7 +169,20 @@ class Slots:
         return in_time or any({pace, TIME} & one.free_symbols for one in faster)
 
 
-class Effect(Protocol):
+class Addition(Protocol):
+    """What adds to a law: a frozen dataclass that fills slots; at neutral values of its parameters it adds nothing."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters that it brings."""
+        ...
+
+    def fill(self, slots: Slots) -> Slots:
+        """The slots with this added to them."""
+        ...
+
+
+class Effect(Addition, Protocol):
     """One physical effect: a frozen dataclass with one field, named by its symbol, for each of its parameters.
 
     Contract, tested over every registered effect: at the neutral values of its parameters it changes nothing
@@ -177,7 +193,7 @@ class Effect(Protocol):
     level: ClassVar[str] = "link"
     """What it acts on: link (a storey), node (a floor), structure, excitation or observation."""
 
-    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen", "linear")
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen", "linear", "friction_pendulum")
     """Names of the elements that it can act on, where it acts on a link."""
     makes: ClassVar[str] = ""
     """Name of the element that a link is once it has the effect, where it becomes another."""
@@ -194,11 +210,6 @@ class Effect(Protocol):
     """What it leaves in the residual of a model without it."""
     confusable: ClassVar[str]
     """What it is hard to tell from."""
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters the effect brings."""
-        ...
 
     @property
     def values(self) -> Mapping[str, Value]:
@@ -258,10 +269,6 @@ class Effect(Protocol):
     def signature(self) -> Signature:
         """What the effect does in an engineer's measure, and from which size it deserves its name."""
         return NO_SIGNATURE
-
-    def fill(self, slots: Slots) -> Slots:
-        """The slots with this effect added to them."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)

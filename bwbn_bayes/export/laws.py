@@ -63,6 +63,7 @@ _NO_LAW = {
     "F_c": "friction that turns with the drift rate",
     "F_ratio": "friction that turns with the drift rate",
     "F_root": "friction that turns with the drift rate",
+    "a_mu": "friction that depends on speed",
     "r_h": "a spring that came to yield where the model had a linear one",
 }
 """Amplitudes of what no uniaxial material of OpenSees does, in words."""
@@ -70,11 +71,13 @@ _CHANGES = ("_jump", "_ramp")
 """Endings of the amplitudes of what changes in time."""
 _TRANSLATED = (
     *("k", "c", "alpha", "A", "beta", "gamma", "u_y", "rho", "n", "delta_nu", "delta_eta"),
+    *("W", "R", "mu_slow", "u_s"),
     *("alpha_offset", "beta_offset", "gamma_offset", "n_offset"),
     *("zeta_s", "p", "q", "psi_0", "delta_psi", "lambda_"),
     *("c2", "k3", "k_g", "g", "k_gp", "g_p", "k_gn", "g_n", "k_m", "tau", "F_dahl", "x_dahl"),
 )
 _SIZES_OF_NO_LAW = (
+    "mu_fast",
     "beta_h",
     "gamma_h",
     "n_h",
@@ -162,8 +165,15 @@ def hysteretic_spring(link: Link) -> Material:
 
 
 def shape(parameters: Mapping[str, float]) -> dict[str, float]:
-    """The parameters with beta and gamma in the place of u_y and rho, and with what differs at the storey added."""
+    """The parameters with beta and gamma in the place of u_y and rho, and with what differs at the storey added.
+
+    A friction pendulum is the spring that it is at rest: k is that of dish and contact, alpha the share of the dish.
+    """
     p = dict(parameters)
+    if p.get("W", 0.0) > 0.0:
+        dish, contact = p["W"] / p["R"], p["mu_slow"] * p["W"] / p["u_s"]
+        p |= {"k": dish + contact, "alpha": dish / (dish + contact)}
+        p |= dict.fromkeys(("beta", "gamma"), 0.5 * p["u_s"] ** -2)
     for symbol in ("alpha", "n"):
         p[symbol] += p.get(f"{symbol}_offset", 0.0)
     if "u_y" in p:

@@ -16,7 +16,7 @@ model = ShearBuilding(
         mu_slow=Uniform(0.01, 0.1),
         mu_fast=Uniform(0.02, 0.2),
         a_mu=Uniform(5, 100),  # s/m
-        u_s=0.0005,  # m
+        Y=0.0005,  # m
     ),
     storey=Linear(
         k=Uniform(2e7, 4e8),  # N/m

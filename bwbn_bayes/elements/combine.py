@@ -73,7 +73,10 @@ def combine(
     if key not in _COMBINED:
         slots = Slots()
         for effect in effects:
+            below = slots.base_states
             slots = effect.fill(slots)
+            if below and slots.base_states != below:
+                raise UserError("two effects of the model put the building on a base that moves: leave one of them out")
         own = tuple(parameter for effect in effects for parameter in effect.parameters)
         _COMBINED[key] = _law_of(parameters + own, constraints, derived, slots)
     return _COMBINED[key]

@@ -19,7 +19,7 @@ _DISH = (
     Parameter(symbol="W", unit="N", neutral=0.0, lower=0.0, description="weight on the slider", source=_SOURCE),
     Parameter(symbol="R", unit="m", neutral=1.0, lower=1e-6, description="radius of the dish", source=_SOURCE),
     Parameter(symbol="mu_slow", unit="", neutral=1.0, lower=1e-6, description="friction at rest", source=_SOURCE),
-    Parameter(symbol="u_s", unit="m", neutral=1.0, lower=1e-9, description="drift before it slides", source=_SOURCE),
+    Parameter(symbol="Y", unit="m", neutral=1.0, lower=1e-9, description="drift before it slides", source=_SOURCE),
 )
 _SPEED = (
     Parameter(symbol="mu_fast", unit="", neutral=1.0, lower=0.0, description="friction at speed", source=_SOURCE),
@@ -34,8 +34,8 @@ _KNOWN = {"k": 0, "alpha": 0, "A": 1, "beta": 0, "gamma": 0, "n": 2}
 class _Sliding(Addition):
     """What a dish and its friction make of a Bouc-Wen link; nothing without a weight.
 
-    The elastic spring is ``W / R``, the hysteretic spring ``mu_slow W / u_s`` times ``mu / mu_slow``, and z, which is
-    bounded by ``u_s``, says which share of the friction is mobilised.
+    The elastic spring is ``W / R``, the hysteretic spring ``mu_slow W / Y`` times ``mu / mu_slow``, and z, which is
+    bounded by ``Y``, says which share of the friction is mobilised.
     """
 
     parameters: ClassVar[tuple[Parameter, ...]] = (*_DISH, *_SPEED)
@@ -58,17 +58,17 @@ class _Sliding(Addition):
             slots,
             increments=increments,
             hysteretic_factor=slots.hysteretic_factor * of_speed,
-            # z follows the drift within u_s / 2: a step of a stable scheme must be shorter than a few of these.
+            # z follows the drift within Y / 2: a step of a stable scheme must be shorter than a few of these.
             sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=2 * drift, everywhere=True)),
         )
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionPendulum:
-    """The force ``F = W u / R + mu W z / u_s + c v`` with ``dz/dt = (1 - (z / u_s)^2 (sgn(z v) + 1) / 2) v``.
+    """The force ``F = W u / R + mu W z / Y + c v`` with ``dz/dt = (1 - (z / Y)^2 (sgn(z v) + 1) / 2) v``.
 
-    ``mu = mu_fast - (mu_fast - mu_slow) exp(-a_mu |v|)``. The slider moves elastically by about ``u_s`` before it
-    slides; z is bounded by ``u_s``. The weight does not change with the motion.
+    ``mu = mu_fast - (mu_fast - mu_slow) exp(-a_mu |v|)``. The slider moves elastically by about ``Y`` before it
+    slides; z is bounded by ``Y``. The weight does not change with the motion.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class FrictionPendulum:
         Coefficient of friction near rest, and at any speed where ``mu_fast`` is left out.
     mu_fast, a_mu : float, Prior or PerStorey, optional
         Coefficient of friction at high speed, and the rate at which it is approached, both or neither. [1], [s/m]
-    u_s : float, Prior or PerStorey
+    Y : float, Prior or PerStorey
         Yield displacement of the contact; small beside the drift, and seldom told by a record. [m]
     c : float, Prior or PerStorey
         Viscous damping beside it. [N s/m]
@@ -104,7 +104,7 @@ class FrictionPendulum:
     mu_slow: Value
     mu_fast: Value | None = None
     a_mu: Value | None = None
-    u_s: Value = 0.0005
+    Y: Value = 0.0005
     c: Value = 0.0
 
     name: ClassVar[str] = "friction_pendulum"

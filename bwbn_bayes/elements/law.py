@@ -83,8 +83,9 @@ class SharpFeature:
     ----------
     state : Symbol
     width : Expr
+        Of parameters.
     everywhere : bool
-        Wherever the state is; otherwise near its zero alone.
+        Wherever the state is, as for those of a base; otherwise near its zero alone.
     """
 
     state: sp.Symbol
@@ -259,6 +260,11 @@ class Effect(Addition, Protocol):
         Found from what it fills in. What acts on floors, base, ground or their sensors exists in motion alone.
         """
         return self.level != "link" or self.fill(Slots()).depends_on_pace
+
+    @property
+    def moves_base(self) -> bool:
+        """Whether it puts the building on something that moves; a law has one such effect."""
+        return self.level == "structure" and bool(self.fill(Slots()).base_states)
 
     @property
     def mechanism(self) -> str:

@@ -33,7 +33,7 @@ from bwbn_bayes.structures.structure import Structure
 G = 9.81
 MASSES = [3.0, 2.0, 1.5]
 WEIGHT = G * sum(MASSES)
-SLIDER = {"W": WEIGHT, "R": 2.0, "mu_slow": 0.04, "mu_fast": 0.09, "a_mu": 12.0, "u_s": 0.002, "c": 0.3}
+SLIDER = {"W": WEIGHT, "R": 2.0, "mu_slow": 0.04, "mu_fast": 0.09, "a_mu": 12.0, "Y": 0.002, "c": 0.3}
 STIFFNESS, DAMPING = [900.0, 700.0], [1.5, 1.0]
 TIME_STEP = 0.02
 ENGINES = {
@@ -69,7 +69,7 @@ def independent(slider: dict[str, float], masses: list[float], record: Record, *
     def rates(t, y):
         x, w, z = y[:n], y[n : 2 * n], y[2 * n :]
         u, v = np.diff(x), np.diff(w)
-        mu, share = friction(slider, w[0]), z[0] / slider["u_s"]
+        mu, share = friction(slider, w[0]), z[0] / slider["Y"]
         below = slider["W"] * (x[0] / slider["R"] + mu * share) + slider["c"] * w[0]
         force = np.append(below, alpha * k * u + (1.0 - alpha) * k * z[1:] + c * v)
         slides = share**2 if z[0] * w[0] > 0.0 else 0.0
@@ -98,7 +98,7 @@ def test_every_engine_solves_an_isolated_building(alpha):
 
 
 def test_one_coefficient_of_friction_is_that_at_every_speed():
-    own = {"W": 2.0 * G, "R": 1.5, "mu_slow": 0.05, "u_s": 0.002, "c": 0.0}
+    own = {"W": 2.0 * G, "R": 1.5, "mu_slow": 0.05, "Y": 0.002, "c": 0.0}
     record = shaking()
     model = Oscillator(mass=2.0, spring=FrictionPendulum(**own))
     found = Reference().simulate(model, np.zeros((1, 0)), record, ["displacement_1", "acceleration_1"]).values[0]
@@ -119,7 +119,7 @@ def bearing(slider: dict[str, float], mass: float, record: Record, substeps: int
     ops.frictionModel("VelDependent", 1, slider["mu_slow"], slider["mu_fast"], slider["a_mu"])
     ops.uniaxialMaterial("Elastic", 1, 1e8)
     ops.uniaxialMaterial("Elastic", 2, 1e3)
-    stiffness = slider["mu_slow"] * slider["W"] / slider["u_s"]
+    stiffness = slider["mu_slow"] * slider["W"] / slider["Y"]
     towards = ("-P", 1, "-Mz", 2, "-orient", 0, 1, 0, -1, 0, 0, "-iter", 100, 1e-9)
     ops.element("singleFPBearing", 1, 1, 2, 1, slider["R"], stiffness, *towards)
 
@@ -152,7 +152,7 @@ def bearing(slider: dict[str, float], mass: float, record: Record, substeps: int
 
 def test_a_mass_on_a_slider_moves_as_on_a_bearing_of_opensees():
     """OpenSees' contact is elastic, then perfectly plastic, and its dish is curved: both small here."""
-    own = {"W": 4.0 * G, "R": 10.0, "mu_slow": 0.05, "mu_fast": 0.1, "a_mu": 20.0, "u_s": 0.0002}
+    own = {"W": 4.0 * G, "R": 10.0, "mu_slow": 0.05, "mu_fast": 0.1, "a_mu": 20.0, "Y": 0.0002}
     record = shaking()
     expected = bearing(own, 4.0, record, 40)
     size = np.max(np.abs(expected))
@@ -175,7 +175,7 @@ def test_derivatives_agree_with_finite_differences():
             mu_slow=Uniform(0.02, 0.06),
             mu_fast=Uniform(0.06, 0.12),
             a_mu=Uniform(5.0, 20.0),
-            u_s=Uniform(0.005, 0.02),
+            Y=Uniform(0.005, 0.02),
             c=Uniform(0.0, 1.0),
         )
     )
@@ -211,8 +211,8 @@ def test_energy_put_in_is_kept_stored_or_lost_in_friction():
 
 
 def test_quantities_are_those_of_the_slider():
-    """The stiffness at rest is that of the dish and the contact, and the drift is measured by ``u_s``."""
-    model = Oscillator(mass=4.0, spring=FrictionPendulum(W=4.0 * G, R=2.0, mu_slow=0.05, u_s=0.001))
+    """The stiffness at rest is that of the dish and the contact, and the drift is measured by ``Y``."""
+    model = Oscillator(mass=4.0, spring=FrictionPendulum(W=4.0 * G, R=2.0, mu_slow=0.05, Y=0.001))
     record = shaking(51)
     names = ("drift", "hysteretic_displacement", "hysteretic_energy")
     values = Reference().simulate(model, np.zeros((1, 0)), record, [f"{name}_1" for name in names]).values
@@ -242,7 +242,7 @@ def test_pymc_has_the_same_density_and_slopes():
     from bwbn_bayes import to_pymc
 
     prior = {"R": Uniform(1.0, 3.0), "mu_fast": Uniform(0.06, 0.12), "mu_slow": Uniform(0.02, 0.06)}
-    model = isolated(FrictionPendulum(**{**SLIDER, "u_s": 0.01, **prior}))
+    model = isolated(FrictionPendulum(**{**SLIDER, "Y": 0.01, **prior}))
     truth = {"R[1]": 2.0, "mu_slow[1]": 0.04, "mu_fast[1]": 0.09}
     record = simulate(model, shaking(101), truth, snr_db=30.0, channels=["acceleration_1", "acceleration_3"])
     engine, noise = Lanes(substeps=8, resolution=0.06, n_threads=1), default_noise(record)

@@ -28,10 +28,12 @@ if TYPE_CHECKING:
         MassDamping,
         MassError,
         MaxwellBranch,
+        PDelta,
         QuadraticDamping,
         SensorBias,
         SensorGain,
         SensorLag,
+        SlidingBase,
         SlipLock,
         StiffnessDegradation,
         StoreyParameter,
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from bwbn_bayes.elements.effects.free_stop import FreeStop
     from bwbn_bayes.elements.effects.quadratic_damping import PowerDamper
     from bwbn_bayes.elements.effects.slip_lock import FreeSlip
+    from bwbn_bayes.elements.friction_pendulum import FrictionPendulum
     from bwbn_bayes.elements.initial_state import InitialState
     from bwbn_bayes.elements.linear import Linear
     from bwbn_bayes.engines.simulation import simulate
@@ -82,6 +85,7 @@ __all__ = [
     "FreePinch",
     "FreeSlip",
     "FreeStop",
+    "FrictionPendulum",
     "GapImpact",
     "GeneticSettings",
     "HalfNormal",
@@ -97,6 +101,7 @@ __all__ = [
     "MaxwellBranch",
     "Normal",
     "Oscillator",
+    "PDelta",
     "PerStorey",
     "PowerDamper",
     "PowerSpring",
@@ -109,6 +114,7 @@ __all__ = [
     "SensorLag",
     "Settings",
     "ShearBuilding",
+    "SlidingBase",
     "SlipLock",
     "Specimen",
     "StiffnessDegradation",
@@ -150,6 +156,7 @@ _on_first_use = importer(
         "bwbn_bayes.discovery.workflow": ("discover",),
         "bwbn_bayes.elements.bouc_wen": ("BoucWen",),
         "bwbn_bayes.elements.catalogue": ("register",),
+        "bwbn_bayes.elements.friction_pendulum": ("FrictionPendulum",),
         "bwbn_bayes.elements.initial_state": ("InitialState",),
         "bwbn_bayes.elements.linear": ("Linear",),
         "bwbn_bayes.elements.effects": (
@@ -166,10 +173,12 @@ _on_first_use = importer(
             "MassDamping",
             "MassError",
             "MaxwellBranch",
+            "PDelta",
             "QuadraticDamping",
             "SensorBias",
             "SensorGain",
             "SensorLag",
+            "SlidingBase",
             "SlipLock",
             "StiffnessDegradation",
             "StoreyParameter",

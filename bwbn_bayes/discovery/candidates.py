@@ -8,6 +8,7 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
+import xarray as xr
 
 from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.elements.catalogue import registered, title_of
@@ -18,7 +19,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, PerStorey, Prior, Truncated
-from bwbn_bayes.structures.quantities import modes
+from bwbn_bayes.structures.quantities import modes, parameters_at
 from bwbn_bayes.structures.structure import PlacedEffect, Structure
 
 PLACED_LEVELS = ("link", "node", "observation")
@@ -187,7 +188,7 @@ def hypotheses(
         The whole catalogue by default. An effect that does not say what sizes to expect takes no part.
     most_carried : float
         Parameters that the effects of one compiled law may bring in all. More make every solve slower; with infinity
-        there is one law for every hypothesis, whatever the present model has of the catalogue already.
+        there is one law for every hypothesis but a second base, whatever the present model has of the catalogue.
     """
     result = []
     addable: dict[tuple[str, ...], bool] = {}
@@ -212,7 +213,7 @@ def hypotheses(
 def sharing_laws(every: Sequence[Hypothesis], most_carried: float) -> tuple[Hypothesis, ...]:
     """The same hypotheses in groups of one law each: compiling a law takes longer than solving it for all of them.
 
-    Sensors are read outside the law: theirs is the base's own.
+    Sensors are read outside the law: theirs is the base's own. A law has one effect that moves the base.
 
     Parameters
     ----------
@@ -222,7 +223,7 @@ def sharing_laws(every: Sequence[Hypothesis], most_carried: float) -> tuple[Hypo
         As for :func:`hypotheses`.
     """
     groups: list[dict[tuple[str, ...], Effect]] = [{}]
-    group_of: dict[tuple[str, ...], int] = {}
+    group_of: dict[tuple[str, ...], dict[tuple[str, ...], Effect]] = {}
     for hypothesis in every:
         effect = hypothesis.effect
         symbols = hypothesis.symbols
@@ -230,15 +231,16 @@ def sharing_laws(every: Sequence[Hypothesis], most_carried: float) -> tuple[Hypo
             continue
         if sum(map(len, groups[-1])) + len(symbols) > most_carried:
             groups.append({})
-        groups[-1][symbols] = effect
-        group_of[symbols] = len(groups) - 1
+        alone = effect.moves_base and any(other.moves_base for other in groups[-1].values())
+        group = {} if alone else groups[-1]
+        group[symbols] = effect
+        group_of[symbols] = group
     result = []
     for hypothesis in every:
         symbols = hypothesis.symbols
         carried = hypothesis.base.carried
         if symbols in group_of:
-            group = groups[group_of[symbols]]
-            carried = tuple(effect for other, effect in group.items() if other != symbols)
+            carried = tuple(effect for other, effect in group_of[symbols].items() if other != symbols)
         result.append(replace(hypothesis, carried=carried))
     return tuple(result)
 
@@ -290,10 +292,9 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
     model, record = posterior.model, posterior.record
     values, _ = posterior.split(point[None])
     rows = {kind: history[0] for kind, history in observe(posterior.engine, model, values, record).items()}
-    parameters = dict(
-        zip((p.symbol for p in model.parameters), np.moveaxis(model.table.local(values)[0], 1, 0), strict=True)
-    )
-    parameters |= model.law.derived_from(parameters)
+    columns = zip((p.symbol for p in model.parameters), np.moveaxis(model.table.local(values)[0], 1, 0), strict=True)
+    at_start = parameters_at(model.law, xr.Dataset({name: ("storey", column) for name, column in columns}), 0.0)
+    parameters = {name: at_start[name].values for name in ("A", *_PARAMETER_SCALES.values())}
     energy = np.cumsum(np.sum(np.square(list(record.drivers.values())), axis=0))
     onset = float(np.searchsorted(energy, ONSET_SHARE * energy[-1])) * record.time_step
     ways = [np.array(model.links_below(model.joints[i][1])) - 1 for i in range(model.n_links)]
@@ -308,6 +309,7 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
             force=_peak(rows["restoring_force"][i]),
             **{name: float(parameters[symbol][i]) for name, symbol in _PARAMETER_SCALES.items()},
             mass=float(masses(model)[i]),
+            total_mass=float(sum(model.masses)),
             floor_rate=max(float(floor_rate[i]), 1e-12),
             acceleration=max(float(np.std(rows["acceleration"][min(i, len(rows["acceleration"]) - 1)])), 1e-12),
             ground_acceleration=max(float(np.std(record.excitation)), 1e-12),

@@ -163,10 +163,16 @@ def hypotheses_of(present: Explanation, run: Run, most_carried: float) -> tuple[
 
 
 def all_but(added: Sequence[Hypothesis], run: Run) -> tuple[Effect, ...]:
-    """Every form of every effect that was considered but those that are added: with them the law of all effects."""
+    """Every form of every effect that was considered but those that are added: with them the law of all effects.
+
+    Of those that move the base a law has one.
+    """
     present = {one.symbols for one in added}
     every = {h.symbols: h.effect for h in run.considered_first if h.effect.level != "observation"}
-    return tuple(effect for symbols, effect in every.items() if symbols not in present)
+    bases = [one.effect for one in added if one.effect.moves_base]
+    bases += [effect for symbols, effect in every.items() if effect.moves_base and symbols not in present]
+    spare = {id(effect) for effect in bases[1:]}
+    return tuple(effect for symbols, effect in every.items() if symbols not in present and id(effect) not in spare)
 
 
 def score_all(present: Explanation, every: Sequence[Hypothesis], run: Run) -> tuple[tuple[Hypothesis, Score], ...]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import Definition, symbol
+from bwbn_bayes.elements.law import Addition, Definition, symbol
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Parameter, Value
 
@@ -109,6 +110,8 @@ class BoucWen:
     rho: Value | None = None
     n: Value = 1.0
     hardens: bool = False
+
+    adds: ClassVar[tuple[Addition, ...]] = ()
 
     def __post_init__(self) -> None:
         given = [name for name in ("beta", "gamma", "u_y", "rho") if getattr(self, name) is not None]

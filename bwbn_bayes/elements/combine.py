@@ -31,6 +31,7 @@ from bwbn_bayes.elements.law import (
     NET_FORCE,
     RECORDED_ACCELERATION,
     AddedState,
+    Addition,
     BaseLaw,
     Definition,
     Effect,
@@ -48,7 +49,7 @@ from bwbn_bayes.parameters import Parameter
 def combine(
     parameters: tuple[Parameter, ...],
     constraints: tuple[sp.Basic, ...],
-    effects: tuple[Effect, ...],
+    effects: tuple[Addition, ...],
     derived: tuple[Definition, ...] = (),
 ) -> StoreyLaw:
     """Combine the Bouc-Wen storey with effects, in the one order that holds everywhere.
@@ -62,8 +63,8 @@ def combine(
         The element's own parameters (:class:`~bwbn_bayes.elements.bouc_wen.BoucWen`).
     constraints : tuple of SymPy relationals
         Joint admissibility conditions of the element.
-    effects : tuple of Effect
-        In the order in which they were added.
+    effects : tuple of Addition
+        What elements add, then effects, in the order in which they were added.
     derived : tuple of Definition
         Symbols of the storey's physics that the element's parameters stand for, such as ``beta`` and ``gamma``.
     """
@@ -72,13 +73,16 @@ def combine(
     if key not in _COMBINED:
         slots = Slots()
         for effect in effects:
+            below = slots.base_states
             slots = effect.fill(slots)
+            if below and slots.base_states != below:
+                raise UserError("two effects of the model put the building on a base that moves: leave one of them out")
         own = tuple(parameter for effect in effects for parameter in effect.parameters)
         _COMBINED[key] = _law_of(parameters + own, constraints, derived, slots)
     return _COMBINED[key]
 
 
-def kind_of(effect: Effect) -> tuple[object, ...]:
+def kind_of(effect: Addition) -> tuple[object, ...]:
     """What effects have in common that share their expressions: class, parameters, and fields that are no parameters.
 
     An effect whose fields are not its symbols has its options in the symbols.
@@ -172,12 +176,13 @@ def _definitions(slots: Slots) -> tuple[Definition, ...]:
     u = DRIFT - named("u_p", "drift taken up before the springs", slots.drift_taken_up)
     rate = v * named("chi", "share of the drift rate that reaches the springs", slots.drift_rate_share)
     bracket = beta * sp.sign(z * v) + gamma + slots.shape_bracket
+    hysteretic = (1 - alpha) * stiffness * named("H", "factor on the hysteretic spring", slots.hysteretic_factor)
     f = named("f", "slope of the hysteretic displacement", multiplier * (A - nu * sp.Abs(z) ** n * bracket) / eta)
     outputs = [
         ("rate of the hysteretic displacement", rate_of(z), f * rate / (1 + slots.slip_compliance * f)),
-        ("rate of the work on the hysteretic spring", rate_of(ENERGY), (1 - alpha) * stiffness * z * rate),
+        ("rate of the work on the hysteretic spring", rate_of(ENERGY), hysteretic * z * rate),
         *((f"rate of {added.state}", rate_of(added.state), added.rate) for added in slots.added_states),
-        ("storey force", FORCE, alpha * stiffness * u + (1 - alpha) * stiffness * z + c * v + slots.added_force),
+        ("storey force", FORCE, alpha * stiffness * u + hysteretic * z + c * v + slots.added_force),
     ]
     return (*steps, *(Definition(caption=caption, subject=s, expression=e) for caption, s, e in outputs))
 

@@ -7,7 +7,8 @@ from typing import Protocol
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import Definition
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.law import Addition, Definition
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Parameter, Value
 
@@ -35,6 +36,11 @@ class Element(Protocol):
         ...
 
     @property
+    def adds(self) -> tuple[Addition, ...]:
+        """What it adds to the law of the Bouc-Wen link, with parameters that at neutral values add nothing."""
+        ...
+
+    @property
     def constraints(self) -> tuple[sp.Basic, ...]:
         """Joint admissibility conditions on its parameters."""
         ...
@@ -45,8 +51,11 @@ class Element(Protocol):
         ...
 
 
+_PLAIN = BoucWen(k=0.0, beta=0.0, gamma=0.0)
+
+
 def common_element(elements: Sequence[Element]) -> Element:
-    """The element whose parameters all others have too, or know.
+    """The element whose parameters all others have too, or know; what some add to the law comes on top.
 
     Raises
     ------
@@ -55,10 +64,12 @@ def common_element(elements: Sequence[Element]) -> Element:
     """
     if not elements:
         raise UserError("the structure has no links: join every mass to the ground by a chain of them")
-    most = max(elements, key=lambda one: len(one.parameters))
+    added = {parameter.symbol for element in elements for more in element.adds for parameter in more.parameters}
+    plain = [element for element in elements if not element.adds]
+    most = max([*plain, *([_PLAIN] if added else [])], key=lambda one: len(one.parameters))
     own = {parameter.symbol for parameter in most.parameters}
     for element in elements:
-        symbols = {parameter.symbol for parameter in element.parameters}
+        symbols = {parameter.symbol for parameter in element.parameters} - added
         known = {one.subject.name for one in element.derived if one.expression.is_number}
         if element.derived != most.derived and symbols | known != own:
             raise UserError(

@@ -19,8 +19,8 @@ from bwbn_bayes.elements.notation import LETTERS, MathmlNotation, Notation, Unic
 from bwbn_bayes.parameters import Parameter
 
 READING_ORDER = (
-    "kappa", "nu", "h", "s", "a", "f", "epsilon", "u", "d", "z", "chi", "v",
-    "m_i", "M_i", "w_i", "x_b", "v_b", "y_t", "v_t", "a_i", "a_rec", "a_g", "F_1",
+    "kappa", "nu", "H", "h", "s", "a", "f", "epsilon", "u", "d", "z", "chi", "v",
+    "m_i", "M_i", "w_i", "x_b", "v_b", "x_s", "v_s", "q_s", "y_t", "v_t", "a_i", "a_rec", "a_g", "F_1",
 )  # fmt: skip
 """Steps and states as they follow each other in a product; parameters come before them."""
 
@@ -257,6 +257,7 @@ _SLOTS = (
     ("slip_compliance", "slip per unit of hysteretic displacement", "du_2/dz"),
     ("drift_taken_up", "drift taken up before the springs", "u_p"),
     ("drift_rate_share", "share of the drift rate that reaches the springs", "chi"),
+    ("hysteretic_factor", "multiplies the force of the hysteretic spring", "H"),
     ("added_force", "added to the storey force", "F_added"),
 )
 

@@ -83,8 +83,9 @@ class SharpFeature:
     ----------
     state : Symbol
     width : Expr
+        Of parameters.
     everywhere : bool
-        Wherever the state is; otherwise near its zero alone.
+        Wherever the state is, as for those of a base; otherwise near its zero alone.
     """
 
     state: sp.Symbol
@@ -118,6 +119,8 @@ class Slots:
     """Drift lost in series with the springs, which see ``u`` less this. [m]"""
     drift_rate_share: sp.Expr = sp.S.One
     """Share of the drift rate that reaches the springs: one less the rate of ``drift_taken_up`` over ``v``."""
+    hysteretic_factor: sp.Expr = sp.S.One
+    """Multiplies the force of the hysteretic spring, and so the work on it."""
     added_force: sp.Expr = sp.S.Zero
     added_states: tuple[AddedState, ...] = ()
     increments: Mapping[sp.Symbol, sp.Expr] = field(default_factory=dict)
@@ -159,7 +162,8 @@ class Slots:
         pace = sp.Symbol("pace", positive=True)
         fixed = (
             self.stiffness_factor, self.nu, self.eta, self.shape_bracket, self.rate_multiplier, self.slip_compliance,
-            self.drift_taken_up, self.drift_rate_share, self.added_force, *self.increments.values(),
+            self.drift_taken_up, self.drift_rate_share, self.hysteretic_factor, self.added_force,
+            *self.increments.values(),
             *(one.expression for one in self.steps),
             *(added.rate / DRIFT_RATE for added in self.added_states),
         )  # fmt: skip
@@ -168,7 +172,20 @@ class Slots:
         return in_time or any({pace, TIME} & one.free_symbols for one in faster)
 
 
-class Effect(Protocol):
+class Addition(Protocol):
+    """What adds to a law: a frozen dataclass that fills slots; at neutral values of its parameters it adds nothing."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters that it brings."""
+        ...
+
+    def fill(self, slots: Slots) -> Slots:
+        """The slots with this added to them."""
+        ...
+
+
+class Effect(Addition, Protocol):
     """One physical effect: a frozen dataclass with one field, named by its symbol, for each of its parameters.
 
     Contract, tested over every registered effect: at the neutral values of its parameters it changes nothing
@@ -179,7 +196,7 @@ class Effect(Protocol):
     level: ClassVar[str] = "link"
     """What it acts on: link (a storey), node (a floor), structure, excitation or observation."""
 
-    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen", "linear")
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen", "linear", "friction_pendulum")
     """Names of the elements that it can act on, where it acts on a link."""
     makes: ClassVar[str] = ""
     """Name of the element that a link is once it has the effect, where it becomes another."""
@@ -196,11 +213,6 @@ class Effect(Protocol):
     """What it leaves in the residual of a model without it."""
     confusable: ClassVar[str]
     """What it is hard to tell from."""
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The parameters the effect brings."""
-        ...
 
     @property
     def values(self) -> Mapping[str, Value]:
@@ -252,6 +264,11 @@ class Effect(Protocol):
         return self.level != "link" or self.fill(Slots()).depends_on_pace
 
     @property
+    def moves_base(self) -> bool:
+        """Whether it puts the building on something that moves; a law has one such effect."""
+        return self.level == "structure" and bool(self.fill(Slots()).base_states)
+
+    @property
     def mechanism(self) -> str:
         """What of a structure it is a law of, the effect itself where left out: no place has two laws of one."""
         return self.name
@@ -260,10 +277,6 @@ class Effect(Protocol):
     def signature(self) -> Signature:
         """What the effect does in an engineer's measure, and from which size it deserves its name."""
         return NO_SIGNATURE
-
-    def fill(self, slots: Slots) -> Slots:
-        """The slots with this effect added to them."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)

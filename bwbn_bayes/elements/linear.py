@@ -9,7 +9,7 @@ from typing import ClassVar
 import sympy as sp
 
 from bwbn_bayes.elements.bouc_wen import SPRING_AND_DASHPOT
-from bwbn_bayes.elements.law import Definition, symbol
+from bwbn_bayes.elements.law import Addition, Definition, symbol
 from bwbn_bayes.parameters import Parameter, Value
 
 _KNOWN = {"alpha": 1, "A": 1, "beta": 0, "gamma": 0, "n": 1}
@@ -32,6 +32,7 @@ class Linear:
 
     name: ClassVar[str] = "linear"
     constraints: ClassVar[tuple[sp.Basic, ...]] = ()
+    adds: ClassVar[tuple[Addition, ...]] = ()
     parameters: ClassVar[tuple[Parameter, ...]] = SPRING_AND_DASHPOT
     derived: ClassVar[tuple[Definition, ...]] = tuple(
         Definition(caption="linear spring", subject=symbol(name), expression=sp.Integer(value))

@@ -25,6 +25,8 @@ class Scales:
         The storey's ratio of stiffnesses and loop shape. [1], [1/m^n], [1/m^n], [1]
     mass : float
         Of the floor above the storey. [kg]
+    total_mass : float
+        Of all floors. [kg]
     floor_rate : float
         Largest floor velocity relative to the ground. [m/s]
     acceleration : float
@@ -49,6 +51,7 @@ class Scales:
     gamma: float
     n: float
     mass: float
+    total_mass: float
     floor_rate: float
     acceleration: float
     ground_acceleration: float

@@ -166,6 +166,7 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         "ground_drift": "0.0" if driven else f"w[a + {place.acceleration} * LANES + l] - ground[l]",
         "ground_drift_tangent": "0.0" if driven else "acceleration",
         "refine": _refine(law, place),
+        "refine_base": _refine_base(law, place),
         "turn": _turn(law, place),
         "limit": _indent(_limit(law, place), 4),
         "next_event": _indent(_next_event(law, place), 3),
@@ -387,24 +388,48 @@ def _refine(law: StoreyLaw, place: LaneLayout) -> str:
     names = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
     lines = []
     for position, feature in enumerate(law.sharp_features):
+        if feature.state in law.base_states:
+            continue
         state = names.index(str(feature.state))
-        lines += [
-            f"        sharpness = w[a + BLOCK + {place.sharpness + position} * LANES + l]",
-            f"        change = abs(w[a + BLOCK + {place.n_states + state} * LANES + l]) * dt * sharpness",
-            "        needed = np.ceil(change / resolution)",
-        ]
+        lines += _needed(place, position, "a", f"a + BLOCK + {place.n_states + state} * LANES")
         if not feature.everywhere:
             lines += [
                 f"        distance = abs(w[a + BLOCK + {state} * LANES + l]) * sharpness",
                 f"        needed = needed if distance < change + {REACH} else 1.0",
             ]
-        lines += [
-            f"        needed = needed if needed < {MOST_STEPS} else {MOST_STEPS}",
-            "        length[l] = length[l] if length[l] > needed else needed",
-        ]
+        lines += _MORE
     if not lines:
         return ""
     return _indent(["if resolution > 0.0:", "    for l in range(LANES):", *lines], 2)
+
+
+def _refine_base(law: StoreyLaw, place: LaneLayout) -> str:
+    """The same of what the base has, whose widths stand in every link's block."""
+    names = [str(s) for s in law.base_states]
+    lines = []
+    for position, feature in enumerate(law.sharp_features):
+        if feature.state in law.base_states:
+            rate = place.n_states + names.index(str(feature.state))
+            lines += _needed(place, position, "b", f"a + BLOCK + {rate} * LANES") + _MORE
+    if not lines:
+        return ""
+    blocks = ["a = n_links * BLOCK", "b = 0"]
+    return "\n" + _indent([*blocks, "if resolution > 0.0:", "    for l in range(LANES):", *lines], 1)
+
+
+def _needed(place: LaneLayout, position: int, block: str, rate: str) -> list[str]:
+    """Steps that a sharp feature asks for."""
+    return [
+        f"        sharpness = w[{block} + BLOCK + {place.sharpness + position} * LANES + l]",
+        f"        change = abs(w[{rate} + l]) * dt * sharpness",
+        "        needed = np.ceil(change / resolution)",
+    ]
+
+
+_MORE = [
+    f"        needed = needed if needed < {MOST_STEPS} else {MOST_STEPS}",
+    "        length[l] = length[l] if length[l] > needed else needed",
+]
 
 
 def _turn(law: StoreyLaw, place: LaneLayout) -> str:

@@ -251,7 +251,7 @@ def plan(n_links, dt, substeps, resolution, length, w):
         length[l] = substeps
     for i in range(n_links):
         a = i * BLOCK
-{refine}
+{refine}{refine_base}
     for l in range(LANES):
         length[l] = dt / length[l]
 

@@ -165,6 +165,7 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         "next_event": _indent(_next_event(law, place)),
         "strike": _indent(_strike(law, place)),
         "refine": _indent(_refine(law)),
+        "refine_base": _refine_base(law, place),
         "turn": _indent(_turn(law)),
     }
     return "".join(part.format(**fields) for part in (LAW, EVENTS, RUNGE_KUTTA))
@@ -342,17 +343,35 @@ def _refine(law: StoreyLaw) -> list[str]:
     names = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
     lines = []
     for feature in law.sharp_features:
+        if feature.state in law.base_states:
+            continue
         state, width = names.index(str(feature.state)), print_expression(feature.width)
-        constants = {str(symbol): column for column, symbol in enumerate(law.symbols)}
-        used = [name for name in constants if name in re.findall(r"[A-Za-z_]\w*", width)]
         near = "True" if feature.everywhere else f"abs(y[base + {state}]) / ({width}) < change + {REACH}"
-        lines += [f"{name} = data[here + {constants[name]}]" for name in used]
-        lines += [
-            f"change = abs(dy[base + {state}]) * dt / ({width})",
-            f"if resolution > 0.0 and {near}:",
-            f"    steps = max(steps, min(np.ceil(change / resolution), {MOST_STEPS}))",
-        ]
+        lines += _needed(law, width, f"base + {state}", near)
     return lines
+
+
+def _refine_base(law: StoreyLaw, place: Layout) -> str:
+    """The same of what the base has, after every link; its widths stand in each link's block."""
+    names = [str(s) for s in law.base_states]
+    lines = []
+    for feature in law.sharp_features:
+        if feature.state in law.base_states:
+            row = f"n_links * {place.n_rows} + {names.index(str(feature.state))}"
+            lines += _needed(law, print_expression(feature.width), row, "True")
+    return "".join(f"\n    {line}" for line in ["n_links = int(data[0])", *lines]) if lines else ""
+
+
+def _needed(law: StoreyLaw, width: str, row: str, near: str) -> list[str]:
+    """Steps that a sharp feature asks for."""
+    constants = {str(symbol): column for column, symbol in enumerate(law.symbols)}
+    used = [name for name in constants if name in re.findall(r"[A-Za-z_]\w*", width)]
+    return [
+        *(f"{name} = data[here + {constants[name]}]" for name in used),
+        f"change = abs(dy[{row}]) * dt / ({width})",
+        f"if resolution > 0.0 and {near}:",
+        f"    steps = max(steps, min(np.ceil(change / resolution), {MOST_STEPS}))",
+    ]
 
 
 def _turn(law: StoreyLaw) -> list[str]:

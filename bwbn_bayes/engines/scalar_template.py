@@ -247,7 +247,7 @@ def plan(substeps, resolution, y, dy, data):
     for i in range(int(data[0])):
         base = i * {n_rows}
         here = {head} + i * {block}
-{refine}
+{refine}{refine_base}
     return dt / steps
 
 

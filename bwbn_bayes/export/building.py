@@ -1,9 +1,10 @@
 """What is around the storeys of a building: floors with their masses, a base that moves, appendages, dampers.
 
 Nodes are numbered 0 for the ground, 1 to n for the floors, n + 1 for the base, n + 1 + i for what stands on floor i. A
-base of compliance C, mass m_b and damping c_b is a node on ``Elastic`` 1/C and ``Viscous`` c_b; an appendage of mass
-``mu_t m_i`` stands on ``mu_t m_i omega_t^2`` and ``2 zeta_t omega_t mu_t m_i``; damping in proportion to the mass is a
-dashpot ``c_m m_i`` between floor and ground, since its force follows the velocity relative to the ground.
+base of compliance C, mass m_b and damping c_b is a node on ``Elastic`` 1/C and ``Viscous`` c_b; a slab on sliders is
+one on ``BoucWen``; an appendage of mass ``mu_t m_i`` stands on ``mu_t m_i omega_t^2`` and ``2 zeta_t omega_t mu_t
+m_i``; damping in proportion to the mass is a dashpot ``c_m m_i`` between floor and ground, since its force follows the
+velocity relative to the ground.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from bwbn_bayes.export.exportable import Exportable, Link
-from bwbn_bayes.export.laws import Material
+from bwbn_bayes.export.laws import Material, sliding_base
 from bwbn_bayes.export.links import TAGS, LinkScript, in_parallel
 
 _STIFFEST = 100.0
@@ -59,7 +60,8 @@ def building_of(structure: Exportable) -> Building:
         for mass, link in zip(structure.masses, structure.links, strict=True)
     ]
     moves, notes = _moves(structure.links[0])
-    below = (n + 1 if moves else 0, *range(1, n))
+    slides = first.get("inv_mu", 0.0) > 0.0
+    below = (n + 1 if moves or slides else 0, *range(1, n))
     nodes = [Node(number=i + 1, mass=mass) for i, mass in enumerate(masses)]
     elements = [
         Element(number=i + 1, below=below[i], above=i + 1, material=TAGS * link.number)
@@ -79,6 +81,12 @@ def building_of(structure: Exportable) -> Building:
     if moves:
         nodes.append(Node(number=n + 1, mass=first["m_b"], says="base"))
         joined("Between ground and base", (0, n + 1), 1.0 / first["compliance"], first["c_b"])
+    if slides:
+        number = len(elements) + 1
+        nodes.append(Node(number=n + 1, mass=first["m_s"], says="slab on sliders"))
+        materials = in_parallel(TAGS * number, [sliding_base(first)])
+        further.append(LinkScript(place="Sliders between ground and slab", tag=TAGS * number, materials=materials))
+        elements.append(Element(number=number, below=0, above=n + 1, material=TAGS * number))
     for i, (link, mass) in enumerate(zip(structure.links, masses, strict=True)):
         p = link.parameters
         if p.get("c_m", 0.0) > 0.0:

@@ -63,6 +63,7 @@ _NO_LAW = {
     "F_c": "friction that turns with the drift rate",
     "F_ratio": "friction that turns with the drift rate",
     "F_root": "friction that turns with the drift rate",
+    "a_mu": "friction that depends on speed",
     "r_h": "a spring that came to yield where the model had a linear one",
 }
 """Amplitudes of what no uniaxial material of OpenSees does, in words."""
@@ -70,11 +71,13 @@ _CHANGES = ("_jump", "_ramp")
 """Endings of the amplitudes of what changes in time."""
 _TRANSLATED = (
     *("k", "c", "alpha", "A", "beta", "gamma", "u_y", "rho", "n", "delta_nu", "delta_eta"),
+    *("W", "R", "mu_slow", "Y"),
     *("alpha_offset", "beta_offset", "gamma_offset", "n_offset"),
     *("zeta_s", "p", "q", "psi_0", "delta_psi", "lambda_"),
-    *("c2", "k3", "k_g", "g", "k_gp", "g_p", "k_gn", "g_n", "k_m", "tau", "F_dahl", "x_dahl"),
+    *("c2", "k3", "k_geo", "k_g", "g", "k_gp", "g_p", "k_gn", "g_n", "k_m", "tau", "F_dahl", "x_dahl"),
 )
 _SIZES_OF_NO_LAW = (
+    "mu_fast",
     "beta_h",
     "gamma_h",
     "n_h",
@@ -90,9 +93,10 @@ _SIZES_OF_NO_LAW = (
     "v_root",
 )
 _AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g")
+_SLIDER = ("inv_mu", "R_s", "m_s", "W_s", "Y_s")
 """Of floors, base and ground: the script has them."""
 _SIZES_OF_CHANGES = ("_time", "_ramp_duration")
-_KNOWN = {*_NO_LAW, *_TRANSLATED, *_SIZES_OF_NO_LAW, *_AROUND}
+_KNOWN = {*_NO_LAW, *_TRANSLATED, *_SIZES_OF_NO_LAW, *_AROUND, *_SLIDER}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,8 +166,13 @@ def hysteretic_spring(link: Link) -> Material:
 
 
 def shape(parameters: Mapping[str, float]) -> dict[str, float]:
-    """The parameters with beta and gamma in the place of u_y and rho, and with what differs at the storey added."""
+    """The parameters with beta and gamma in the place of u_y and rho, and with what differs at the storey added.
+
+    A friction pendulum is the spring that it is at rest: k is that of dish and contact, alpha the share of the dish.
+    """
     p = dict(parameters)
+    if p.get("W", 0.0) > 0.0:
+        p |= _slider(p["W"], p["R"], p["mu_slow"], p["Y"])
     for symbol in ("alpha", "n"):
         p[symbol] += p.get(f"{symbol}_offset", 0.0)
     if "u_y" in p:
@@ -172,6 +181,25 @@ def shape(parameters: Mapping[str, float]) -> dict[str, float]:
     for symbol in ("beta", "gamma"):
         p[symbol] += p.get(f"{symbol}_offset", 0.0)
     return p
+
+
+def _slider(weight: float, radius: float, friction: float, drift: float) -> dict[str, float]:
+    """A friction pendulum as a Bouc-Wen spring, whose n is 2 and A is 1."""
+    dish, contact = weight / radius, friction * weight / drift
+    return {
+        "k": dish + contact,
+        "alpha": dish / (dish + contact),
+        "beta": 0.5 * drift**-2,
+        "gamma": 0.5 * drift**-2,
+    }
+
+
+def sliding_base(parameters: Mapping[str, float]) -> Material:
+    """The sliders below a building."""
+    p = _slider(parameters["W_s"], parameters["R_s"], 1.0 / parameters["inv_mu"], parameters["Y_s"])
+    newton = (NEWTON_TOLERANCE * parameters["Y_s"], NEWTON_ITERATIONS)
+    arguments = (p["alpha"], p["k"], 2.0, p["gamma"], p["beta"], 1.0, 0.0, 0.0, 0.0, *newton)
+    return Material(kind="BoucWen", arguments=arguments, says=BOUC_WEN)
 
 
 def size_of_z(link: Link) -> float:
@@ -192,9 +220,10 @@ def beside(link: Link) -> tuple[Part, ...]:
         if p.get(symbol, 0.0) != 0.0:
             parts.append(Part(material=Material(kind=kind, arguments=arguments, says=says), force=force))
 
-    c, c2, k3 = (p.get(symbol, 0.0) for symbol in ("c", "c2", "k3"))
+    c, c2, k3, geometric = (p.get(symbol, 0.0) for symbol in ("c", "c2", "k3", "k_geo"))
     add("c", "Viscous", (c, 1.0), "C [N s/m], exponent of the drift rate", c * v)
     add("c2", "Viscous", (c2, 2.0), "C [N s^2/m^2], exponent of the drift rate", c2 * v * np.abs(v))
+    add("k_geo", "Elastic", (-geometric,), "stiffness [N/m]: P-Delta", -geometric * u)
     add("k3", "ElasticPowerFunc", ("-coeff", k3, "-exp", 3.0), "coefficient [N/m^3], exponent of the drift", k3 * u**3)
     for stiffness, gap, sides in _STOPS:
         if p.get(stiffness, 0.0) != 0.0:

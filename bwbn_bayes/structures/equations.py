@@ -52,7 +52,7 @@ def _building(model: Structure) -> tuple[WrittenEquation, ...]:
         if many
         else ("", "")
     )
-    base = _indexed("x", "b") if law.base_states else ("0", "<mn>0</mn>")
+    base = _indexed(*law.base_states[0].name.split("_")) if law.base_states else ("0", "<mn>0</mn>")
     lower_text, lower = (
         (f" − {below[0]}, {ground[0]} = {base[0]}", _then("−", below[1]) + _equal(ground[1], base[1]))
         if many

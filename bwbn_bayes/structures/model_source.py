@@ -64,17 +64,24 @@ class ModelWriter:
             By field, source in the place of its value.
         """
         remarks, written = remarks or {}, written or {}
-        first, *others = model.links
+        chain = tuple((i, i + 1) for i in range(max(model.n_floors, 1)))
+        storeys, others = model.links[0], model.links[1:]
+        isolator = None
+        if storeys.joins == chain[:1] and others and others[0].joins == chain[1:]:
+            isolator, storeys, others = storeys.element, others[0], others[1:]
+        if storeys.joins != (chain if isolator is None else chain[1:]) or any(len(group.joins) > 1 for group in others):
+            raise UserError(
+                "only storeys of one element, isolators below them, and single links beside them can be written as a "
+                "model file"
+            )
         braces = [(group.element, pair) for group in others for pair in group.joins]
-        if first.joins != tuple((i, i + 1) for i in range(max(model.n_floors, 1))) or any(
-            len(group.joins) > 1 for group in others
-        ):
-            raise UserError("only storeys of one element, and single links beside them, can be written as a model file")
         lines = [f"model = {self._named('Specimen' if model.is_driven else 'ShearBuilding')}("]
         if not model.is_driven:
             lines.append(f"    masses={written.get('masses', _listed(model.masses))},  # kg")
             lines += [f"    heights={_listed(model.heights)},  # m"] if model.heights is not None else []
-        lines += [f"    storey={self._class(type(first.element))}(", *self._fields(first.element, remarks, written)]
+        if isolator is not None:
+            lines += [f"    isolator={self._class(type(isolator))}(", *self._fields(isolator, {}, {}), "    ),"]
+        lines += [f"    storey={self._class(type(storeys.element))}(", *self._fields(storeys.element, remarks, written)]
         lines += ["    ),", ")"]
         for element, pair in braces:
             lines += ["model = model.with_link(", f"    {self._class(type(element))}("]

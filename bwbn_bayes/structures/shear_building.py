@@ -10,16 +10,22 @@ from bwbn_bayes.structures.structure import Links, Structure
 
 
 def ShearBuilding(  # noqa: N802  a model reads like the class it once was
-    *, masses: Sequence[float], storey: Element, heights: Sequence[float] | None = None
+    *,
+    masses: Sequence[float],
+    storey: Element,
+    isolator: Element | None = None,
+    heights: Sequence[float] | None = None,
 ) -> Structure:
-    """Floors on storeys that all have one element.
+    """Floors on storeys that all have one element, on an isolation layer where one is given.
 
     Parameters
     ----------
     masses : sequence of float
-        Floor masses from the ground up, one per storey. [kg]
+        Floor masses from the ground up, one per storey; the slab on the isolators first. [kg]
     storey : Element
-        The element of every storey.
+        The element of every storey above the isolators.
+    isolator : Element, optional
+        That of the isolators together, between ground and slab: storey 1.
     heights : sequence of float, optional
         Storey heights from the ground up; with them drifts are told as ratios too. [m]
 
@@ -31,4 +37,8 @@ def ShearBuilding(  # noqa: N802  a model reads like the class it once was
     """
     n_floors = len(masses) if hasattr(masses, "__len__") else 0
     joins = tuple(pairwise(range(n_floors + 1)))
-    return Structure(masses=masses, links=(Links(element=storey, joins=joins),), heights=heights)
+    n_isolated = 1 if isolator is not None else 0
+    elements = (isolator or storey, storey)
+    layers = (joins[:n_isolated], joins[n_isolated:])
+    links = tuple(Links(element=one, joins=own) for one, own in zip(elements, layers, strict=True) if own)
+    return Structure(masses=masses, links=links, heights=heights)

@@ -57,7 +57,8 @@ class Links:
     Attributes
     ----------
     element : Element
-        Their law: :class:`~bwbn_bayes.elements.bouc_wen.BoucWen` or :class:`~bwbn_bayes.elements.linear.Linear`.
+        Their law: :class:`~bwbn_bayes.elements.bouc_wen.BoucWen`, :class:`~bwbn_bayes.elements.linear.Linear` or
+        :class:`~bwbn_bayes.elements.friction_pendulum.FrictionPendulum`.
     joins : tuple of (int, int)
         The nodes of each link: the one that it stands on, the one where it ends. Its drift is the displacement of the
         second less that of the first.
@@ -337,7 +338,8 @@ class Structure:
 
     def _law_with(self, effects: tuple[Effect, ...]) -> StoreyLaw:
         kinds = self._kinds(effects, of_sensors=False)
-        return combine(self.element.parameters, self.element.constraints, kinds, self.element.derived)
+        added = tuple(dict.fromkeys(more for group in self.links for more in group.element.adds))
+        return combine(self.element.parameters, self.element.constraints, (*added, *kinds), self.element.derived)
 
     @cached_property
     def sensors(self) -> SensorLaw:

@@ -10,7 +10,7 @@ import pytest
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses, scales_of
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
-from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorGain, SlipLock, StoreyParameter
+from bwbn_bayes.elements.effects import CubicStiffness, PDelta, QuadraticDamping, SensorGain, SlipLock, StoreyParameter
 from bwbn_bayes.elements.scales import NOMINAL, Scales
 from bwbn_bayes.engines.available import engine
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -29,7 +29,7 @@ BASE = ShearBuilding(masses=[1.0, 1.0], storey=STOREY)
 SCALES = Scales(
     drift=0.2, drift_rate=1.0, hysteretic_displacement=0.15, energy=8.0, force=4.0, stiffness=25.0, damping=0.1,
     alpha=0.05, beta=2.0, gamma=1.0, n=1.5, mass=1.0, floor_rate=1.5, acceleration=1.0, ground_acceleration=1.0,
-    period=1.3, onset=1.0, duration=20.0, time_step=0.02,
+    period=1.3, onset=1.0, duration=20.0, total_mass=3, time_step=0.02,
 )  # fmt: skip
 CHANNELS = ("acceleration_1", "acceleration_2")
 EVERY = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS)
@@ -46,7 +46,9 @@ def places(every: tuple[Hypothesis, ...]) -> dict[str, set[tuple[int, ...]]]:
 def test_places_follow_the_level() -> None:
     """Storeys one by one and all alike, floors one by one; the ground, the base and the building once."""
     found = places(EVERY)
-    levels = {effect.name: effect.level for effect in registered() if "bouc_wen" in effect.elements}
+    # P-Delta is a change of k and alpha, exactly: it is placed by hand.
+    kinds = [effect for effect in registered() if effect is not PDelta]
+    levels = {effect.name: effect.level for effect in kinds if "bouc_wen" in effect.elements}
     assert found.keys() == levels.keys()
     for name, where in found.items():
         expected = {"link": {(1,), (2,), (1, 2)}, "node": {(1,), (2,)}, "observation": {(1,), (2,)}}.get(
@@ -194,7 +196,10 @@ def test_groups_share_a_law() -> None:
 
 def test_one_law_for_all_where_asked() -> None:
     every = hypotheses(BASE, [SCALES, SCALES], measured=CHANNELS, most_carried=np.inf)
-    assert len({h.model.law for h in every if h.effect.level != "observation"}) == 1
+    own = [h for h in every if h.effect.level != "observation"]
+    assert len({h.model.law for h in own if h.name != "sliding_base"}) == 1
+    (sliding,) = {h.model.law for h in own if h.name == "sliding_base"}  # a law has one base
+    assert "compliance" not in {p.symbol for p in sliding.parameters}
 
 
 def test_what_a_law_carries_brings_no_coordinate() -> None:

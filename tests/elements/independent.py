@@ -17,7 +17,7 @@ PLAIN = {
     "delta_nu": 0.0, "delta_eta": 0.0, "delta_s": 0.0, "sigma": 1.0,
     "nu_inf": 0.0, "p_nu": 1.0, "eta_inf": 0.0, "p_eta": 1.0,
     "zeta_s": 0.0, "p": 1.0, "q": 0.0, "psi_0": 1.0, "delta_psi": 0.0, "lambda_": 1.0,
-    "phi": 0.0, "phi_uv": 0.0, "u_uv": 1.0, "phi_u": 0.0, "u_u": 1.0, "k3": 0.0, "c2": 0.0,
+    "phi": 0.0, "phi_uv": 0.0, "u_uv": 1.0, "phi_u": 0.0, "u_u": 1.0, "k3": 0.0, "c2": 0.0, "k_geo": 0.0,
     "F_c": 0.0, "v0": 1.0, "F_ratio": 0.0, "v_ratio": 1.0, "F_root": 0.0, "v_root": 1.0,
     "F_dahl": 0.0, "x_dahl": 1.0,
     "k_g": 0.0, "g": 1.0, "k_gp": 0.0, "g_p": 1.0, "k_gn": 0.0, "g_n": 1.0,
@@ -60,7 +60,7 @@ def parallel_force(p: dict[str, float], u: float, v: float) -> float:
     friction += p["F_ratio"] * v / (abs(v) + p["v_ratio"]) + p["F_root"] * v / math.hypot(v, p["v_root"])
     stops = p["k_g"] * max(abs(u) - p["g"], 0.0) * np.sign(u)
     stops += p["k_gp"] * max(u - p["g_p"], 0.0) - p["k_gn"] * max(-u - p["g_n"], 0.0)
-    return float(p["k3"] * u**3 + p["c2"] * v * abs(v) + friction + stops)
+    return float(p["k3"] * u**3 - p["k_geo"] * u + p["c2"] * v * abs(v) + friction + stops)
 
 
 def at(p: dict[str, float], t: float) -> dict[str, float]:

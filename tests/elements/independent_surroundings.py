@@ -1,8 +1,8 @@
 """A second implementation of floors, base, ground and sensors, from the written equations.
 
 Nothing of the package is used; the storey law is that of :mod:`independent`. The states are the floors' displacements
-and velocities, relative to the free field, the storeys' own states, those of the masses on the floors and of the base.
-A lag is met by solving for the earlier time, not by interpolation between samples.
+and velocities, relative to the free field, the storeys' own states, those of the masses on the floors and three
+of the base. A lag is met by solving for the earlier time, not by interpolation between samples.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from independent import PLAIN, at, storey
 from scipy.integrate import solve_ivp
 
 NEUTRAL = {
+    "inv_mu": 0.0, "R_s": 1.0, "m_s": 1.0, "W_s": 1.0, "Y_s": 1.0,
     "c_m": 0.0, "compliance": 0.0, "m_b": 1.0, "c_b": 0.0, "s_g": 1.0,
     "e_m": 0.0, "mu_t": 0.0, "f_t": 1.0, "zeta_t": 0.05, "gain": 1.0, "bias": 0.0, "lag": 0.0,
 }  # fmt: skip
-OF_THE_BUILDING = ("c_m", "compliance", "m_b", "c_b", "s_g")
+OF_THE_BUILDING = ("inv_mu", "R_s", "m_s", "W_s", "Y_s", "c_m", "compliance", "m_b", "c_b", "s_g")
 
 
 class Building:
@@ -38,8 +39,9 @@ class Building:
     def rates(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates of the states, and the floors' total accelerations."""
         whole, n = self.whole, self.n
-        x, w, *inner, mass_x, mass_w = y[:-2].reshape(9, n)
-        base_x, base_w = y[-2:] if whole["compliance"] > 0.0 else (0.0, 0.0)
+        x, w, *inner, mass_x, mass_w = y[:-3].reshape(9, n)
+        moves = whole["compliance"] > 0.0 or whole["inv_mu"] > 0.0
+        base_x, base_w, mobilised = y[-3:] if moves else (0.0, 0.0, 0.0)
         a_g = whole["s_g"] * np.interp(t, self.dt * np.arange(len(self.ground)), self.ground)
         u, v = np.diff(x, prepend=base_x), np.diff(w, prepend=base_w)
         parts = [storey(at(p, t), *state) for p, *state in zip(self.storeys, u, v, *inner, strict=True)]
@@ -49,10 +51,14 @@ class Building:
         share = np.array([p["mu_t"] for p in self.floors])
         push = np.append(force[1:], 0.0) - force - whole["c_m"] * self.mass * w + share * self.mass * pull
         total = push / self.mass
-        base_rates = np.zeros(2)
+        base_rates = np.zeros(3)
         if whole["compliance"] > 0.0:
             spring = base_x / whole["compliance"] + whole["c_b"] * base_w
-            base_rates[:] = base_w, (force[0] - spring) / whole["m_b"] - a_g
+            base_rates[:2] = base_w, (force[0] - spring) / whole["m_b"] - a_g
+        if whole["inv_mu"] > 0.0:  # a dish, and a contact that is an elastic spring until friction is reached
+            stuck = 1.0 - mobilised**2 if mobilised * base_w > 0.0 else 1.0
+            held = whole["W_s"] * (base_x / whole["R_s"] + mobilised / whole["inv_mu"])
+            base_rates[:] = base_w, (force[0] - held) / whole["m_s"] - a_g, stuck * base_w / whole["Y_s"]
         return np.concatenate([w, total - a_g, *inner_rates, mass_w, -pull - total, base_rates]), total
 
     def respond(self) -> dict[str, np.ndarray]:
@@ -60,7 +66,7 @@ class Building:
         lags = [p["lag"] for p in self.floors]
         n_times = len(self.ground)
         shown, displacement = np.zeros((self.n, n_times)), np.zeros((self.n, n_times))
-        y = np.zeros(9 * self.n + 2)
+        y = np.zeros(9 * self.n + 3)
         for j in range(n_times):
             for floor, lag in enumerate(lags):
                 if lag == 0.0:

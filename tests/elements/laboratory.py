@@ -22,6 +22,7 @@ from bwbn_bayes.elements.effects import (
     FolientePinching,
     GapImpact,
     MaxwellBranch,
+    PDelta,
     QuadraticDamping,
     SlipLock,
     StiffnessDegradation,
@@ -40,6 +41,13 @@ from bwbn_bayes.structures.structure import Structure
 
 NO_DRAW = np.zeros((1, 0))
 
+SEARCHED: tuple[type[Effect], ...] = tuple(
+    effect_class
+    for effect_class in registered()
+    if effect_class.default_prior.__func__ is not Effect.default_prior.__func__  # type: ignore[attr-defined]
+)
+"""Effects that say which sizes to expect, and so take part in discovery."""
+
 SATURATING: tuple[Effect, ...] = tuple(
     effect_class.neutral_forms()[1] for effect_class in (StiffnessDegradation, StrengthDegradation)
 )
@@ -54,6 +62,7 @@ OTHER_FORMS: tuple[Effect, ...] = (
             CubicStiffness,
             GapImpact,
             MaxwellBranch,
+            PDelta,
             QuadraticDamping,
             StoreyParameter,
         )

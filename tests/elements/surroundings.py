@@ -23,6 +23,7 @@ SIZES: dict[str, dict[str, float]] = {
     "mass_damping": {"c_m": 0.3},
     "appendage": {"mu_t": 0.08, "f_t": 0.7, "zeta_t": 0.03},
     "base_flexibility": {"compliance": 0.02, "m_b": 1.3, "c_b": 0.4},
+    "sliding_base": {"inv_mu": 12.0, "R_s": 1.8, "m_s": 1.3, "W_s": 24.0, "Y_s": 0.02},
     "input_scale": {"s_g": 1.2},
     "sensor_gain": {"gain": 0.8},
     "sensor_bias": {"bias": 0.3},
@@ -34,10 +35,22 @@ OTHERS = {"delta_nu": 0.2, "delta_eta": 0.2, "delta_s": 0.05, "sigma": 0.1}
 """Sizes of the storeys' effects that act beside them."""
 
 
-def building(masses: Sequence[float], others: dict[str, float], **element: Value) -> Structure:
-    """A building that degrades, slips and may jump, with every kind of :data:`KINDS` carried."""
+BASES = tuple(name for name, kind in KINDS.items() if kind.moves_base)
+"""Those that put the building on something that moves: a law has one of them."""
+
+
+def together(name: str = "base_flexibility") -> list[str]:
+    """Every kind that a law can have beside the named one; where that moves no base, beside a flexible base."""
+    base = name if name in BASES else "base_flexibility"
+    return [other for other in KINDS if other == base or other not in BASES]
+
+
+def building(
+    masses: Sequence[float], others: dict[str, float], beside: str = "base_flexibility", **element: Value
+) -> Structure:
+    """A building that degrades, slips and may jump, and carries every kind of :func:`together`."""
     plain = ShearBuilding(masses=masses, storey=storey(**element))
-    return replace(with_everything(plain, others), carried=tuple(KINDS.values()))
+    return replace(with_everything(plain, others), carried=tuple(KINDS[name] for name in together(beside)))
 
 
 def placed(model: Structure, name: str, values: Mapping[str, Value], floors: list[int] | None) -> Structure:

@@ -39,7 +39,7 @@ class Hardening(Effect):
 
 STOREY_EFFECTS = {
     "asymmetry", "backlash", "coulomb_friction", "cubic_stiffness", "foliente_pinching", "gap_impact", "hysteresis",
-    "maxwell_branch", "quadratic_damping", "slip_lock", "stiffness_degradation", "storey_parameter",
+    "maxwell_branch", "p_delta", "quadratic_damping", "slip_lock", "stiffness_degradation", "storey_parameter",
     "strength_degradation", "sudden_damage",
 }  # fmt: skip
 

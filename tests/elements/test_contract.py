@@ -13,34 +13,35 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import SuddenDamage
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Effect, StoreyLaw
+from bwbn_bayes.elements.friction_pendulum import FrictionPendulum
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Addition, Effect, StoreyLaw
 from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.engines.codegen import derivatives
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
 USUAL = [form for kind in registered() if kind.level == "link" for form in kind.neutral_forms()]
-FORMS = [*USUAL, *FREE]
+FORMS = [*USUAL, *FREE, *FrictionPendulum.adds]
 DEGRADING = tuple(form for form in USUAL if form.name in {"stiffness_degradation", "strength_degradation", "slip_lock"})
 """What jumps of their parameters need beside them."""
 N_STATES = 500
 PLAIN = BoucWen(k=1.0, beta=1.0, gamma=0.0)
 
 
-def label(form: Effect) -> str:
-    return "-".join((form.name, *(p.symbol for p in form.parameters)))
+def label(form: Addition) -> str:
+    return "-".join((type(form).__name__.strip("_"), *(p.symbol for p in form.parameters)))
 
 
 @cache
-def law_of(effects: tuple[Effect, ...], base: BoucWen | Linear = PLAIN) -> StoreyLaw:
+def law_of(effects: tuple[Addition, ...], base: BoucWen | Linear = PLAIN) -> StoreyLaw:
     return combine(base.parameters, base.constraints, effects, base.derived)
 
 
-def base_of(form: Effect) -> BoucWen | Linear:
-    """What the effect can act on."""
-    return PLAIN if "bouc_wen" in form.elements else Linear(k=1.0)
+def base_of(form: Addition) -> BoucWen | Linear:
+    """What the effect can act on; what an element adds is part of every link's law."""
+    return PLAIN if "bouc_wen" in getattr(form, "elements", ["bouc_wen"]) else Linear(k=1.0)
 
 
-def evaluate(law: StoreyLaw, neutral: tuple[Effect, ...]) -> np.ndarray:
+def evaluate(law: StoreyLaw, neutral: tuple[Addition, ...]) -> np.ndarray:
     """Force and rates at random states and parameters, the same for every law; parameters of ``neutral`` stay so.
 
     Each symbol has its own random stream, so that a symbol takes the same values in every law it stands in.
@@ -61,7 +62,7 @@ def random_values(name: str) -> np.ndarray:
     return rng.uniform(0.2, 0.9, N_STATES) * (rng.choice([-1.0, 1.0], N_STATES) if name in "uvz" else 1.0)
 
 
-def resting(neutral: tuple[Effect, ...]) -> list[str]:
+def resting(neutral: tuple[Addition, ...]) -> list[str]:
     """The added states that start at zero and, at neutral parameters, stay there."""
     law = law_of(neutral)
     at_neutral = {p.symbol: p.neutral for effect in neutral for p in effect.parameters}
@@ -74,12 +75,12 @@ def resting(neutral: tuple[Effect, ...]) -> list[str]:
     return [s.name for s, rate in states if all(rate.subs({**values, DRIFT_RATE: v}) == 0 for v in (-0.7, 0.7))]
 
 
-def companions(form: Effect) -> tuple[Effect, ...]:
+def companions(form: Addition) -> tuple[Effect, ...]:
     """Every form of every effect but this one and jumps of its parameters, which belong to it."""
     own = {p.symbol for p in form.parameters}
     return tuple(
         other
-        for other in FORMS
+        for other in (*USUAL, *FREE)
         if not own & {p.symbol for p in other.parameters}
         and "bouc_wen" in other.elements
         and not (isinstance(other, SuddenDamage) and other.parameter in own)

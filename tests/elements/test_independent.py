@@ -62,6 +62,7 @@ OTHERS = {
     "gap_impact, positive": {"k_gp": 15.0, "g_p": 0.3},
     "gap_impact, negative": {"k_gn": 15.0, "g_n": 0.3},
     "maxwell_branch": {"k_m": 2.0, "tau": 0.3},
+    "p_delta": {"k_geo": 0.7},
     "quadratic_damping": {"c2": 0.2},
     "stiffness_degradation, saturating": {"eta_inf": 1.2, "p_eta": 0.6},
     "strength_degradation, saturating": {"nu_inf": 1.5, "p_nu": 0.4},

@@ -9,6 +9,7 @@ from laboratory import FREE
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import catalogue
+from bwbn_bayes.elements.friction_pendulum import FrictionPendulum
 from bwbn_bayes.elements.initial_state import InitialState
 from bwbn_bayes.parameters import Parameter
 
@@ -29,6 +30,8 @@ EFFECTS = table_under("Parameters of the effects")
 FREE_SHAPES = table_under("Parameters of forms of free shape")
 BY_SHAPE, BY_YIELD = BoucWen(k=1.0, beta=1.0, gamma=0.0), BoucWen(k=1.0, u_y=1.0, rho=0.5)
 PARAMETERS = tuple(dict.fromkeys((*BY_SHAPE.parameters, *BY_YIELD.parameters)))
+SLIDER = table_under("Parameters of the friction pendulum")
+OF_SLIDER = FrictionPendulum(W=1.0, R=1.0, mu_slow=0.1, mu_fast=0.2, a_mu=1.0).parameters[1:]
 
 
 def written(unit: str) -> str:
@@ -40,6 +43,12 @@ def test_parameters_of_the_element(parameter: Parameter):
     _, unit, _, source = ELEMENT[parameter.symbol]
     assert unit == written(parameter.unit)
     assert source.split(";")[0] == parameter.source.split(";")[0]
+
+
+@pytest.mark.parametrize("parameter", OF_SLIDER, ids=lambda p: p.symbol)
+def test_parameters_of_the_friction_pendulum(parameter: Parameter):
+    _, unit, _, source = SLIDER[parameter.symbol]
+    assert (unit, source) == (written(parameter.unit), parameter.source)
 
 
 @pytest.mark.parametrize("facts", catalogue(), ids=lambda facts: facts.name)
@@ -65,5 +74,6 @@ def test_the_state_at_the_first_sample():
 
 def test_the_page_names_no_parameter_that_does_not_exist():
     assert set(ELEMENT) == {parameter.symbol for parameter in PARAMETERS}
+    assert set(SLIDER) == {parameter.symbol for parameter in OF_SLIDER}
     assert set(EFFECTS) == {parameter.symbol for facts in catalogue() for parameter in facts.parameters}
     assert set(FREE_SHAPES) == {parameter.symbol for form in FREE for parameter in form.parameters}

@@ -31,7 +31,7 @@ SIZES = {
     "phi": 0.8, "phi_uv": 1.0, "u_uv": 0.05, "phi_u": -1.0, "u_u": 0.05, "b": 0.06, "w": 0.02,
     "F_c": 0.5, "v0": 0.3, "F_ratio": 0.5, "v_ratio": 0.3, "F_root": 0.5, "v_root": 0.3, "F_dahl": 0.5, "x_dahl": 0.05,
     "k3": 2.0, "c2": 0.2, "k_g": 5.0, "g": 0.3, "k_gp": 5.0, "g_p": 0.3, "k_gn": 5.0, "g_n": 0.3, "k_m": 2.0,
-    "tau": 0.3, "alpha_offset": 0.1, "beta_offset": 1.0, "gamma_offset": -1.0, "n_offset": 0.4,
+    "k_geo": 1.0, "tau": 0.3, "alpha_offset": 0.1, "beta_offset": 1.0, "gamma_offset": -1.0, "n_offset": 0.4,
     **{f"{parameter}_{kind}": size for kind in ("jump", "ramp") for parameter, size in
        (("k", -4.0), ("c", 0.5), ("alpha", 0.2), ("delta_nu", 1.0), ("delta_eta", 1.0), ("delta_s", 0.2))},
     **{f"{parameter}{kind}_time": 1.1 for kind in ("", "_ramp") for parameter in
@@ -104,7 +104,7 @@ def test_the_effects_of_a_record_without_time():
     static = {form.name for form in AT_STOREYS if not form.needs_time}
     assert static == {
         "asymmetry", "backlash", "coulomb_friction", "cubic_stiffness", "foliente_pinching", "gap_impact", "hysteresis",
-        "slip_lock",         "stiffness_degradation", "storey_parameter", "strength_degradation",
+        "p_delta", "slip_lock", "stiffness_degradation", "storey_parameter", "strength_degradation",
     }  # fmt: skip
     assert [f.form for f in AT_STOREYS if f.name == "coulomb_friction" and not f.needs_time] == ["sticking (Dahl)"]
 

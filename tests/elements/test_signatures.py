@@ -8,9 +8,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from laboratory import FREE, cyclic_test, having, solve, specimen
+from laboratory import FREE, SEARCHED, cyclic_test, having, solve, specimen
 
-from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects import CoulombFriction
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import Scales
@@ -19,11 +18,11 @@ from bwbn_bayes.elements.signature import NO_SIGNATURE, PlaceResponse
 SCALES = Scales(
     drift=1.0, drift_rate=2.0, hysteretic_displacement=0.3, energy=8.0, force=4.0, stiffness=10.0, damping=0.05,
     alpha=0.01, beta=2.0, gamma=2.0, n=1.5, mass=1.0, floor_rate=3.0, acceleration=2.0, ground_acceleration=1.5,
-    period=2.0, onset=0.0, duration=20.0, time_step=0.01,
+    period=2.0, onset=0.0, duration=20.0, total_mass=3, time_step=0.01,
 )  # fmt: skip
 STOREY = {"k": 10.0, "c": 0.05, "alpha": 0.01, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 1.5}
 JUMPING = {"delta_nu": 0.1, "delta_eta": 0.1, "delta_s": 0.01}
-FORMS = [*(form for kind in registered() for form in kind.neutral_forms()), *FREE]
+FORMS = [*(form for kind in SEARCHED for form in kind.neutral_forms()), *FREE]
 CYCLES = [1.0, -1.0] * 10
 DEGRADING = ("stiffness_degradation", "strength_degradation", "slip_lock", "foliente_pinching")
 """Effects that the specimen of the laboratory has."""
@@ -32,6 +31,7 @@ KINDS = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy", 
 NUISANCES = {
     "sigma": 0.02, "p": 5.0, "q": 0.1, "psi_0": 0.1, "delta_psi": 0.0, "lambda_": 0.3, "v0": 0.05, "v_ratio": 0.05,
     "v_root": 0.05, "x_dahl": 0.02, "g": 0.5, "g_p": 0.5, "g_n": 0.5, "tau": 0.3, "w": 0.004, "f_t": 0.6, "m_b": 1.0,
+    "R_s": 1.0, "m_s": 1.0, "W_s": 30.0, "Y_s": 0.01,
     "k_time": 5.0, "u_uv": 0.03, "u_u": 0.03, "p_eta": 0.1, "p_nu": 0.1,
     "b_eta": 0.1, "m_eta": 0.7, "E_eta": 8.0, "b_nu": 0.1, "m_nu": 1.6, "E_nu": 8.0,
     "beta_h": 2.0, "gamma_h": 0.5, "n_h": 1.5, "x_h": 1.1,

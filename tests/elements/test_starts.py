@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from laboratory import SEARCHED
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
@@ -20,12 +21,12 @@ from bwbn_bayes.structures.shear_building import ShearBuilding
 SCALES = Scales(
     drift=0.02, drift_rate=0.3, hysteretic_displacement=0.012, energy=800.0, force=9e4, stiffness=8e6, damping=6e4,
     alpha=0.04, beta=60.0, gamma=30.0, n=1.3, mass=1.2e4, floor_rate=0.5, acceleration=2.0, ground_acceleration=1.0,
-    period=0.7, onset=1.5, duration=31.0, time_step=0.02,
+    period=0.7, onset=1.5, duration=31.0, total_mass=36000, time_step=0.02,
 )  # fmt: skip
 STOREY = BoucWen(k=8e6, c=6e4, alpha=0.04, beta=60.0, gamma=30.0, n=1.3)
 FORMS: list[Effect] = [
     form
-    for effect in registered()
+    for effect in SEARCHED
     if effect.level == "link"
     for form in (*effect.default_prior(SCALES), *effect.general_forms(SCALES))
 ]

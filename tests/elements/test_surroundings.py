@@ -10,7 +10,7 @@ import pytest
 from independent_surroundings import OF_THE_BUILDING
 from laboratory import NO_DRAW, nrmse, shaking, with_everything
 from laboratory import storey as element
-from surroundings import KINDS, OTHERS, SIZES, building, placed
+from surroundings import BASES, KINDS, OTHERS, SIZES, building, placed, together
 
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.scales import Scales
@@ -19,6 +19,7 @@ from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes, _kernel_of
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats, PerStorey, Prior, Uniform
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -40,6 +41,13 @@ FREE: dict[str, dict[str, Prior | PerStorey]] = {
     "mass_damping": {"c_m": Uniform(0.1, 0.6)},
     "appendage": {"mu_t": PerStorey(Uniform(0.02, 0.2)), "f_t": Uniform(0.4, 1.0), "zeta_t": Uniform(0.01, 0.06)},
     "base_flexibility": {"compliance": Uniform(0.01, 0.05), "m_b": Uniform(0.8, 2.0), "c_b": Uniform(0.1, 1.0)},
+    "sliding_base": {
+        "inv_mu": Uniform(8.0, 20.0),
+        "R_s": Uniform(1.0, 3.0),
+        "m_s": Uniform(0.8, 2.0),
+        "W_s": Uniform(20.0, 30.0),
+        "Y_s": Uniform(0.02, 0.05),
+    },
     "input_scale": {"s_g": Uniform(0.7, 1.4)},
     "sensor_gain": {"gain": PerStorey(Uniform(0.7, 1.2))},
     "sensor_bias": {"bias": PerStorey(Uniform(-0.4, 0.5))},
@@ -79,14 +87,21 @@ def test_every_such_effect_is_tried_here():
     assert names == set(KINDS) == set(SIZES) == set(FREE)
 
 
-def test_neutral_or_carried_changes_nothing():
+@pytest.mark.parametrize("base", BASES)
+def test_neutral_or_carried_changes_nothing(base: str):
     bare = ours(with_everything(ShearBuilding(masses=MASSES, storey=element()), OTHERS))
-    everywhere = building(MASSES, OTHERS)
-    for name in KINDS:
+    carried = everywhere = building(MASSES, OTHERS, base)
+    for name in together(base):
         everywhere = placed(everywhere, name, {}, [1, 2])
+    responses = [ours(model) for model in (carried, everywhere)]
     for channel in CHANNELS:
-        assert nrmse(without()[channel], bare[channel]) < 1e-12
-        np.testing.assert_array_equal(ours(everywhere)[channel], without()[channel])
+        assert nrmse(responses[0][channel], bare[channel]) < 1e-12
+        np.testing.assert_array_equal(responses[1][channel], responses[0][channel])
+
+
+def test_a_building_stands_on_one_base():
+    with pytest.raises(UserError, match="on a base that moves: leave one of them out"):
+        placed(building(MASSES, OTHERS), "sliding_base", SIZES["sliding_base"], None)
 
 
 PLACES = [
@@ -98,18 +113,19 @@ PLACES = [
 
 @pytest.mark.parametrize(("name", "floors"), PLACES)
 def test_agrees_with_the_independent_implementation(name: str, floors: list[int]):
-    mine, other = ours(placed(building(MASSES, OTHERS), name, SIZES[name], floors)), theirs([name], floors)
+    mine, other = ours(placed(building(MASSES, OTHERS, name), name, SIZES[name], floors)), theirs([name], floors)
     errors = {channel: nrmse(mine[channel], other[channel]) for channel in CHANNELS}
     assert max(errors.values()) < (1e-4 if name == "sensor_lag" else TOLERANCE), errors
     changes = [nrmse(mine[channel], without()[channel]) for channel in CHANNELS]
     assert max(changes) > 1e-2
 
 
-def test_all_together_agree_with_the_independent_implementation():
-    model = building(MASSES, OTHERS)
-    for name, values in SIZES.items():
-        model = placed(model, name, values, [2])
-    mine, other = ours(model), theirs(list(SIZES), [2])
+@pytest.mark.parametrize("base", BASES)
+def test_all_together_agree_with_the_independent_implementation(base: str):
+    model, names = building(MASSES, OTHERS, base), together(base)
+    for name in names:
+        model = placed(model, name, SIZES[name], [2])
+    mine, other = ours(model), theirs(names, [2])
     for channel in CHANNELS:
         assert nrmse(mine[channel], other[channel]) < (1e-4 if channel == "acceleration_2" else TOLERANCE), channel
 
@@ -117,7 +133,7 @@ def test_all_together_agree_with_the_independent_implementation():
 @cache
 def differences(name: str) -> tuple[Structure, Floats, Floats, Floats]:
     """Model, draw, and the reference's response and derivatives by finite differences, two seconds long."""
-    model = placed(building(MASSES, OTHERS, k=Uniform(5, 15)), name, FREE[name], [1, 2])
+    model = placed(building(MASSES, OTHERS, name, k=Uniform(5, 15)), name, FREE[name], [1, 2])
     draw = model.space.from_unit(np.full((1, model.space.n_dim), 0.413))
     response, slopes = Reference().sensitivities(model, draw, shaking(2.0), CHANNELS)
     return model, draw, response.values, slopes
@@ -200,7 +216,7 @@ def test_priors_and_starts_of_discovery():
     scales = Scales(
         drift=0.2, drift_rate=1.0, hysteretic_displacement=0.2, energy=3.0, force=3.0, stiffness=10.0, damping=0.05,
         alpha=0.01, beta=2.0, gamma=2.0, n=1.5, mass=1.0, floor_rate=1.5, acceleration=1.2, ground_acceleration=1.0,
-        period=2.0, onset=0.5, duration=30.0, time_step=0.02,
+        period=2.0, onset=0.5, duration=30.0, total_mass=3, time_step=0.02,
     )  # fmt: skip
     for kind in KINDS.values():
         for form in type(kind).default_prior(scales):

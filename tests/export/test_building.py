@@ -15,12 +15,15 @@ from bwbn_bayes import (
     BoucWen,
     FolientePinching,
     InputScale,
+    Linear,
     MassDamping,
     MassError,
+    PDelta,
     PerStorey,
     Record,
     SensorGain,
     ShearBuilding,
+    SlidingBase,
     StiffnessDegradation,
     StrengthDegradation,
     Uniform,
@@ -96,6 +99,21 @@ def test_the_substeps_of_the_script_are_enough_for_half_a_per_cent(tmp_path: Pat
     path = tmp_path / "two.py"
     path.write_text(script_of(of_model(model, SHAKEN, {}, name="two")).text, encoding="utf-8")
     assert error(run_script(path), by_reference(model, SHAKEN)) < 5e-3
+
+
+def test_a_building_slides_and_tilts_as_in_opensees(tmp_path: Path) -> None:
+    """Slab and sliders are a node on OpenSees' own material; the storeys are linear but for their weights."""
+    model = ShearBuilding(masses=[2e5, 1.5e5], storey=Linear(k=PerStorey([9e7, 7e7]), c=3e5))
+    model = model.with_effect(PDelta(k_geo=PerStorey([3e6, 1e6])))
+    slides = SlidingBase(inv_mu=15.0, R_s=1.5, m_s=2e5, W_s=9.81 * 5.5e5, Y_s=0.002)
+    record = el_centro("chopra", duration=6.0)
+    plain, sliding = model, model.with_effect(slides)
+    script = script_of(of_model(sliding, record, {}, name="two"))
+    path = tmp_path / "two.py"
+    path.write_text(script.text, encoding="utf-8")
+    found, expected = run_script(path, 400), by_reference(sliding, record)
+    assert error(found, expected) < 0.02
+    assert error(by_reference(plain, record), expected) > 0.5
 
 
 def test_a_base_that_hardly_moves_is_said_to_be_taken_for_rigid() -> None:

@@ -15,6 +15,7 @@ from bwbn_bayes import (
     CoulombFriction,
     CubicStiffness,
     FolientePinching,
+    FrictionPendulum,
     GapImpact,
     MaxwellBranch,
     QuadraticDamping,
@@ -90,6 +91,25 @@ def test_a_specimen_follows_the_reference_engine(name: str, tmp_path: Path) -> N
     assert error(coarse, truth) < 5e-3
     assert error(limit, truth) < 1e-4
     assert error(coarse, truth) / error(fine, truth) == pytest.approx(2.0, abs=0.2)
+
+
+def test_a_friction_pendulum_of_one_coefficient_is_a_bouc_wen_material(tmp_path: Path) -> None:
+    model, record = Specimen(storey=FrictionPendulum(W=2e5, R=1.5, mu_slow=0.05, Y=0.001)), growing(0.01)
+    script = script_of(of_model(model, record, {}, name="slider"))
+    assert '"BoucWen"' in script.text
+    assert [link.error for link in script.links] == [None]
+    truth = {"force": np.array(simulate(model, record, {}).channels["force"])}
+    coarse, _, limit = in_the_limit(script, tmp_path, substeps=20)
+    assert error(coarse, truth) < 5e-3
+    assert error(limit, truth) < 2e-4
+
+
+def test_of_friction_that_depends_on_speed_a_fit_says_what_it_misses() -> None:
+    slider = FrictionPendulum(W=2e5, R=1.5, mu_slow=0.05, mu_fast=0.1, a_mu=20.0, Y=0.002)
+    (link,) = script_of(of_model(Specimen(storey=slider), growing(0.02), {}, name="slider")).links
+    assert link.error is not None
+    assert 0.01 < link.error < 0.3
+    assert "friction that depends on speed" in " ".join(link.says)
 
 
 def test_a_linear_link_is_elastic() -> None:

@@ -13,10 +13,12 @@ from bwbn_bayes.elements.effects.input_scale import InputScale
 from bwbn_bayes.elements.effects.mass_damping import MassDamping
 from bwbn_bayes.elements.effects.mass_error import MassError
 from bwbn_bayes.elements.effects.maxwell_branch import MaxwellBranch
+from bwbn_bayes.elements.effects.p_delta import PDelta
 from bwbn_bayes.elements.effects.quadratic_damping import QuadraticDamping
 from bwbn_bayes.elements.effects.sensor_bias import SensorBias
 from bwbn_bayes.elements.effects.sensor_gain import SensorGain
 from bwbn_bayes.elements.effects.sensor_lag import SensorLag
+from bwbn_bayes.elements.effects.sliding_base import SlidingBase
 from bwbn_bayes.elements.effects.slip_lock import SlipLock
 from bwbn_bayes.elements.effects.stiffness_degradation import StiffnessDegradation
 from bwbn_bayes.elements.effects.storey_parameter import StoreyParameter
@@ -37,10 +39,12 @@ __all__ = [
     "MassDamping",
     "MassError",
     "MaxwellBranch",
+    "PDelta",
     "QuadraticDamping",
     "SensorBias",
     "SensorGain",
     "SensorLag",
+    "SlidingBase",
     "SlipLock",
     "StiffnessDegradation",
     "StoreyParameter",

@@ -56,6 +56,7 @@ class SuddenDamage(Effect):
     time: Value
     duration: Value | None = None
 
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen", "linear")
     name: ClassVar[str] = "sudden_damage"
     title: ClassVar[str] = "sudden change"
     summary: ClassVar[str] = "a parameter changes at a time: a brace breaks, degradation sets in"

@@ -1,0 +1,174 @@
+"""The building stands on sliders: isolation that the model lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, override
+
+import numpy as np
+import sympy as sp
+
+from bwbn_bayes.elements.law import (
+    FIRST_FORCE,
+    GROUND_ACCELERATION,
+    AddedState,
+    Definition,
+    Effect,
+    SharpFeature,
+    Slots,
+    step,
+    symbol,
+)
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import PlaceResponse, Signature
+from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Value
+
+DISPLACEMENT, VELOCITY, MOBILISED = sp.symbols("x_s v_s q_s", real=True)
+"""Of the slab relative to the ground, and the share of the friction that its contact has reached. [m], [m/s], [1]"""
+HIGHEST_FREQUENCY = sp.Integer(100)
+"""Circular frequency of the slab on a contact that sticks: one that is stiffer gets inertia in its place. [rad/s]"""
+_GRAVITY = 9.80665
+_SLOWEST = 50.0
+"""Periods of the pendulum, in those of the building, beyond which it is flat."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlidingBase(Effect):
+    """A slab of mass ``m_s`` on sliders, ``m_s (x_s'' + a_g) = F_1 - W_s x_s / R_s - mu W_s q_s``.
+
+    ``dq_s/dt = (1 - q_s^2 (sgn(q_s v_s) + 1) / 2) v_s / Y_s`` as in a friction pendulum. The parameter is
+    ``inv_mu = 1 / mu``: at 0 no force moves the slab. Floors and the first drift feel the slab's acceleration; channels
+    named relative stay relative to the ground.
+
+    While it sticks, the slab alone on its contact would ask explicit schemes for tiny steps where friction is large. So
+    below ``i_s = W_s / (m_s Y_s 100^2)`` the slab still begins to slide at ``mu W_s``, with the inertia that goes with
+    ``i_s``; the motion is exact from ``i_s`` on.
+
+    Parameters
+    ----------
+    inv_mu : float or Prior
+        One over the coefficient of friction; 0 is a building that does not slide.
+    R_s : float or Prior
+        Effective radius of the dishes: the isolated period is ``2 pi sqrt(R_s / g)``. [m]
+    m_s : float or Prior
+        Mass of the slab. [kg]
+    W_s : float
+        Weight on the sliders, known. [N]
+    Y_s : float
+        Yield displacement of the contact, known. [m]
+
+    References
+    ----------
+    .. [1] M. Constantinou, A. Mokha and A. Reinhorn, "Teflon Bearings in Base Isolation II: Modeling", J. Struct. Eng.
+       116(2), 1990, doi:10.1061/(ASCE)0733-9445(1990)116:2(455).
+    """
+
+    inv_mu: Value
+    R_s: Value
+    m_s: Value
+    W_s: Value
+    Y_s: Value
+
+    name: ClassVar[str] = "sliding_base"
+    title: ClassVar[str] = "a base that slides"
+    level: ClassVar[str] = "structure"
+    mechanism: ClassVar[str] = "base_flexibility"
+    summary: ClassVar[str] = "the building stands on sliders, an isolation that the model lacks"
+    source: ClassVar[str] = "Constantinou et al. 1990"
+    residual: ClassVar[str] = "floor accelerations that stay below a level, a displacement that remains"
+    confusable: ClassVar[str] = "base_flexibility, hysteresis or a low yield of storey 1"
+    signature: ClassVar[Signature] = Signature(
+        measure="base shear over the friction below it",
+        plain_name="a contact below the building that hardly slides",
+        reason="friction is overcome: below it nothing slides",
+        size=lambda at: _shear_over_friction(at),
+        least=1.0,
+    )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            symbol="inv_mu",
+            unit="",
+            neutral=0.0,
+            lower=0.0,
+            description="one over the coefficient of friction",
+            source=source,
+        ),
+        Parameter(symbol="R_s", unit="m", neutral=1.0, lower=1e-6, description="radius of the dishes", source=source),
+        Parameter(symbol="m_s", unit="kg", neutral=1.0, lower=1e-9, description="mass of the slab", source=source),
+        Parameter(symbol="W_s", unit="N", neutral=1.0, lower=1e-9, description="weight, known", source=source),
+        Parameter(
+            symbol="Y_s", unit="m", neutral=1.0, lower=1e-9, description="yield displacement, known", source=source
+        ),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        weight = _weight(scales)
+        return (
+            cls(
+                inv_mu=HalfNormal(4.0 * weight / scales.force),
+                R_s=LogNormal(_radius(5.0, scales), 1.5).truncated(_radius(1.0, scales), _radius(_SLOWEST, scales)),
+                m_s=Uniform(0.3 * scales.mass, 3.0 * scales.mass),
+                W_s=weight,
+                Y_s=0.02 * scales.drift,
+            ),
+        )
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        least = _weight(scales) / scales.force
+        return {
+            "inv_mu": (1.3 * least, 2.5 * least, 6.0 * least),
+            "R_s": (_radius(2.5, scales), _radius(8.0, scales)),
+            "m_s": (scales.mass,),
+        }
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        slipperiness, radius, mass, weight, drift = (symbol(one.symbol) for one in self.parameters)
+        inertial = step("i_s")
+        free = 1 - MOBILISED**2 * (sp.sign(MOBILISED * VELOCITY) + 1) / 2
+        rate = free * VELOCITY / drift
+        driven = slipperiness * (FIRST_FORCE - mass * GROUND_ACCELERATION - weight / radius * DISPLACEMENT)
+        acceleration = (driven - weight * MOBILISED) / (mass * inertial)
+        return replace(
+            slots,
+            steps=(
+                *slots.steps,
+                Definition(
+                    caption="one over the friction that the inertia of the slab goes with",
+                    subject=inertial,
+                    expression=sp.Max(slipperiness, weight / (mass * drift * HIGHEST_FREQUENCY**2)),
+                ),
+            ),
+            base_states=(
+                *slots.base_states,
+                AddedState(state=DISPLACEMENT, rate=VELOCITY),
+                AddedState(state=VELOCITY, rate=acceleration),
+                AddedState(state=MOBILISED, rate=rate),
+            ),
+            base_acceleration=slots.base_acceleration + acceleration,
+            # q_s follows the slip within Y_s / 2: a step of a stable scheme must be shorter than a few of these.
+            sharp_features=(
+                *slots.sharp_features,
+                SharpFeature(state=DISPLACEMENT, width=2 * drift, everywhere=True),
+            ),
+        )
+
+
+def _weight(scales: Scales) -> float:
+    """Weight [N] of all floors and a slab like the first of them."""
+    return _GRAVITY * (scales.total_mass + scales.mass)
+
+
+def _radius(periods: float, scales: Scales) -> float:
+    """Radius [m] of a dish whose period is so many times the building's own."""
+    return _GRAVITY * (periods * scales.period / (2.0 * np.pi)) ** 2
+
+
+def _shear_over_friction(at: PlaceResponse) -> float:
+    """Largest base shear over the friction force, both without the share of the slab."""
+    shear = float(np.max(np.abs(at.histories["restoring_force"][0])))
+    return shear * at["inv_mu"] / (_GRAVITY * at.scales.total_mass)

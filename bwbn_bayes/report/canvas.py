@@ -46,6 +46,7 @@ STYLE: dict[Any, Any] = {
     "mathtext.fontset": "dejavusans",
     "path.simplify_threshold": 0.4,
     "figure.constrained_layout.h_pad": 0.05,
+    "figure.facecolor": "white",
 }
 
 
@@ -71,9 +72,12 @@ def canvas(n_rows: int, height_in: float, n_columns: int = 1, *, share_x: bool =
 
 def finished(figure: Figure, name: str, caption: str, alt: str) -> Drawing:
     """The figure rendered to PNG with a small palette."""
-    raw = BytesIO()
-    figure.savefig(raw, format="png", facecolor="white")
-    image = Image.open(raw).convert("RGB").quantize(N_COLOURS, dither=Image.Dither.NONE)
+    agg = FigureCanvasAgg(figure)
+    agg.draw()  # type: ignore[no-untyped-call]
+    # Straight from the canvas: a PNG in between took a tenth of a report's time.
+    pixels = agg.buffer_rgba()  # type: ignore[no-untyped-call]
+    drawn = Image.frombuffer("RGBA", agg.get_width_height(), pixels, "raw", "RGBA", 0, 1)
+    image = drawn.convert("RGB").quantize(N_COLOURS, dither=Image.Dither.NONE)
     buffer = BytesIO()
     mark = PngInfo()
     mark.add_text(*_MARK)

@@ -18,7 +18,7 @@ import xarray as xr
 from inference_cases import MODELS, recorded, sdof_model
 
 from bwbn_bayes import BoucWen, Result, Settings, ShearBuilding, Uniform, UserError, identify
-from bwbn_bayes.engines.journal import Journal, has_begun, kept
+from bwbn_bayes.engines.journal import Journal, forget, has_begun, kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.results import Facts
 
@@ -146,6 +146,17 @@ def test_another_file_and_a_second_run_are_refused(tmp_path: Path) -> None:
     with Journal.opened(tmp_path / "run"):  # noqa: SIM117  (the second is tried while the first is open)
         with pytest.raises(UserError, match="another run writes it"), Journal.opened(tmp_path / "run"):
             pass
+
+
+@pytest.mark.parametrize("name", ["ck[1]", "ck*", "ck?", "[!x]k1", "ck 1", "-ck", "ck\x1b"])
+def test_a_name_is_no_pattern(tmp_path: Path, draws: np.ndarray, name: str) -> None:
+    """``ck[1]`` deleted the arrays of the run ``ck1``, ``ck*`` everybody's."""
+    _misfit(tmp_path / "ck1", draws[:16])
+    others = (tmp_path / "ck1.solves").read_bytes()
+    expected, _ = _misfit(tmp_path / name, draws[:16])
+    np.testing.assert_array_equal(_misfit(tmp_path / name, draws[:16])[0], expected)
+    forget(tmp_path / name)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"ck1.solves": others}
 
 
 RUN = """

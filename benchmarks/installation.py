@@ -121,7 +121,8 @@ def refused(bwbn: Path, folder: Path) -> dict[str, str]:
     (folder / "record.mseed").write_bytes(b"000001D " + bytes(120))
     found = {}
     for extra, arguments in MISSING.items():
-        done = run([bwbn, *arguments], folder)
+        command: list[str | Path] = [bwbn, *arguments]
+        done = run(command, folder)
         is_sentence = done.code == 2 and done.said.startswith("error: ") and len(done.said.splitlines()) == 1
         found[extra] = done.said if is_sentence else ""
     return found
@@ -140,7 +141,7 @@ def measure(python: str, wheel: Path, place: Path, *, job: bool) -> Installed:
     refusals = refused(bwbn, folder)
 
     def main_job(number: int) -> Run | None:
-        command = [bwbn, "discover", "hidden_effect.py", "--out", f"report{number}"]
+        command: list[str | Path] = [bwbn, "discover", "hidden_effect.py", "--out", f"report{number}"]
         return succeeded(run(command, folder, BWBN_CACHE_DIR=str(place / "cache"))) if job else None
 
     return Installed(

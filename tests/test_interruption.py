@@ -89,6 +89,26 @@ def test_ctrl_c_ends_a_run_at_once_in_one_sentence(tmp_path: Path, method: str, 
     assert not (tmp_path / "out").exists()
 
 
+PRESSED_AT_ONCE = """
+import os, signal, sys, time
+
+class Press:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typer":
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(10.0)
+
+sys.meta_path.insert(0, Press())
+"""
+
+
+def test_ctrl_c_before_the_commands_are_loaded_is_one_word() -> None:
+    """In the first third of a second it ended in a traceback of imports."""
+    with _started(PRESSED_AT_ONCE + MAIN, "--help") as process:
+        _, said = process.communicate(timeout=60.0)
+    assert (said, process.returncode) == ("stopped\n", 130)
+
+
 def test_ctrl_c_says_how_a_search_goes_on(tmp_path: Path) -> None:
     """It wrote nothing and began again."""
     out = tmp_path / "out"

@@ -169,7 +169,7 @@ def _in_process(arguments: tuple[str, ...], said: str) -> None:
     with Path(said).open("wb") as file:
         for stream in (1, 2):
             os.dup2(file.fileno(), stream)
-    from bwbn_bayes.cli.commands import main
+    from bwbn_bayes.cli import main
 
     main(arguments)
 

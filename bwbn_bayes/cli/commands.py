@@ -21,7 +21,7 @@ from rich.text import Text
 
 from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
-from bwbn_bayes.cli.interruption import EXIT_CODE, interruptible, stopped_with
+from bwbn_bayes.cli.interruption import EXIT_CODE, stopped_with
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.registry import METHODS
 from bwbn_bayes.inference.settings import MOST_PARTICLES, Settings
@@ -469,8 +469,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        with interruptible():
-            code = app(given or ["--help"], standalone_mode=False)
+        code = app(given or ["--help"], standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         code = EXIT_CODE
     except UserError as error:

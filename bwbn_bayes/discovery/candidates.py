@@ -65,6 +65,11 @@ class Hypothesis:
         return tuple(p.symbol for p in self.effect.parameters)
 
     @property
+    def free_shapes(self) -> tuple[Effect, ...]:
+        """Forms of free shape that contain the effect's own, or come close to it."""
+        return type(self.effect).general_forms(self.scales)
+
+    @property
     def label(self) -> str:
         """What engineers call it, its form and its place, e.g. ``gap impact (one-sided) in storey 2``."""
         form = f" ({self.effect.form})" if self.effect.form else ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -95,7 +94,7 @@ class Pool:
         return self._beliefs(tuple(self.plain.values()))
 
     def _beliefs(self, explanations: Sequence[Explanation]) -> Beliefs:
-        variants = Counter(hypothesis.name for hypothesis in self.run.considered_first)
+        variants = self.run.variants
         return beliefs(explanations, len(variants) or 1, variants)
 
     def ranked(self) -> list[Explanation]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -111,6 +112,15 @@ class Run:
         if limit is not None and self.elapsed >= limit:
             self.stopped = True
         return self.stopped
+
+    @property
+    def variants(self) -> Counter[str]:
+        """Forms and places of each effect, those of free shape too: its share of the prior is split over them."""
+        usual = {(h.name, h.symbols, h.storeys) for h in self.considered_first}
+        shapes = ((form, h) for h in self.considered_first for form in h.free_shapes)
+        free = {(form.name, tuple(p.symbol for p in form.parameters), h.storeys) for form, h in shapes}
+        names = {name for name, *_ in usual}
+        return Counter(name for name, *_ in usual | free if name in names)
 
     @property
     def pace(self) -> Pace:

@@ -162,7 +162,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
         run.say(f"scoring {len(every)} hypotheses")
         run.scored = (parent.model, score_all(parent, every, run))
         ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
-        variants = Counter(hypothesis.name for hypothesis in run.considered_first)
+        variants = run.variants
         every = tuple(h for h, score in ranked if score.nats > cost_of_another(h.name, variants))
         every = every[: len(every) if first else MOST_LATER]
     if not every:
@@ -239,7 +239,7 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
             base = pool.plain.get(whole.effects_key - key_of([plain]))
             if base is None or run.must_stop():
                 continue
-            forms = [form for form in type(plain.effect).general_forms(plain.scales) if form.name in considered]
+            forms = [form for form in plain.free_shapes if form.name in considered]
             every = [replace(plain, base=base.model, effect=form, carried=()) for form in forms]
             every = [one for one in every if base.effects_key | key_of([one]) not in pool.reshaped]
             pool.reshaped.update(base.effects_key | key_of([one]) for one in every)

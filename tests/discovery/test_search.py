@@ -33,7 +33,7 @@ TEST: Any = SimpleNamespace(excitation_kind="displacement", has_time=True)
 
 
 def letter(name: str) -> Any:
-    return SimpleNamespace(name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1)
+    return SimpleNamespace(name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1, free_shapes=())
 
 
 ALPHABET = tuple(letter(name) for name in "abcd")

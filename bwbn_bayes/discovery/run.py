@@ -94,6 +94,8 @@ class Run:
     """What the first round came to, best first."""
     considered_first: tuple[Hypothesis, ...] = ()
     """Hypotheses of the first round."""
+    variants: Counter[str] = field(default_factory=Counter)
+    """Forms and places of each effect, those of free shape too."""
     binding: tuple[str, ...] = ()
     """Priors of the model as given that bind, in sentences."""
     cut_short: tuple[str, ...] = ()
@@ -113,14 +115,14 @@ class Run:
             self.stopped = True
         return self.stopped
 
-    @property
-    def variants(self) -> Counter[str]:
-        """Forms and places of each effect, those of free shape too: its share of the prior is split over them."""
-        usual = {(h.name, h.symbols, h.storeys) for h in self.considered_first}
-        shapes = ((form, h) for h in self.considered_first for form in h.free_shapes)
+    def consider(self, first: tuple[Hypothesis, ...]) -> None:
+        """Begin with the hypotheses of the first round; each name's share of the prior is split over its own."""
+        self.considered = self.considered_first = first
+        usual = {(h.name, h.symbols, h.storeys) for h in first}
+        shapes = ((form, h) for h in first for form in h.free_shapes)
         free = {(form.name, tuple(p.symbol for p in form.parameters), h.storeys) for form, h in shapes}
         names = {name for name, *_ in usual}
-        return Counter(name for name, *_ in usual | free if name in names)
+        self.variants = Counter(name for name, *_ in usual | free if name in names)
 
     @property
     def pace(self) -> Pace:

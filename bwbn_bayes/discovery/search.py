@@ -63,7 +63,7 @@ def search(given: Explanation, run: Run) -> Pool:
     """
     pool = Pool(run=run)
     pool.add([given])
-    run.considered = run.considered_first = hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED)
+    run.consider(hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED))
     n_whole = 0
     with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
         for _ in range(run.settings.most_rounds):

@@ -67,7 +67,7 @@ def pool() -> Pool:
     run = Run(DiscoverySettings(effects=(StiffnessDegradation,), n_workers=1), np.random.default_rng(1), None)
     given = fitted(present, np.full((1, 1), 0.5))
     scales = scales_of(present, given.best)
-    run.considered_first = hypotheses(plain, scales, measured=("acceleration_1",), effects=run.settings.effects)
+    run.consider(hypotheses(plain, scales, measured=("acceleration_1",), effects=run.settings.effects))
     made = Pool(run=run)
     made.add([given])
     for one in run.considered_first:

@@ -1,4 +1,4 @@
-"""Generated kernels on disk: one module per hash of everything that shapes its machine code.
+"""Generated kernels that numba compiles: one module per hash of everything that shapes its machine code.
 
 Source is executed from memory, as it was generated; the file on disk is for people to read. Machine code lies beside
 it, one file for each function and its argument types, and is checked before it is read.
@@ -7,10 +7,8 @@ it, one file for each function and its argument types, and is checked before it 
 from __future__ import annotations
 
 import hashlib
-import json
 import linecache
 import pickle
-import platform
 import sys
 from collections.abc import Callable
 from functools import cache
@@ -18,15 +16,14 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
-import llvmlite
-import llvmlite.binding
 import numba
 from numba.core.caching import NullCache
 from numba.core.ccallback import CFunc
 from numba.core.compiler import CompileResult
 from numba.core.sigutils import normalize_signature
 
-from bwbn_bayes.engines.cache_files import cache_directory, discard, read_checked, read_own, write_checked, write_whole
+from bwbn_bayes.engines.cache_files import read_checked, write_checked
+from bwbn_bayes.engines.kept_code import code_name, code_path, keep_source
 
 
 @cache
@@ -42,56 +39,16 @@ def load_kernel(kind: str, source: str) -> ModuleType:
         of the processor and of the versions of Python, numba and llvmlite: changed source has other files, and a second
         process reuses the first one's.
     """
-    path = kernel_path(kind, source)
+    path = code_path(kind, source, numba.__version__)
     if path is not None:
-        _keep_source(path, source.encode())
-    module = ModuleType(f"bwbn_bayes_{_stem(kind, source)}")
+        keep_source(path, source.encode())
+    module = ModuleType(f"bwbn_bayes_{code_name(kind, source, numba.__version__)}")
     module.__file__ = f"<{module.__name__}>" if path is None else str(path)
     # Tracebacks show what runs, not what a file may have become.
     linecache.cache[module.__file__] = (len(source), None, source.splitlines(keepends=True), module.__file__)
     sys.modules[module.__name__] = module
     exec(compile(source, module.__file__, "exec"), module.__dict__)
     return module
-
-
-def kernel_path(kind: str, source: str) -> Path | None:
-    """Where generated source is kept; None where nothing is."""
-    directory = cache_directory()
-    return None if directory is None else directory / f"{_stem(kind, source)}.py"
-
-
-def remembered(kind: str, key: str, make: Callable[[], Any]) -> Any:
-    """What ``make`` made when it was last asked under this key, in this or another process; made now if never.
-
-    Parameters
-    ----------
-    kind : str
-        First part of the file's name.
-    key : str
-        Everything that shapes the result; a hash of it names the file.
-    make : callable
-        Its result must be plain data: numbers, text, and lists and mappings of them.
-    """
-    path = _kept_path(kind, key)
-    if path is None:
-        return make()
-    kept = read_checked(path)
-    if kept is not None:
-        return json.loads(kept)
-    made = make()
-    write_checked(path, json.dumps(made).encode())
-    return made
-
-
-def is_remembered(kind: str, key: str) -> bool:
-    """Whether :func:`remembered` would find what was made under a key."""
-    path = _kept_path(kind, key)
-    return path is not None and path.exists()
-
-
-def _kept_path(kind: str, key: str) -> Path | None:
-    directory = cache_directory()
-    return None if directory is None else directory / f"{kind}_{hashlib.sha256(key.encode()).hexdigest()[:20]}.kept"
 
 
 def njit(**options: Any) -> Callable[[FunctionType], Any]:
@@ -149,17 +106,3 @@ class _CheckedCache(NullCache):
 def _cache_of(function: FunctionType) -> NullCache:
     kept = not function.__code__.co_filename.startswith("<")
     return _CheckedCache(function) if kept else NullCache()
-
-
-def _keep_source(path: Path, source: bytes) -> None:
-    kept = read_own(path)
-    if kept != source:
-        if kept is not None:
-            discard(path, "it is not what was generated")
-        write_whole(path, source)
-
-
-def _stem(kind: str, source: str) -> str:
-    features = llvmlite.binding.get_host_cpu_name() + llvmlite.binding.get_host_cpu_features().flatten()
-    shaped_by = (source, features, numba.__version__, llvmlite.__version__, platform.python_version())
-    return f"{kind}_{hashlib.sha256('\n'.join(shaped_by).encode()).hexdigest()[:20]}"

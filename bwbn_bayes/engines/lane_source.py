@@ -39,14 +39,14 @@ from bwbn_bayes.engines.lane_template import (
     ON_GROUND_TANGENT,
     PREPARE,
     STAGE,
+    SUMMARY,
+    SUMS,
 )
 from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
-from bwbn_bayes.engines.vector_loops import in_vectors
 
 LANES = 16
 WITH_TANGENTS = "_with_tangents"
 """How the names of functions end that carry derivatives."""
-FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, nogil=True'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +145,6 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
     place = lane_layout(law, programs)
     n = place.n_states
     fields = {
-        "flags": FLAGS,
         "lanes": LANES,
         "block": place.block,
         "tangent_block": place.tangent_block,
@@ -188,8 +187,13 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         )
         for suffix in ("", WITH_TANGENTS)
     ]
-    written = [MATHEMATICS.format(**fields), PREPARE.format(**fields), stages, COMMON.format(**fields), *marches]
-    return in_vectors("".join(written))
+    written = [MATHEMATICS.format(**fields), PREPARE.format(**fields), stages, COMMON.format(**fields), SUMS, *marches]
+    return "".join(written)
+
+
+def summary_source() -> str:
+    """Source of the kernel that sums what was stored, the same for every law."""
+    return f"LANES = {LANES}\n{SUMS}{SUMMARY}"
 
 
 _HEAD = (

@@ -2,52 +2,17 @@
 
 Mathematics, a building's quantities before its first step, a stage of a Runge-Kutta scheme, and the march through time.
 The march stands in a kernel twice, with derivatives (``_with_tangents``) and without: each compiles when first called.
+What may stand here says :mod:`~bwbn_bayes.engines.lane_compiler`.
 """
 
 MATHEMATICS = '''\
-import numpy as np
-from numba import types
-from numba.extending import intrinsic
-
-from bwbn_bayes.engines.kernel_cache import njit
-from bwbn_bayes.engines.kernel_parts import part
-
 LANES = {lanes}
 BLOCK = {block} * LANES
 TANGENT_BLOCK = {tangent_block} * LANES
 
 
-@intrinsic
-def _bits(typing_context, value):
-    """The bit pattern of a double as an integer."""
-    def generate(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.int64))
-    return types.int64(types.float64), generate
-
-
-@intrinsic
-def _from_bits(typing_context, value):
-    """The double with the given bit pattern."""
-    def generate(context, builder, signature, arguments):
-        return builder.bitcast(arguments[0], context.get_value_type(types.float64))
-    return types.float64(types.int64), generate
-
-
-@intrinsic
-def _wide(typing_context):
-    """Ask for vectors of 512 bits where there are such: processors tuned for half of that take a fifth longer.
-
-    LLVM's attribute is not among those that llvmlite lists. A function inlined into another takes on the other's.
-    """
-    def generate(context, builder, signature, arguments):
-        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
-        return context.get_dummy_value()
-    return types.void(), generate
-
-
-@part({flags})
 def _exp2(x):
-    """Two to the power x, to 2e-14 relative; the power's whole part is assembled from bits, so that loops vectorise."""
+    """Two to the power x, to 2e-14 relative; the power's whole part is put together from bits."""
     x = -1021.0 if x < -1021.0 else x
     x = 1023.0 if x > 1023.0 else x
     k = np.rint(x)
@@ -65,7 +30,6 @@ def _exp2(x):
     return p * _from_bits(_bits(k + 4503599627371519.0) << 52)
 
 
-@part({flags})
 def _log2(x):
     """Logarithm to base two of a positive number, to 3e-14; exponent and mantissa in [0.7, 1.4] are split by bits."""
     b = _bits(x)
@@ -85,7 +49,6 @@ def _log2(x):
 
 PREPARE = """
 
-@part({flags})
 def prepare(n_links, w):
     # What the law needs that changes at events alone.
     for i in range(n_links):
@@ -96,7 +59,6 @@ def prepare(n_links, w):
 
 STAGE = """
 
-@part({flags})
 def gather(first, seed, w):
     # The partial derivatives by what each lane's direction moves, as a column of the table.
     for r in range({n_rows}):
@@ -105,13 +67,11 @@ def gather(first, seed, w):
             w[row + {own} * LANES + l] = w[row + seed[l] * LANES + l]
 
 
-@part({flags})
 def handed_on(i, joints):
     # Whether the link before is all that pulls at the node of this one.
     return i > 0 and joints[i - 1, 2] < 0
 
 
-@part({flags})
 def hold(a, u, sign, kept, rows):
     # A link's force pulls up at the node where it begins and down at the one where it ends.
     for l in range(LANES):
@@ -119,7 +79,6 @@ def hold(a, u, sign, kept, rows):
         rows[u + {pull} * LANES + l] = pulled + sign * rows[a + {force} * LANES + l]
 
 
-@part({flags})
 def between(a, b, u, rows):
     # The rate of a link's drift rate, once the accelerations of both its ends are known.
     for l in range(LANES):
@@ -127,9 +86,7 @@ def between(a, b, u, rows):
         rows[a + {acceleration_of_drift} * LANES + l] = upper - rows[b + {acceleration} * LANES + l]
 
 
-@part({flags})
 def stage(n_links, n_directions, weight, share, inside, step, ground, joints, forced, seed, column, active, w, t):
-    _wide()
     for f in range(forced.shape[0]):
         for l in range(LANES):
             w[forced[f] * BLOCK + {pull} * LANES + l] = ground[(f + 1) * LANES + l]
@@ -148,10 +105,8 @@ def stage(n_links, n_directions, weight, share, inside, step, ground, joints, fo
             between((i + 1) * BLOCK, joints[i, 0] * BLOCK, joints[i, 1] * BLOCK, w)
 
 
-@part({flags})
 def stage_with_tangents(n_links, n_directions, weight, share, inside, step, ground, joints, forced, seed, column,
                         active, w, t):
-    _wide()
     for f in range(forced.shape[0]):
         for l in range(LANES):
             w[forced[f] * BLOCK + {pull} * LANES + l] = ground[(f + 1) * LANES + l]
@@ -232,7 +187,6 @@ ON_BASE_TANGENT = (
 
 COMMON = """
 
-@part({flags})
 def drive(now, slope, share, position, step, ground):
     # What drives each lane at a share of its step.
     for r in range(now.shape[0]):
@@ -244,7 +198,6 @@ def drive(now, slope, share, position, step, ground):
             ground[g + l] = first + rise * elapsed
 
 
-@part({flags})
 def plan(n_links, dt, substeps, resolution, length, w):
     # Length of each lane's steps in the next interval.
     for l in range(LANES):
@@ -256,7 +209,6 @@ def plan(n_links, dt, substeps, resolution, length, w):
         length[l] = dt / length[l]
 
 
-@part({flags})
 def next_step(n_links, dt, cut, start, event, position, length, step, w):
     # The next step of each lane, zero where it has arrived; returns whether every lane then is at the interval's end.
     for l in range(LANES):
@@ -279,7 +231,6 @@ def next_step(n_links, dt, cut, start, event, position, length, step, w):
     return left == 0.0
 
 
-@part({flags})
 def next_event(n_links, w):
     found = np.inf
     for i in range(n_links):
@@ -289,9 +240,7 @@ def next_event(n_links, w):
     return found
 
 
-@part({flags})
 def observe(n_links, n_directions, starts, block, row, coefficient, ground_part, ground_now, w, t, value):
-    _wide()
     n_channels = ground_part.shape[0]
     for k in range(n_directions + 1):
         for c in range(n_channels):
@@ -307,11 +256,11 @@ def observe(n_links, n_directions, starts, block, row, coefficient, ground_part,
                     observed = t[((k - 1) * (n_links + 2) + block[term]) * TANGENT_BLOCK + row[term] * LANES:]
                 for l in range(LANES):
                     value[m + l] += factor * observed[l]
+"""
 
+SUMS = """
 
-@part({flags})
 def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
-    _wide()
     for c in range(n_channels):
         o = c * LANES
         now = measured[c, j]
@@ -326,12 +275,13 @@ def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
                 for l in range(LANES):
                     gram[g + l] += value[left + l] * value[right + l]
                 g += LANES
+"""
 
+SUMMARY = """
 
-@njit({flags})
-def summarise(n_channels, n_directions, measured, stored, width, source, misfit, gram):
+def summarise(n_channels: int, n_directions: int, measured: floats_2d, stored: floats, width: int, source: integers,
+              misfit: floats, gram: floats, value: floats):
     # What ``run`` sums when it does not store, from what it stored, ``width`` numbers a sample, in another order.
-    value = np.zeros(n_channels * (n_directions + 1) * LANES)
     for j in range(measured.shape[1]):
         for r in range(value.shape[0]):
             value[r] = stored[j * width + source[r]] if source[r] >= 0 else 0.0
@@ -340,10 +290,8 @@ def summarise(n_channels, n_directions, measured, stored, width, source, misfit,
 
 MARCH = """
 
-@part({flags})
 def advance{tangents}(n_links, n_directions, shares, weights, now, slope, position, step, ground, joints, forced, seed,
                       column, active, w, t):
-    _wide()
     # One step of every lane's own length, and the rates at its end.
     for s in range(shares.shape[0]):
         drive(now, slope, shares[s], position, step, ground)
@@ -356,13 +304,10 @@ def advance{tangents}(n_links, n_directions, shares, weights, now, slope, positi
                     w, t)
 
 
-@part({flags})
 def close{tangents}(n_links, n_directions, weight, step, ground, joints, forced, seed, column, active, w, t):
-    _wide()
     stage{tangents}(n_links, n_directions, weight, 0.0, 0.0, step, ground, joints, forced, seed, column, active, w, t)
 
 
-@part({flags})
 def strike{tangents}(n_links, n_directions, until, position, step, flipped, ground, joints, forced, seed, column,
                      active, w, t):
     # Events that are due happen one by one; each adds (rate before - rate after) d time / d parameter to the tangents.
@@ -371,7 +316,6 @@ def strike{tangents}(n_links, n_directions, until, position, step, flipped, grou
 {strike}
 
 
-@part({flags})
 def flip{tangents}(n_links, n_directions, link, event, time, step, flipped, ground, joints, forced, seed, column,
                    active, w, t):
     for l in range(LANES):
@@ -395,31 +339,31 @@ def flip{tangents}(n_links, n_directions, link, event, time, step, flipped, grou
                 a = (i + 1) * BLOCK
                 o = (k * (n_links + 2) + i + 1) * TANGENT_BLOCK
                 for r in range({n_states}):
+                    b = a + r * LANES
+                    m = o + r * LANES
                     for l in range(LANES):
-                        m = r * LANES + l
                         own = flipped[l] if moved[l] == time else 0.0
-                        jump = own * (w[a + {before} * LANES + m] - w[a + {n_states} * LANES + m])
-                        t[o + m] += jump
-                        t[o + {n_states2} * LANES + m] += jump
+                        jump = own * (w[b + {before} * LANES + l] - w[b + {n_states} * LANES + l])
+                        t[m + l] += jump
+                        t[m + {n_states2} * LANES + l] += jump
     if n_directions > 0:
         close{tangents}(n_links, n_directions, 0.0, step, ground, joints, forced, seed, column, active, w, t)
 
 
-@njit({flags})
-def run{tangents}(n_links, n_directions, dt, excitation, joints, forced, w, t, seed, column, active, shares, weights,
-                  substeps, resolution, cut, starts, block, row, coefficient, ground_part, measured, misfit, gram,
-                  store, stored):
-    _wide()
+def run{tangents}(n_links: int, n_directions: int, dt: float, excitation: floats_2d, joints: integers_2d,
+                  forced: integers, w: floats, t: floats, seed: integers, column: integers, active: floats,
+                  shares: floats, weights: floats, substeps: integers, resolution: float, cut: bool, starts: integers,
+                  block: integers, row: integers, coefficient: floats, ground_part: floats, measured: floats_2d,
+                  misfit: floats, gram: floats, store: bool, stored: floats, value: floats, ground: floats,
+                  room: floats):
     n_times = excitation.shape[0]
     n_channels = ground_part.shape[0]
-    value = np.zeros(n_channels * (n_directions + 1) * LANES)
     n_inputs = excitation.shape[1]
-    ground = np.zeros(n_inputs * LANES)
-    slope = np.zeros(n_inputs)
-    position = np.zeros(LANES)
-    length = np.zeros(LANES)
-    step = np.zeros(LANES)
-    flipped = np.zeros(LANES)
+    position = room[0:]
+    length = room[LANES:]
+    step = room[2 * LANES:]
+    flipped = room[3 * LANES:]
+    slope = room[4 * LANES:]
     for r in range(n_inputs):
         for l in range(LANES):
             ground[r * LANES + l] = excitation[0, r]

@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +31,8 @@ from bwbn_bayes.engines.base import (
     masses,
 )
 from bwbn_bayes.engines.directions import Directions
-from bwbn_bayes.engines.kernel_cache import kernel_path, load_kernel
-from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_source
+from bwbn_bayes.engines.lane_kernel import LaneKernel, kernel_path
+from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_source, summary_source
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.scalar import has_programs, programs_of
 from bwbn_bayes.engines.step_rules import interval_steps, steps_in_words
@@ -305,7 +304,7 @@ def _positions(names: tuple[str, ...], some: Iterable[str]) -> NDArray[np.int64]
 class _Problem:
     """What every block of one call shares."""
 
-    kernel: ModuleType
+    kernel: LaneKernel
     layout: LaneLayout
     n_links: int
     parts: tuple[_Part, ...]
@@ -408,7 +407,8 @@ class _Problem:
         place = (row[:, None] * c + np.arange(c)[:, None]) * LANES + lane[:, None]
         source[:, :, : block.n_draws] = np.where(row[:, None] >= 0, place, -1)
         outcome = _Outcome.empty(c, d, stored=stored)
-        self.kernel.summarise(c, d, part.measured, stored, width, source.ravel(), outcome.misfit, outcome.gram)
+        value = np.zeros(c * (d + 1) * LANES)
+        _summarise()(c, d, part.measured, stored, width, source.ravel(), outcome.misfit, outcome.gram, value)
         return outcome
 
     def started(self, block: _Block) -> tuple[Floats, Floats]:
@@ -476,6 +476,7 @@ class _Problem:
                 outcome.gram,
                 store,
                 outcome.stored,
+                *_room(c, d, stretch.inputs.shape[1]),
             )
             if stretch.samples is not None:
                 yield part, outcome
@@ -487,6 +488,12 @@ def _aligned(shape: tuple[int, ...]) -> Floats:
     room = np.zeros(n + _LINE)
     first = -(room.ctypes.data // room.itemsize) % _LINE
     return room[first : first + n].reshape(shape)
+
+
+def _room(n_channels: int, n_directions: int, n_inputs: int) -> tuple[Floats, Floats, Floats]:
+    """Where a run keeps the channels at a sample, what drives it, and the steps of each lane."""
+    value = _aligned((n_channels * (n_directions + 1) * LANES,))
+    return value, _aligned((n_inputs * LANES,)), _aligned((4 * LANES + n_inputs,))
 
 
 _LINE = 8
@@ -550,19 +557,25 @@ def _pool(n_threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=n_threads, thread_name_prefix="lanes")
 
 
-def _kernel_of(law: StoreyLaw, driven: bool) -> tuple[ModuleType, LaneLayout]:
+def _kernel_of(law: StoreyLaw, driven: bool) -> tuple[LaneKernel, LaneLayout]:
     """The compiled kernel of a law and the layout of its rows; made once, whichever threads ask."""
     with _MAKING:
         return _make_kernel(law, driven)
 
 
 @cache
-def _make_kernel(law: StoreyLaw, driven: bool) -> tuple[ModuleType, LaneLayout]:
+def _make_kernel(law: StoreyLaw, driven: bool) -> tuple[LaneKernel, LaneLayout]:
     safe, programs = programs_of(law)
-    return load_kernel("lanes", lane_source(safe, programs, driven=driven)), lane_layout(safe, programs)
+    return LaneKernel("lanes", lane_source(safe, programs, driven=driven)), lane_layout(safe, programs)
 
 
 _MAKING = threading.Lock()
+
+
+@cache
+def _summarise() -> Callable[..., None]:
+    """Sums what a kernel stored."""
+    return LaneKernel("sums", summary_source()).function("summarise")
 
 
 def is_compiled(law: StoreyLaw, driven: bool) -> bool:
@@ -575,39 +588,8 @@ def is_compiled(law: StoreyLaw, driven: bool) -> bool:
 
 
 def compile_law(law: StoreyLaw, driven: bool, with_tangents: bool) -> None:
-    """Compile a law's kernel into the cache, by runs of two samples at rest."""
-    kernel, place = _kernel_of(law, driven)
-    none, nowhere = np.zeros(1), np.zeros(1, dtype=np.int64)
-    starts = np.array([0, 1], dtype=np.int64)
+    """Compile a law's kernel into the cache."""
+    kernel, _ = _kernel_of(law, driven)
+    _summarise()
     for march in (kernel.run, kernel.run_with_tangents) if with_tangents else (kernel.run,):
-        march(
-            1,
-            0,
-            1.0,
-            np.zeros((2, 1)),
-            np.array([[2, 1, -1, 0]]),
-            nowhere[:0],
-            np.zeros(3 * place.block * LANES),
-            none,
-            nowhere,
-            nowhere,
-            none,
-            _SHARES,
-            _WEIGHTS,
-            np.ones(2, dtype=np.int64),
-            0.0,
-            True,
-            starts,
-            nowhere + 1,
-            nowhere,
-            none,
-            none,
-            np.zeros((1, 2)),
-            np.zeros(LANES),
-            none,
-            False,
-            none,
-        )
-    kernel.summarise(
-        1, 0, np.zeros((1, 2)), np.zeros(2 * LANES), LANES, np.zeros(LANES, dtype=np.int64), np.zeros(LANES), none
-    )
+        assert march is not None

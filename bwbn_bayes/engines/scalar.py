@@ -29,7 +29,7 @@ from bwbn_bayes.engines.base import (
     masses,
 )
 from bwbn_bayes.engines.codegen import LawPrograms, law_programs, packed, spelled, unpacked
-from bwbn_bayes.engines.kernel_cache import is_remembered, load_kernel, remembered
+from bwbn_bayes.engines.kept_code import is_remembered, remembered
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
@@ -233,6 +233,8 @@ def _key_of(safe: StoreyLaw) -> str:
 @cache
 def scalar_kernel(law: StoreyLaw, driven: bool) -> ModuleType:
     """The compiled scalar kernel of a law."""
+    from bwbn_bayes.engines.kernel_cache import load_kernel  # numba, which most runs do without
+
     return load_kernel("scalar", scalar_source(*programs_of(law), driven=driven))
 
 

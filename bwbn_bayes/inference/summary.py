@@ -41,7 +41,7 @@ from bwbn_bayes.structures.structure import Structure
 _NEAR_A_BOUND = 0.01
 """Share of an interval's width within which its outermost draw lies at a bound."""
 
-_LIBRARIES = ("bwbn-bayes", "numpy", "scipy", "numba", "sympy", "arviz", "xarray")
+_LIBRARIES = ("bwbn-bayes", "numpy", "scipy", "llvmlite", "numba", "sympy", "arviz", "xarray")
 
 
 @dataclass(frozen=True, kw_only=True)

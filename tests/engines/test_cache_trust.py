@@ -11,12 +11,15 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines import cache_files, precompile
 from bwbn_bayes.engines.cache_files import cache_directory, write_checked
-from bwbn_bayes.engines.kernel_cache import load_kernel, remembered
+from bwbn_bayes.engines.kept_code import remembered
+from bwbn_bayes.engines.kernel_cache import load_kernel
+from bwbn_bayes.engines.lane_kernel import LaneKernel
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
 SOURCE = """
@@ -27,6 +30,9 @@ from bwbn_bayes.engines.kernel_cache import njit
 def double(x):
     return 2.0 * x
 """
+
+
+LANE_SOURCE = "LANES = 16\ndef run(x: floats):\n    x[0] = 2.0 * x[0]\n"
 
 
 @pytest.fixture(autouse=True)
@@ -44,9 +50,12 @@ def _forget() -> None:
 
 
 def _run(twice: float = 2.0) -> None:
-    """What every run does: a kernel is loaded and solves, and something is remembered."""
+    """What every run does: kernels of both compilers are loaded and solve, and something is remembered."""
     load_kernel.cache_clear()
     assert load_kernel("probe", SOURCE).double(1.0) == twice
+    x = np.ones(1)
+    LaneKernel("lane_probe", LANE_SOURCE).run(x)
+    assert x[0] == twice
     assert remembered("probe", "key", lambda: ["made"]) == ["made"]
 
 
@@ -59,21 +68,21 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
-@pytest.mark.parametrize("suffix", [".py", ".nbc", ".kept"])
+@pytest.mark.parametrize("name", ["probe*.py", "lane_probe*.py", "*.nbc", "*.object", "*.kept"])
 def test_a_damaged_file_is_made_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], suffix: str, damage
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str, damage
 ) -> None:  # type: ignore[no-untyped-def]
     """Eleven kinds of damage of eleven broke every later run, with a traceback that did not name the file."""
     monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path / "cache"))
     _run()
-    (path,) = (tmp_path / "cache").rglob(f"*{suffix}")
+    (path,) = (tmp_path / "cache").rglob(name)
     whole = path.read_bytes()
     path.write_bytes(damage(whole))
     assert capsys.readouterr().err == ""
     _run()
     (said,) = capsys.readouterr().err.splitlines()
     assert said.startswith(f"kernel cache: {path} is made anew")
-    if suffix != ".nbc":  # machine code is the same program, not the same bytes
+    if name != "*.nbc":  # machine code is the same program, not the same bytes
         assert path.read_bytes() == whole
     _run()
     assert capsys.readouterr().err == ""
@@ -95,7 +104,7 @@ def test_the_folder_is_the_users_own_alone(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path / "cache"))
     _run()
     paths = [tmp_path / "cache", *(tmp_path / "cache").rglob("*")]
-    assert len(paths) == 5
+    assert len(paths) == 7
     assert not any(path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO) for path in paths)
 
 
@@ -164,12 +173,13 @@ def test_source_is_compared_with_what_was_generated(tmp_path: Path, monkeypatch:
     """Even a file of the user's own is not executed where it is not what the package would write."""
     monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path / "cache"))
     _run()
-    (path,) = (tmp_path / "cache").glob("*.py")
-    whole = path.read_text()
-    path.write_text(f"import os\nos.mkdir({str(tmp_path / 'trace')!r})\n")
+    paths = list((tmp_path / "cache").glob("*.py"))
+    whole = [path.read_text() for path in paths]
+    for path in paths:
+        path.write_text(f"import os\nos.mkdir({str(tmp_path / 'trace')!r})\n")
     _run()
     assert not (tmp_path / "trace").exists()
-    assert path.read_text() == whole
+    assert [path.read_text() for path in paths] == whole
 
 
 _PLACES = {
@@ -262,7 +272,7 @@ def test_compiling_ahead_imports_nothing_from_the_current_folder(
     assert compiling is not None
     compiling.join(timeout=300)
     assert not (tmp_path / "trace").exists()
-    assert list((tmp_path / "cache").rglob("*.nbc"))
+    assert list((tmp_path / "cache").rglob("*.object"))
 
 
 _STARTS_COMPILING = """

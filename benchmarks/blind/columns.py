@@ -77,6 +77,7 @@ _QUESTIONS: dict[str, tuple[Question, ...]] = {
     "catalogue": _NAMED,
     "forms": _NAMED,
     "more_forms": _NAMED,
+    "later": _NAMED,
     "none": (SOMETHING_NAMED, SURE_AND_WRONG),
     "outside": (NONE_SURE, SOMETHING_NAMED),
     "pairs": (

@@ -243,6 +243,11 @@ class Effect(Addition, Protocol):
         raise NotImplementedError(f"{cls.__name__} does not say what sizes to expect: it takes no part in discovery")
 
     @classmethod
+    def is_sought(cls) -> bool:
+        """Whether discovery tries it: it says what sizes to expect."""
+        return cls.default_prior.__func__ is not Effect.default_prior.__func__  # type: ignore[attr-defined]
+
+    @classmethod
     def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:  # noqa: ARG003  as default_prior's
         """Forms with a free shape that contain those of :meth:`default_prior`, with priors.
 

@@ -29,7 +29,6 @@ from bwbn_bayes.discovery.unnamed_storey import unnamed_forces
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
-from bwbn_bayes.inference.residuals import leaves_noise
 from bwbn_bayes.parameters import Floats
 
 MOST_LATER = 12
@@ -180,7 +179,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     run.say("looking closer at the leading hypotheses")
     if not parent.is_quiet:
         fits = rescanned(fits, n_threads=n_workers, pace=pace)
-    if first and not leaves_noise(fits[0].posterior, fits[0].best(1)[0]):  # later laws start near the answer
+    if first and not fits[0].leaves_noise:  # later laws start near the answer
         fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
     return fits
 

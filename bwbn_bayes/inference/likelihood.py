@@ -62,7 +62,7 @@ class Noise(Protocol):
         ...
 
     def most(self, promised: Floats, n_times: float | Floats) -> Floats:
-        """What the log likelihood gains at most, ``(n_draws,)``, where its expansion in the parameters promises this."""
+        """What the log likelihood gains at most ``(n_draws,)`` where its expansion in the parameters promises this."""
         ...
 
     def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
@@ -157,7 +157,7 @@ class IntegratedNoise:
     def most(self, promised: Floats, n_times: float | Floats) -> Floats:
         """A fit that leaves less is measured by a smaller level: most of all where one block has all of the gain."""
         counted = self.shape + 0.5 * float(np.min(n_times / self.as_one))
-        return np.asarray(-counted * np.log1p(-np.minimum(promised / counted, 1.0 - LEAST_NOISE**2)))
+        return np.asarray(-counted * np.log(np.maximum(1.0 - promised / counted, _LEAST_LEVEL**2)))
 
     def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         rate = np.asarray(self.scale) + 0.5 * misfit / self.as_one

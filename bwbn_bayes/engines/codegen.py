@@ -90,11 +90,19 @@ def print_expression(expression: sp.Expr) -> str:
     return str(_NumbaPrinter().doprint(expression))
 
 
-def _base_two(expression: sp.Expr) -> sp.Expr:
-    """The same expression with exponentials, logarithms and powers of symbolic exponent in base two."""
+def _base_two(expression: sp.Expr, done: dict[sp.Expr, sp.Expr]) -> sp.Expr:
+    """The same expression with exponentials, logarithms and powers of symbolic exponent in base two.
+
+    Derivatives hold the same parts again and again: what is ``done`` is not done twice.
+    """
     if not expression.args or expression.is_number:
         return expression
-    arguments = [_base_two(argument) for argument in expression.args]
+    if expression not in done:
+        done[expression] = _in_base_two(expression, [_base_two(argument, done) for argument in expression.args])
+    return done[expression]
+
+
+def _in_base_two(expression: sp.Expr, arguments: list[sp.Expr]) -> sp.Expr:
     if isinstance(expression, sp.exp):
         return exp2(arguments[0] / sp.log(2))
     if isinstance(expression, sp.log):
@@ -103,7 +111,13 @@ def _base_two(expression: sp.Expr) -> sp.Expr:
         return 1 - 2 / (exp2(2 * arguments[0] / sp.log(2)) + 1)
     if expression.is_Pow and not expression.exp.is_Integer:
         return exp2(arguments[1] * log2(arguments[0]))
-    return expression.func(*arguments)
+    return _of(expression, arguments)
+
+
+def _of(expression: sp.Expr, arguments: list[sp.Expr]) -> sp.Expr:
+    """The same operation on other arguments; on the same it is not built again, which asks much of ``Max``."""
+    same = all(one is other for one, other in zip(arguments, expression.args, strict=True))
+    return expression if same else expression.func(*arguments)
 
 
 def derivatives(expression: sp.Expr, variables: Sequence[sp.Symbol]) -> list[sp.Expr]:
@@ -152,32 +166,52 @@ def compile_expressions(expressions: Sequence[sp.Expr], constants: frozenset[sp.
     constants : frozenset of SymPy symbols
         Symbols that do not change during a solve.
     """
-    hoisted: dict[sp.Expr, sp.Symbol] = {}
-    lifted = [_lift(_base_two(expression), constants, hoisted) for expression in expressions]
+    lift, done = _Lift(constants), dict[sp.Expr, sp.Expr]()
+    lifted = [lift(_base_two(expression, done)) for expression in expressions]
     shared, reduced = sp.cse(lifted, symbols=sp.numbered_symbols("x"), optimizations=[])
     return Program(
-        hoisted=tuple((str(s), print_expression(e)) for e, s in hoisted.items()),
+        hoisted=tuple((str(s), print_expression(e)) for e, s in lift.hoisted.items()),
         lines=tuple((str(s), print_expression(e)) for s, e in shared),
         outputs=tuple(print_expression(e) for e in reduced),
     )
 
 
-def _lift(expression: sp.Expr, constants: frozenset[sp.Symbol], hoisted: dict[sp.Expr, sp.Symbol]) -> sp.Expr:
-    """Replace every maximal constant subexpression by a symbol recorded in ``hoisted``."""
-    free = expression.free_symbols
-    if not free or expression.is_Symbol:
-        return expression
-    if free <= constants:
-        return hoisted.setdefault(expression, sp.Symbol(f"h{len(hoisted)}", real=True))
-    arguments = list(expression.args)
-    if isinstance(expression, (sp.Mul, sp.Add)):
-        fixed = [a for a in arguments if a.free_symbols <= constants]
-        moving = [a for a in arguments if not a.free_symbols <= constants]
-        arguments = [_lift(a, constants, hoisted) for a in moving]
+class _Lift:
+    """Replaces every maximal constant subexpression by a symbol, recorded in ``hoisted``."""
+
+    def __init__(self, constants: frozenset[sp.Symbol]) -> None:
+        self.hoisted: dict[sp.Expr, sp.Symbol] = {}
+        self._constants = constants
+        self._done: dict[sp.Expr, sp.Expr] = {}
+        self._symbols: dict[sp.Expr, frozenset[sp.Symbol]] = {}
+
+    def __call__(self, expression: sp.Expr) -> sp.Expr:
+        if expression not in self._done:
+            self._done[expression] = self._lifted(expression)
+        return self._done[expression]
+
+    def _lifted(self, expression: sp.Expr) -> sp.Expr:
+        if expression.is_Symbol or not self._free(expression):
+            return expression
+        if self._is_constant(expression):
+            return self.hoisted.setdefault(expression, sp.Symbol(f"h{len(self.hoisted)}", real=True))
+        if not isinstance(expression, (sp.Mul, sp.Add)):
+            return _of(expression, [self(argument) for argument in expression.args])
+        fixed = [one for one in expression.args if self._is_constant(one)]
+        arguments = [self(one) for one in expression.args if not self._is_constant(one)]
         if fixed:
-            arguments.append(_lift(expression.func(*fixed), constants, hoisted))
+            arguments.append(self(expression.func(*fixed)))
         return expression.func(*arguments)
-    return expression.func(*(_lift(a, constants, hoisted) for a in arguments))
+
+    def _is_constant(self, expression: sp.Expr) -> bool:
+        return self._free(expression) <= self._constants
+
+    def _free(self, expression: sp.Expr) -> frozenset[sp.Symbol]:
+        """Symbols of an expression; SymPy gathers them anew from all its parts whenever it is asked."""
+        if expression not in self._symbols:
+            own = {expression} if expression.is_Symbol else set()
+            self._symbols[expression] = frozenset(own).union(*map(self._free, expression.args))
+        return self._symbols[expression]
 
 
 INVERSE_MASS = sp.Symbol("inverse_mass__", real=True)

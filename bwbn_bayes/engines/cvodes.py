@@ -18,7 +18,6 @@ import numpy as np
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.base import Response, Status
 from bwbn_bayes.engines.cvodes_source import cvodes_source
-from bwbn_bayes.engines.kernel_cache import load_kernel
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar import (
     Carried,
@@ -136,6 +135,8 @@ def cvodes_kernel(law: StoreyLaw, driven: bool) -> ModuleType:
         If ``sundials4py`` is not installed or its library cannot be used.
     """
     load_library()
+    from bwbn_bayes.engines.kernel_cache import load_kernel  # numba, which most runs do without
+
     return load_kernel("cvodes", cvodes_source(*programs_of(law), driven=driven))
 
 

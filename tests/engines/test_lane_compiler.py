@@ -116,7 +116,7 @@ MODELS = {
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_a_kernel_comes_to_what_python_makes_of_its_text(model: Structure, monkeypatch: pytest.MonkeyPatch) -> None:
     """Values, sums and derivatives of a few samples, with an event and refined steps."""
-    ground = el_centro("chopra", duration=0.1)
+    ground = el_centro("chopra", duration=0.16)
     record = ground.with_channels({name: np.array(ground.excitation) for name in ("acceleration_1", "acceleration_2")})
     engine = Lanes(substeps=1, resolution=0.5, n_threads=1)
     draws = model.space.from_unit(model.space.sample_unit(np.random.default_rng(1), 2))

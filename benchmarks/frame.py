@@ -53,7 +53,8 @@ DURATION = 20.0
 BEFORE = 1.0
 """Seconds before one per cent of the ground motion's energy has come."""
 AT_REST = 32
-"""Samples at the beginning that count as rest."""
+"""Samples at the beginning, and of a run before another at its end, that count as rest."""
+PAUSE = 20.0
 GRAVITY = 9.80665
 
 STIFFNESS = PerStorey(LogNormal(400.0, 1.0))  # N/m per kg: the first mode lies at 1.4 Hz
@@ -86,10 +87,11 @@ def run_of(name: str) -> Record:
 
 
 def in_sequence(first: Record, second: Record) -> Record:
-    """Both runs, the second from where the first left the floors."""
+    """Both runs, the second from where the first left the floors once they have come to rest."""
     left = {name: float(np.mean(y[-AT_REST:])) for name, y in first.channels.items()}
     moved = second.with_channels({name: y + left[name] for name, y in second.channels.items()})
-    return join_records([first, moved], in_sequence=True)
+    pause = Record(name="pause", time_step=first.time_step, excitation=np.zeros(round(PAUSE / first.time_step)))
+    return join_records([first, pause, moved], in_sequence=True)
 
 
 def drifts(record: Record) -> Record:
@@ -100,9 +102,10 @@ def drifts(record: Record) -> Record:
 
 
 def missed(model: Structure, point: Floats, record: Record) -> list[float]:
-    """Error [%] of each part of a record."""
+    """Error [%] of each measured part of a record."""
     predicted = Lanes(substeps=8, n_threads=1).simulate(model, point, record).values[0]
-    return [nrmse(record.measured[:, part], predicted[:, part]) for part in record.stretches]
+    measured = [where for where, part in zip(record.stretches, record.parts, strict=True) if part.channels]
+    return [nrmse(record.measured[:, where], predicted[:, where]) for where in measured]
 
 
 def fitted(name: str, on: str, seed: int, particles: int) -> dict[str, Any]:

@@ -33,10 +33,8 @@ def _hysteresis(here: Place) -> Hidden:
 
 
 def _storey_coupling(here: Place) -> Hidden:
-    """Bending between a storey and the next: what ``outside`` calls ``bending_coupling``."""
-    floor = min(here.storey, len(here.building.storeys) - 1)
-    coupling = here.dice.size(0.05, 0.4) * here.building.storeys[0].k
-    return at_storey("storey_coupling", floor, {"coupling": coupling}, {"k_bend": coupling})
+    coupling = here.dice.size(0.03, 0.5) * here.building.storeys[0].k
+    return in_whole("storey_coupling", {"coupling": coupling}, {"k_bend": coupling})
 
 
 LATER: dict[str, Draw] = {

@@ -45,6 +45,8 @@ class Whole:
     slipperiness, slider_give, pendulum : float
         The base slides: in the place of its spring stand that of the pendulum and dry friction, which sticks over the
         deflection ``slider_give`` and slides at ``1 / slipperiness``. [1/N], [m], [N/m]
+    coupling : float
+        Spring between each storey's drift and the next one's, as bending makes it. [N/m]
     mass_damping : float
         Force ``c_m m_i x_i'`` on every floor. [1/s]
     input_error : float
@@ -57,6 +59,7 @@ class Whole:
     slipperiness: float = 0.0
     slider_give: float = 1.0
     pendulum: float = 0.0
+    coupling: float = 0.0
     mass_damping: float = 0.0
     input_error: float = 0.0
 
@@ -189,7 +192,7 @@ def _rates(
         for j in range(N_OWN):
             dy[(2 + j) * n + i] = slope[j]
     for i in range(n - 1):
-        bending = storeys[i].coupling * (drift[i] - drift[i + 1])
+        bending = (storeys[i].coupling + whole.coupling) * (drift[i] - drift[i + 1])
         force[i] += bending
         force[i + 1] -= bending
     for i in range(n):

@@ -20,6 +20,8 @@ from bwbn_bayes.elements.signature import NO_SIGNATURE, Signature
 from bwbn_bayes.parameters import Parameter, Value
 
 DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, ENERGY = sp.symbols("u v z epsilon", real=True)
+BENDING_DRIFT = sp.Symbol("u_b", real=True)
+"""Drift of a storey less that of the one below, plus the same less that of each one above it. [m]"""
 
 FLOOR_VELOCITY, FLOOR_ACCELERATION = sp.symbols("w_i a_i", real=True)
 """Of the floor above the storey: velocity relative to the ground [m/s], total acceleration [m/s^2]."""
@@ -274,6 +276,11 @@ class Effect(Addition, Protocol):
         return self.level == "structure" and bool(self.fill(Slots()).base_states)
 
     @property
+    def bends(self) -> bool:
+        """Whether it makes the force of a storey depend on the drifts of its neighbours."""
+        return BENDING_DRIFT in self.fill(Slots()).added_force.free_symbols
+
+    @property
     def mechanism(self) -> str:
         """What of a structure it is a law of, the effect itself where left out: no place has two laws of one."""
         return self.name
@@ -321,8 +328,9 @@ class StoreyLaw:
     """A storey's law as expressions of states and parameters.
 
     ``rates`` belong to ``states`` in order: hysteretic displacement, energy, then added states. ``force`` holds the
-    damping force too. ``definitions`` are the same law in named steps, for printing; the subjects :data:`FORCE` and
-    :func:`rate_of` a state stand for the outputs. ``increments`` says which parameters change, and by how much.
+    damping force too, and may use :data:`BENDING_DRIFT`. ``definitions`` are the same law in named steps, for printing;
+    the subjects :data:`FORCE` and :func:`rate_of` a state stand for the outputs. ``increments`` says which parameters
+    change, and by how much.
 
     Effects may refer to the symbols that are ``derived`` from parameters as if they were parameters, and change them:
     ``force``, ``rates`` and ``constraints`` have them written out.
@@ -347,6 +355,11 @@ class StoreyLaw:
     base: BaseLaw | None = None
     initial: tuple[tuple[sp.Symbol, sp.Symbol], ...] = ()
     """States that do not start at zero, each with the parameter that it starts at."""
+
+    @property
+    def bends(self) -> bool:
+        """Whether the force of a storey depends on the drifts of its neighbours."""
+        return BENDING_DRIFT in self.force.free_symbols
 
     @property
     def n_storey_states(self) -> int:

@@ -39,7 +39,7 @@ INDEX = {
     "sensor_bias": 20,
 }  # fmt: skip
 """The case that hides each effect, of those in the catalogue's table."""
-LATER_INDEX = {"sliding_base": 0}
+LATER_INDEX = {"sliding_base": 0, "storey_coupling": 2}
 """The same for those that joined the catalogue later."""
 SOUGHT = tuple(effect.name for effect in registered() if effect.is_sought() and "bouc_wen" in effect.elements)
 """What discovery looks for in a building whose storeys are Bouc-Wen's."""

@@ -133,9 +133,9 @@ def race(
         joins_later = len(hypothesis.storeys) > 1 and hypothesis.symbols in at_one_place
         (everywhere if joins_later else kept).append(hypothesis)
     fitted_before = fits_with_slopes(present, base_points) if guess else []
+    leading: list[tuple[str, ...]] = []
     for number, (n_iterations, share) in enumerate(ROUNDS):
         n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(kept))
-        leading = list(dict.fromkeys(h.symbols for h in kept))[:_LEADING_FORMS]
         joining = [h for h in everywhere if h.symbols in leading] if number == 1 else []
         kept = [*kept[:n_kept], *joining]
 
@@ -154,6 +154,7 @@ def race(
             break
         fits.update(fitted)
         kept = sorted((h for h in kept if h in fits), key=lambda hypothesis: -fits[hypothesis].log_likelihood)
+        leading = list(dict.fromkeys(h.symbols for h in kept))[:_LEADING_FORMS]
         kept = [fit.hypothesis for fit in in_reach([fits[h] for h in kept])]
         if progress is not None and kept:
             progress(f"best so far: {kept[0].label}")

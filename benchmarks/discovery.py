@@ -3,9 +3,9 @@
 ``python -m benchmarks.discovery --cases 40 --snr 30 --seed 7 --json trial.json --kind all --workers 2``
 
 An independent simulator draws structure, effect, place, size, ground motion and noise and writes the records; discovery
-reads those files, with the plain model (of a cyclic test, the model to start from), and nothing else. Finished cases
-are kept in a ``.jsonl`` file beside the JSON and are not run again; records and truths lie in a folder beside it. Cases
-are a function of seed, kind and index.
+reads those files, with the plain model (a linear one where hysteresis is hidden; of a cyclic test, the model to start
+from), and nothing else. Finished cases are kept in a ``.jsonl`` file beside the JSON and are not run again; records and
+truths lie in a folder beside it. Cases are a function of seed, kind and index.
 
 ``--kind all --cases 4`` is a small balanced trial: four cases of every kind, taken in turns. ``--also`` adds the cases
 of other trials to the rows asked and to the reliability of probabilities; with ``--cases 0`` nothing is run.
@@ -26,7 +26,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.blind.cases import KINDS, Kind, make_case
+from benchmarks.blind.cases import KINDS, STARTING_MODEL, Kind, make_case
 from benchmarks.blind.columns import column_summary
 from benchmarks.blind.picture import draw_confusion, draw_reliability
 from benchmarks.blind.reliability import reliability
@@ -39,11 +39,12 @@ from bwbn_bayes.records import Record, read_csv, write_csv
 from bwbn_bayes.structures.model_file import load_model_file
 from bwbn_bayes.structures.starting_model import starting_model
 
-PLAIN_MODEL = Path(__file__).parents[1] / "models" / "plain_three_storey.py"
+MODELS = Path(__file__).parents[1] / "models"
 
 Json = Mapping[str, Any]
-Discoverer = Callable[[Record, Record, int, int], Json]
-"""Training record, held-out record, seed and threads to ``discovery.json``."""
+Discoverer = Callable[[str, Record, Record, int, int], Json]
+"""Model given (:attr:`~benchmarks.blind.cases.Case.given`), training and held-out record, seed and threads to
+``discovery.json``."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,18 +74,11 @@ class Job:
         return f"{self.kind}/{self.snr_db:g} dB/seed {self.seed}/{self.index}"
 
 
-def discover_blind(record: Record, held_out: Record, seed: int, n_threads: int) -> Json:
-    """Run discovery on a record, knowing nothing else.
-
-    A building gets the plain three-storey model, a cyclic test the model to start from that its own columns give.
-    """
+def discover_blind(given: str, record: Record, held_out: Record, seed: int, n_threads: int) -> Json:
+    """Run discovery on a record from the model given, knowing nothing else."""
     settings = DiscoverySettings(seed=seed, n_workers=n_threads)
-    if record.excitation_kind == "displacement":
-        model, name = starting_model(record), "starting model"
-    else:
-        file = load_model_file(PLAIN_MODEL)
-        model, name = file.model, file.name
-    return discover(model, record, held_out=held_out, settings=settings, name=name).as_json()
+    model = starting_model(record) if given == STARTING_MODEL else load_model_file(MODELS / f"{given}.py").model
+    return discover(model, record, held_out=held_out, settings=settings, name=given).as_json()
 
 
 def run_job(job: Job, discoverer: Discoverer = discover_blind) -> dict[str, Any]:
@@ -113,7 +107,7 @@ def run_job(job: Job, discoverer: Discoverer = discover_blind) -> dict[str, Any]
     (truths / f"{stem}.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
     train, held_out = read_csv(records / f"{stem}.csv"), read_csv(records / f"{stem}-held-out.csv")
     try:
-        answer: Json = discoverer(train, held_out, job.seed + job.index, job.n_threads)
+        answer: Json = discoverer(case.given, train, held_out, job.seed + job.index, job.n_threads)
     except Exception as error:  # a crash is a miss, to be counted and seen
         answer = {"error": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
     return {"key": job.key, "truth": json.loads(json.dumps(truth)), "discovery": dict(answer)}

@@ -8,25 +8,33 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.blind.base_fit import box, nats_against, with_base_numbers
+from benchmarks.blind.base_fit import BOUC_WEN, LINEAR, Plain, nats_against
 from benchmarks.blind.catalogue_draws import CATALOGUE
 from benchmarks.blind.cyclic import CYCLIC, cyclic_test
 from benchmarks.blind.draws import Dice, Draw, Hidden, Place, raised, reached
+from benchmarks.blind.later_draws import LATER, OF_LINEAR
 from benchmarks.blind.more_forms import MORE_FORMS
 from benchmarks.blind.other_draws import FORMS, OUTSIDE
-from benchmarks.blind.simulator import Building, Floats, respond
-from benchmarks.blind.storey import Storey, ultimate_displacement
+from benchmarks.blind.simulator import Building, Floats, Motion, respond
+from benchmarks.blind.storey import ultimate_displacement
 from bwbn_bayes.records import Envelope, Record, el_centro, filtered_noise
 
-Kind = Literal["catalogue", "none", "forms", "outside", "pairs", "more_forms", "cyclic"]
+Kind = Literal["catalogue", "none", "forms", "outside", "pairs", "more_forms", "cyclic", "later"]
 
-KINDS: tuple[Kind, ...] = ("catalogue", "none", "forms", "outside", "pairs", "more_forms", "cyclic")
+KINDS: tuple[Kind, ...] = ("catalogue", "none", "forms", "outside", "pairs", "more_forms", "cyclic", "later")
 """A kind's number enters its seeds: new ones come last, and tables that have been drawn from do not grow."""
 
 DETECTABLE_NATS = 40.0
 
 SEVERE_RATIO = 0.85
 """Peak |z| over its bound beyond which a case counts as severe; every other case is."""
+
+LINEAR_DRIFT = 0.5
+"""Drift [m] of a storey of a linear building that a motion is scaled by, in the place of the bound of z: such a bound
+lies in the middle of the others' priors."""
+
+STARTING_MODEL = "starting model"
+"""Given for a cyclic test: what its own columns say."""
 
 _COARSE = 4
 _MAX_ATTEMPTS = 200
@@ -51,7 +59,7 @@ class Truth:
     severe : bool
         Whether the peak of |z| passes 0.85 of its bound.
     peak_ratio : float
-        Largest |z| over its bound (of the base parameters), over the storeys.
+        Largest |z| over its bound (of the base parameters, where these yield), over the storeys.
     excitation : str
         Ground motion of the training record, or the protocol of a cyclic test.
     noise : str
@@ -95,12 +103,16 @@ class Truth:
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """A training record, a record of the same structure under another motion or protocol, and the truth."""
+    """A training record, a record of the same structure under another motion or protocol, and the truth.
+
+    ``given`` is the model that discovery starts from: a model file's name, or :data:`STARTING_MODEL`.
+    """
 
     name: str
     record: Record
     held_out: Record
     truth: Truth
+    given: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,9 +145,10 @@ def make_case(kind: Kind, seed: int, index: int, snr_db: float, setting: Setting
 
     Parameters
     ----------
-    kind : {"catalogue", "none", "forms", "outside", "pairs", "more_forms", "cyclic"}
+    kind : {"catalogue", "none", "forms", "outside", "pairs", "more_forms", "cyclic", "later"}
         What is hidden: a catalogued effect, nothing, another form of one, an effect the catalogue lacks, two effects,
-        another form out of another table; or a cyclic test (:mod:`benchmarks.blind.cyclic`).
+        another form out of another table, an effect that joined the catalogue later; or a cyclic test
+        (:mod:`benchmarks.blind.cyclic`).
     seed, index : int
         Choose everything else; consecutive indices walk through all effects of the kind, and every other case is
         severe (a cyclic test always is).
@@ -149,8 +162,9 @@ def make_case(kind: Kind, seed: int, index: int, snr_db: float, setting: Setting
     rng = np.random.default_rng([seed, KINDS.index(kind), index])
     severe = bool(index % 2)
     draws = _draws(kind, seed, index)
+    plain = LINEAR if OF_LINEAR & set(draws) else BOUC_WEN
     for _ in range(_MAX_ATTEMPTS):
-        drawn = _structure(rng, draws, severe, snr_db, setting)
+        drawn = _structure(rng, plain, draws, severe, snr_db, setting)
         if drawn is not None:
             break
     else:
@@ -176,16 +190,16 @@ def make_case(kind: Kind, seed: int, index: int, snr_db: float, setting: Setting
         index=index,
         snr_db=snr_db,
         effects=hidden,
-        base=_labelled(numbers),
+        base=plain.labelled(numbers),
         severe=severe,
         peak_ratio=ratio,
         excitation=motions[0].name,
         noise="AR(1)" if correlated else "white",
         noise_sd=tuple(np.std(noises[0], axis=1).tolist()),
         held_out_floor=_floor(records[1], noises[1]),
-        nats=_nats(base, numbers, hidden, records[0], noises[0], rng) if setting.judged else (),
+        nats=_nats(plain, base, numbers, hidden, records[0], noises[0], rng) if setting.judged else (),
     )
-    return Case(name=f"case-{index:04d}", record=records[0], held_out=records[1], truth=truth)
+    return Case(name=f"case-{index:04d}", record=records[0], held_out=records[1], truth=truth, given=plain.model)
 
 
 def _draws(kind: Kind, seed: int, index: int) -> list[Draw]:
@@ -195,7 +209,7 @@ def _draws(kind: Kind, seed: int, index: int) -> list[Draw]:
     if kind == "pairs":
         chosen = np.random.default_rng([seed, 99, index]).choice(len(CATALOGUE), 2, replace=False)
         return [list(CATALOGUE.values())[int(i)] for i in chosen]
-    tables = {"catalogue": CATALOGUE, "forms": FORMS, "outside": OUTSIDE, "more_forms": MORE_FORMS}
+    tables = {"catalogue": CATALOGUE, "forms": FORMS, "outside": OUTSIDE, "more_forms": MORE_FORMS, "later": LATER}
     every = list(CYCLIC.values()) if kind == "cyclic" else [(draw,) for draw in tables[kind].values()]
     turn, position = divmod(index, len(every))
     order = np.random.default_rng([seed, 98, KINDS.index(kind), turn]).permutation(len(every))
@@ -223,7 +237,7 @@ def _cyclic(seed: int, index: int, snr_db: float, setting: Setting) -> Case:
         nats=test.nats,
         unnamed_share=test.unnamed_share,
     )
-    return Case(name=name, record=test.record, held_out=test.held_out, truth=truth)
+    return Case(name=name, record=test.record, held_out=test.held_out, truth=truth, given=STARTING_MODEL)
 
 
 Drawn = tuple[Building, Floats, tuple[Hidden, ...], list[Record], list[Floats], float]
@@ -231,15 +245,13 @@ Drawn = tuple[Building, Floats, tuple[Hidden, ...], list[Record], list[Floats], 
 
 
 def _structure(
-    rng: np.random.Generator, draws: Sequence[Draw], severe: bool, snr_db: float, setting: Setting
+    rng: np.random.Generator, plain: Plain, draws: Sequence[Draw], severe: bool, snr_db: float, setting: Setting
 ) -> Drawn | None:
     """One attempt; None where the structure is not admissible or misses its severity."""
-    lower, upper = box(setting.n_storeys)
+    lower, upper = plain.box(setting.n_storeys)
     numbers = lower + (0.2 + 0.6 * rng.random(len(lower))) * (upper - lower)
-    plain = Storey(k=1.0, c=0.0, alpha=0.1, beta=1.0, gamma=0.0, n=1.0)
-    base = with_base_numbers(Building(storeys=(plain,) * setting.n_storeys), numbers)
-    beta, gamma = numbers[-3:-1]
-    if beta + gamma < 0.5:
+    base = plain.building(numbers)
+    if not plain.is_linear and base.storeys[0].beta + base.storeys[0].gamma < 0.5:
         return None
     target = rng.uniform(0.88, 0.98) if severe else rng.uniform(0.35, 0.8)
     shapes = _ground_motions(rng, setting.duration)
@@ -255,7 +267,7 @@ def _structure(
         hidden.append(draw(Place(dice=dice, at=at, building=base, storey=place)))
     building = _with_all(base, hidden)
     responses = [respond(building, g.excitation, g.time_step) for g in scaled]
-    ratio = _peak_ratio(base, responses[0].hysteretic_displacement)
+    ratio = _peak_ratio(building if plain.is_linear else base, responses[0].hysteretic_displacement)
     if not all(response.finite for response in responses) or (ratio > SEVERE_RATIO) != severe:
         return None
     clean = [response.measured for response in responses]
@@ -277,16 +289,24 @@ def _ground_motions(rng: np.random.Generator, duration: float | None) -> list[Re
 
 
 def _scaled(base: Building, shape: Record, target: float) -> Record:
-    """The motion scaled until the base structure's peak |z| is about ``target`` of its bound."""
+    """The motion scaled until the base structure's peak |z| is about ``target`` of its bound.
+
+    Of one that does not yield it is the drift, of :data:`LINEAR_DRIFT`.
+    """
     low, high = np.log(1e-2), np.log(1e2)
     for _ in range(12):
         middle = 0.5 * (low + high)
         motion = respond(base, np.exp(middle) * shape.excitation, shape.time_step, _COARSE)
-        enough = not motion.finite or _peak_ratio(base, motion.hysteretic_displacement) > target
+        enough = not motion.finite or _reach(base, motion) > target
         low, high = (low, middle) if enough else (middle, high)
     # Scales are rounded so that the file reads as a person would have written it.
     scale = float(f"{np.exp(0.5 * (low + high)):.4g}")
     return replace(shape, excitation=scale * shape.excitation)
+
+
+def _reach(base: Building, motion: Motion) -> float:
+    ratio = _peak_ratio(base, motion.hysteretic_displacement)
+    return ratio if ratio > 0.0 else float(np.max(np.abs(motion.drift))) / LINEAR_DRIFT
 
 
 def _peak_ratio(base: Building, z: Floats) -> float:
@@ -320,6 +340,7 @@ def _floor(record: Record, noise: Floats) -> float:
 
 
 def _nats(
+    plain: Plain,
     base: Building,
     numbers: Floats,
     hidden: Sequence[Hidden],
@@ -332,6 +353,7 @@ def _nats(
     def without(others: Sequence[Hidden]) -> float:
         set_by_effects = {(storey, name) for h in others for storey in h.storeys for name in h.storey_values}
         return nats_against(
+            plain,
             _with_all(base, others),
             numbers,
             measured,
@@ -343,9 +365,3 @@ def _nats(
         )
 
     return tuple(without([other for other in hidden if other is not effect]) for effect in hidden)
-
-
-def _labelled(numbers: Floats) -> dict[str, float]:
-    storeys = range(1, (len(numbers) - 4) // 2 + 1)
-    labels = [f"{name}[{i}]" for name in ("k", "c") for i in storeys] + ["alpha", "beta", "gamma", "n"]
-    return dict(zip(labels, numbers.tolist(), strict=True))

@@ -77,8 +77,9 @@ _QUESTIONS: dict[str, tuple[Question, ...]] = {
     "catalogue": _NAMED,
     "forms": _NAMED,
     "more_forms": _NAMED,
+    "later": _NAMED,
     "none": (SOMETHING_NAMED, SURE_AND_WRONG),
-    "outside": (NONE_SURE, SOMETHING_NAMED),
+    "outside": (NONE_SURE, SOMETHING_NAMED, NOT_THERE),
     "pairs": (
         ALL_NAMED,
         Question(what="first name is one of the two", test=lambda o: o.right_name),
@@ -158,7 +159,7 @@ def _missed(kind: str, outcome: Outcome) -> bool:
     if kind == "none":
         return bool(outcome.named) or outcome.verdict == FAILED
     if kind == "outside":
-        return bool(outcome.named or outcome.sure_and_wrong) or outcome.verdict == FAILED
+        return bool(outcome.extra or outcome.sure_and_wrong) or outcome.verdict == FAILED
     if kind in ("pairs", "cyclic"):
         return not outcome.all_named or bool(outcome.extra)
     return not outcome.right_place or bool(outcome.extra)

@@ -325,6 +325,7 @@ def _reached(base: Storey, loop: Loop) -> Reached:
         energy=float(np.max(loop.energy)),
         path=float(loop.path[-1]),
         acceleration=math.nan,
+        base_shear=math.nan,
         strong_from=math.nan,
         strong_until=math.nan,
         omegas=(),

@@ -24,6 +24,8 @@ class Reached:
     drift, rate, z, z_bound, force, energy, path, acceleration : float
         Peaks of drift, rate, z (and its bound) and force, final energy, length of the drift's path, rms acceleration.
         [m], [m/s], [m], [m], [N], [J], [m], [m/s^2]
+    base_shear : float
+        Peak of the force on what the building stands on, a slab like the first floor included. [N]
     strong_from, strong_until : float
         Times by which a tenth and seven tenths of the ground motion's energy have arrived. [s]
     omegas : tuple of float
@@ -38,6 +40,7 @@ class Reached:
     energy: float
     path: float
     acceleration: float
+    base_shear: float
     strong_from: float
     strong_until: float
     omegas: tuple[float, ...]
@@ -126,6 +129,8 @@ def reached(building: Building, motion: Motion, ground: Floats, time_step: float
     k = np.array([storey.k for storey in building.storeys])
     matrix = np.diag(k + np.append(k[1:], 0.0)) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
     masses = np.sqrt([storey.mass for storey in building.storeys])
+    inertia = [p.mass * total for p, total in zip(building.storeys, motion.measured, strict=True)]
+    shear = building.storeys[0].mass * ground + np.sum(inertia, axis=0)
     return Reached(
         drift=float(np.max(np.abs(drift))),
         rate=float(np.max(np.abs(motion.drift_rate[i]))),
@@ -135,6 +140,7 @@ def reached(building: Building, motion: Motion, ground: Floats, time_step: float
         energy=float(np.max(motion.energy[i])),
         path=float(np.sum(np.abs(np.diff(drift)))),
         acceleration=float(np.sqrt(np.mean(np.square(motion.measured[i])))),
+        base_shear=float(np.max(np.abs(shear))),
         strong_from=float(time_step * np.searchsorted(share, 0.1)),
         strong_until=float(time_step * np.searchsorted(share, 0.7)),
         omegas=tuple(np.sqrt(np.linalg.eigvalsh(matrix / np.outer(masses, masses))).tolist()),

@@ -120,11 +120,13 @@ def _sensor_saturation(here: Place) -> Hidden:
 
 
 def _bending_coupling(here: Place) -> Hidden:
+    """At one floor; the catalogue, which later came to hold bending at all of them, has its name."""
     k = here.building.storeys[0].k
-    return at_storey(
-        "bending_coupling",
-        min(here.storey, len(here.building.storeys) - 1),
-        {"coupling": here.dice.size(0.05, 0.4) * k},
+    return Hidden(
+        name="bending_coupling",
+        storeys=(min(here.storey, len(here.building.storeys) - 1),),
+        accepted=("bending_coupling", "storey_coupling"),
+        storey_values={"coupling": here.dice.size(0.05, 0.4) * k},
     )
 
 

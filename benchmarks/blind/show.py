@@ -21,6 +21,8 @@ _ASKED_BY_SNR = {40.0: ">= 98 %", 30.0: ">= 97 %", 20.0: ">= 93 %", 10.0: ">= 85
 
 _ROWS: tuple[tuple[tuple[str, ...], str, Question, str], ...] = (
     (("none",), "nothing hidden", SOMETHING_NAMED, "<= 1 %"),
+    (("later",), "joined later", RIGHT_NAME, ">= 95 % at 30 dB"),
+    (("later",), "joined later", SURE_AND_WRONG, ""),
     (("forms", "more_forms"), "other forms", RIGHT_NAME, ">= 85 %"),
     (("forms", "more_forms"), "other forms", SURE_AND_WRONG, "<= 3 %"),
     (("outside",), "outside the catalogue", NONE_SURE, ">= 95 %"),

@@ -42,6 +42,11 @@ class Whole:
     ----------
     base_compliance, base_mass, base_damping : float
         Sway of the base ``m_b (x_b'' + a_g) = F_1 - k_b x_b - c_b x_b'``; compliance ``1 / k_b``. [m/N], [kg], [N s/m]
+    slipperiness, slider_give, pendulum : float
+        The base slides: in the place of its spring stand that of the pendulum and dry friction, which sticks over the
+        deflection ``slider_give`` and slides at ``1 / slipperiness``. [1/N], [m], [N/m]
+    coupling : float
+        Spring between each storey's drift and the next one's, as bending makes it. [N/m]
     mass_damping : float
         Force ``c_m m_i x_i'`` on every floor. [1/s]
     input_error : float
@@ -51,6 +56,10 @@ class Whole:
     base_compliance: float = 0.0
     base_mass: float = 1.0
     base_damping: float = 0.0
+    slipperiness: float = 0.0
+    slider_give: float = 1.0
+    pendulum: float = 0.0
+    coupling: float = 0.0
     mass_damping: float = 0.0
     input_error: float = 0.0
 
@@ -109,8 +118,7 @@ def respond(building: Building, ground: Floats, time_step: float, steps: int = S
     n = len(building.storeys)
     states, fine = integrate(_packed(building.storeys), _packed([building.whole]), ground, time_step, steps)
     table = states[:, : 4 * n].reshape(-1, 4, n)
-    base = states[:, 8 * n] if building.whole.base_compliance > 0.0 else np.zeros(len(ground))
-    base_rate = states[:, 8 * n + 1] if building.whole.base_compliance > 0.0 else np.zeros(len(ground))
+    base, base_rate = states[:, 8 * n], states[:, 8 * n + 1]
     return Motion(
         measured=np.stack([_sensed(p, fine[:, i], time_step, steps) for i, p in enumerate(building.storeys)]),
         drift=np.diff(table[:, 0], axis=1, prepend=base[:, None]).T,
@@ -168,7 +176,7 @@ def _rates(
     """Rates of the state, and the floors' total accelerations.
 
     The state: x, x', z, eps, Maxwell force, bristle, play, path (each n), base and its rate, appendages and rates (each
-    n).
+    n), deflection of the sliders' contact.
     """
     n = len(storeys)
     base, shaken = 8 * n, (1.0 + whole.input_error) * ground
@@ -184,7 +192,7 @@ def _rates(
         for j in range(N_OWN):
             dy[(2 + j) * n + i] = slope[j]
     for i in range(n - 1):
-        bending = storeys[i].coupling * (drift[i] - drift[i + 1])
+        bending = (storeys[i].coupling + whole.coupling) * (drift[i] - drift[i + 1])
         force[i] += bending
         force[i + 1] -= bending
     for i in range(n):
@@ -198,9 +206,15 @@ def _rates(
         dy[i], dy[n + i] = y[n + i], total[i] - shaken
         tunes = 1.0 if p.appendage_mass > 0.0 else 0.0
         dy[tuned], dy[tuned + n] = tunes * y[tuned + n], tunes * (-pull - shaken)
-    dy[base], dy[base + 1] = 0.0, 0.0
-    if whole.base_compliance > 0.0:
-        held = y[base] / whole.base_compliance + whole.base_damping * y[base + 1]
+    contact = base + 2 + 2 * n
+    dy[base], dy[base + 1], dy[contact] = 0.0, 0.0, 0.0
+    if whole.base_compliance > 0.0 or whole.slipperiness > 0.0:
+        held = whole.pendulum * y[base] + whole.base_damping * y[base + 1]
+        if whole.base_compliance > 0.0:
+            held += y[base] / whole.base_compliance
+        if whole.slipperiness > 0.0:
+            held += y[contact] / (whole.slider_give * whole.slipperiness)
+            dy[contact] = stop_rate(y[contact], whole.slider_give, y[base + 1])
         dy[base], dy[base + 1] = y[base + 1], (force[0] - held) / whole.base_mass - shaken
 
 
@@ -210,9 +224,9 @@ def _integrate(
     """States at the samples and total accelerations at every step."""
     n, n_times, h = len(storeys), len(ground), time_step / steps
     whole = wholes[0]
-    states = np.zeros((n_times, 10 * n + 2))
+    states = np.zeros((n_times, 10 * n + 3))
     total = np.zeros(((n_times - 1) * steps + 1, n))
-    y = np.zeros(10 * n + 2)
+    y = np.zeros(10 * n + 3)
     stage, k1, k2, k3, k4 = np.zeros_like(y), np.zeros_like(y), np.zeros_like(y), np.zeros_like(y), np.zeros_like(y)
     unused = np.zeros(n)
     for j in range(n_times - 1):

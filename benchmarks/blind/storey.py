@@ -168,7 +168,9 @@ class Storey:
 
 
 def ultimate_displacement(p: Storey) -> float:
-    """Bound ``(1 / (beta + gamma))^(1/n)`` [m] of the hysteretic displacement without degradation."""
+    """Bound ``(1 / (beta + gamma))^(1/n)`` [m] of the hysteretic displacement without degradation; none if linear."""
+    if p.beta + p.gamma == 0.0:
+        return math.inf
     return float((1.0 / (p.beta + p.gamma)) ** (1.0 / p.n))
 
 

@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
-from bwbn_bayes.discovery.explanation import Explanation
-from bwbn_bayes.parameters import FreeParameter, Prior, Truncated, Uniform
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.parameters import Floats, FreeParameter, Prior, Truncated, Uniform
 from bwbn_bayes.structures.structure import Structure
 
 _AT_A_BOUND = 1e-3
 """Prior probability beyond a best fit that lies at the end of its prior."""
 
 
-def binding_sentences(given: Explanation) -> tuple[str, ...]:
-    """Which priors keep their parameter from where the record wants it, one sentence each."""
+def binding_sentences(given: Posterior, best: Floats) -> tuple[str, ...]:
+    """Which priors keep their parameter from where the record wants it, one sentence each.
+
+    Parameters
+    ----------
+    given : Posterior
+        Of the model as given.
+    best : (n_dim,) array
+        Its best fit, in the unit cube.
+    """
     return tuple(
         f"The prior of {p.name}, {p.prior}, binds: the best fit of the model as given lies at its "
         f"{'upper' if above else 'lower'} end."
-        for p, above in _binding(given)
+        for p, above in _binding(given, best)
     )
 
 
-def with_wider_priors(given: Explanation) -> Structure | None:
+def with_wider_priors(given: Posterior, best: Floats) -> Structure | None:
     """The model with each uniform prior that binds widened by its own width at that end; None where none is uniform.
 
-    No further than the law admits.
+    No further than the law admits; the arguments are those of :func:`binding_sentences`.
     """
     admissible = {p.symbol: (p.lower, p.upper) for p in given.model.parameters}
     wider: dict[str, float | Prior] = {}
-    for parameter, above in _binding(given):
+    for parameter, above in _binding(given, best):
         prior = parameter.prior
         if isinstance(prior, Uniform):
             low, high = admissible[parameter.symbol]
@@ -38,11 +46,11 @@ def with_wider_priors(given: Explanation) -> Structure | None:
     return given.model.with_values(wider) if wider else None
 
 
-def _binding(given: Explanation) -> list[tuple[FreeParameter, bool]]:
+def _binding(given: Posterior, best: Floats) -> list[tuple[FreeParameter, bool]]:
     """Parameters whose best fit lies at an end of a bounded prior, which is not the law's own; whether at the upper."""
     admissible = {p.symbol: (p.lower, p.upper) for p in given.model.parameters}
     found = []
-    for parameter, u in zip(given.posterior.space.parameters, given.best.tolist(), strict=True):
+    for parameter, u in zip(given.space.parameters, best.tolist(), strict=True):
         if not isinstance(parameter.prior, (Uniform, Truncated)) or parameter.symbol not in admissible:
             continue
         above = u > 0.5

@@ -65,6 +65,11 @@ class Hypothesis:
         return tuple(p.symbol for p in self.effect.parameters)
 
     @property
+    def free_shapes(self) -> tuple[Effect, ...]:
+        """Forms of free shape that contain the effect's own, or come close to it."""
+        return type(self.effect).general_forms(self.scales)
+
+    @property
     def label(self) -> str:
         """What engineers call it, its form and its place, e.g. ``gap impact (one-sided) in storey 2``."""
         form = f" ({self.effect.form})" if self.effect.form else ""
@@ -192,14 +197,10 @@ def hypotheses(
     """
     result = []
     addable: dict[tuple[str, ...], bool] = {}
-    for effect_class in effects if effects is not None else registered():
+    for effect_class in filter(lambda one: one.is_sought(), effects if effects is not None else registered()):
         for storeys in _places(effect_class, base, measured):
             own = mean_scales([scales[storey - 1] for storey in storeys] or scales[:1])
-            try:
-                forms = effect_class.default_prior(own)
-            except NotImplementedError:
-                continue
-            for effect in forms:
+            for effect in effect_class.default_prior(own):
                 if not has_time and effect.needs_time:
                     continue
                 hypothesis = Hypothesis(base=base, effect=effect, storeys=storeys, scales=own)

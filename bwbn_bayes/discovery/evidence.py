@@ -21,7 +21,7 @@ from bwbn_bayes.inference.importance import (
     sample_importance,
 )
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
-from bwbn_bayes.inference.modes import Mode, distinct, polish
+from bwbn_bayes.inference.modes import Mode, distinct, outlook, polish
 from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.parameters import Floats
 
@@ -133,15 +133,27 @@ def autoregressive_bound(posterior: Posterior, modes: tuple[Mode, ...]) -> float
     return sum(autoregression(own)[1] for own in residual)
 
 
+def autoregressive_outlook(posterior: Posterior, modes: tuple[Mode, ...]) -> float:
+    """What autoregressive errors may add to the evidence at most, in nat: by the expansion at that optimum."""
+    best = modes[0]
+    view = _under(posterior, _autoregressive(residual_of(posterior, best.point)))
+    return float(outlook(view, best.point[None], view.linearise(best.point[None]))[0] - best.log_likelihood)
+
+
 def autoregressive(posterior: Posterior, modes: tuple[Mode, ...]) -> Evidence:
     """Evidence under autoregressive errors, each channel's order by evidence."""
+    return _in_turns(posterior, modes, _autoregressive)
 
-    def account(residual: Floats) -> Correlation:
-        coefficients = tuple(autoregression(own)[0] for own in residual)
-        cost = sum(order_cost(len(own), residual.shape[1]) for own in coefficients)
-        return Correlation(coefficients=coefficients, log_prior=cost)
 
-    return _in_turns(posterior, modes, account)
+def _autoregressive(residual: Floats) -> Correlation:
+    """That which leaves of a residual ``(n_channels, n_times)`` the least."""
+    coefficients = tuple(autoregression(own)[0] for own in residual)
+    cost = sum(order_cost(len(own), residual.shape[1]) for own in coefficients)
+    return Correlation(coefficients=coefficients, log_prior=cost)
+
+
+def _under(posterior: Posterior, correlation: Correlation) -> Posterior:
+    return posterior.with_noise(replace(posterior.noise, correlation=correlation))  # type: ignore[type-var]
 
 
 def with_shared(
@@ -191,7 +203,7 @@ def _in_turns(
     view = posterior
     for turn in range(_N_TURNS):
         correlation = account(residual_of(posterior, points[0]))
-        view = posterior.with_noise(replace(posterior.noise, correlation=correlation))  # type: ignore[type-var]
+        view = _under(posterior, correlation)
         if turn == 0 and starts is not None:
             points = np.concatenate([points, starts])
         points, local = polish(view, points, n_iterations=_N_ITERATIONS, reach=_REACH)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,6 +14,7 @@ from bwbn_bayes.discovery.evidence import (
     Evidence,
     autoregressive,
     autoregressive_bound,
+    autoregressive_outlook,
     sampled,
     with_shared,
 )
@@ -30,6 +30,8 @@ from bwbn_bayes.parameters import Floats
 _MOST_COLOURED, _COLOURED_REACH = 4, 400.0
 """Explanations that are refitted under autoregressive errors in each round, and how far below the best: a law has been
 seen 379 nats below the one that it contains where its optimum was that of white errors. [nat]"""
+_FAR = 50.0
+"""How far below the best, if that leaves noise, an explanation must stay under any errors not to be refitted. [nat]"""
 _MOST_SHARED = 4
 """Explanations of a specimen that get an unnamed force in each round, beside the model as given."""
 _MOST_SAMPLED, _SAMPLED_REACH, _N_SAMPLED = 6, 10.0, 400
@@ -95,7 +97,7 @@ class Pool:
         return self._beliefs(tuple(self.plain.values()))
 
     def _beliefs(self, explanations: Sequence[Explanation]) -> Beliefs:
-        variants = Counter(hypothesis.name for hypothesis in self.run.considered_first)
+        variants = self.run.variants
         return beliefs(explanations, len(variants) or 1, variants)
 
     def ranked(self) -> list[Explanation]:
@@ -124,11 +126,15 @@ class Pool:
             if key not in self._bounds:
                 self._bounds[key] = self.white[key] + autoregressive_bound(*_at(self.plain[key]))
         bounds = {key: self._bounds[key] for key in waiting}
-        known = [one.evidence.log_evidence for one in self.plain.values()]
-        best = max([*bounds.values(), *known])
+        known = {key: one.evidence.log_evidence for key, one in self.plain.items()}
+        best = max([*bounds.values(), *known.values()])
         ranked = sorted(waiting, key=lambda key: -bounds[key])[:_MOST_COLOURED]
         self._coloured.update(ranked)
         promising = [k for k in ranked if bounds[k] > self.white[k] and bounds[k] > best - _COLOURED_REACH]
+        if self.plain[max(known, key=lambda key: known[key])].is_noise:  # nobody explains more than all
+            promising = [
+                k for k in promising if self.white[k] + autoregressive_outlook(*_at(self.plain[k])) > best - _FAR
+            ]
         for key in promising:
             self.run.say(f"weighing {self.plain[key].label} under autoregressive errors")
         found = beside(lambda k: autoregressive(*_at(self.plain[k])), promising, self.run.settings.n_workers)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,8 @@ from bwbn_bayes.discovery.known_slopes import fits_with_slopes, suited
 from bwbn_bayes.discovery.pace import UNHURRIED, Pace
 from bwbn_bayes.discovery.score import Slopes
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
-from bwbn_bayes.inference.modes import Mode, distinct, polish
+from bwbn_bayes.inference.modes import Mode, distinct, outlook, polish
+from bwbn_bayes.inference.residuals import leaves_noise
 from bwbn_bayes.parameters import Booleans, Floats
 
 ROUNDS = ((2, 1.0), (4, 0.4), (25, 0.12))
@@ -32,7 +34,8 @@ _MOST = 8
 _NEAR = 1e-3
 """Distance from neutral of the starts there, in prior probability."""
 _REACH = 50.0
-"""Candidates further below the best of their family do not keep it waiting. [nat]"""
+"""Candidates further below the best of their family do not keep it waiting, and hypotheses that will stay so far below
+one that leaves noise are fitted no further. [nat]"""
 _FEWEST = 5
 """Candidates of a hypothesis that enter each later round, at least."""
 _BLOCK = 16
@@ -73,6 +76,16 @@ class Fit:
         found = [mode.point for mode in self.modes[:n]]
         return np.array(found) if found else self.best(1)
 
+    @cached_property
+    def outlook(self) -> float:
+        """Log likelihood that a further step leads to at most, by what is known here."""
+        return float(np.max(outlook(self.posterior, self.points, self.local)))
+
+    @cached_property
+    def leaves_noise(self) -> bool:
+        """Whether the best of its points explains all that was measured, down to noise."""
+        return bool(np.isfinite(self.log_likelihood)) and leaves_noise(self.posterior, self.best(1)[0])
+
     @property
     def modes(self) -> tuple[Mode, ...]:
         """Distinct optima, best first."""
@@ -92,7 +105,8 @@ def race(
     """Fit hypotheses, best first.
 
     An effect in every storey alike joins in the second round, if it is among the leading ones at one storey. Where
-    there is no time for all, those that were fitted stand as they are.
+    there is no time for all, those that were fitted stand as they are; so do those that can no longer come near one
+    that leaves noise, since nobody explains more than all.
 
     Parameters
     ----------
@@ -119,9 +133,9 @@ def race(
         joins_later = len(hypothesis.storeys) > 1 and hypothesis.symbols in at_one_place
         (everywhere if joins_later else kept).append(hypothesis)
     fitted_before = fits_with_slopes(present, base_points) if guess else []
+    leading: list[tuple[str, ...]] = []
     for number, (n_iterations, share) in enumerate(ROUNDS):
         n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(kept))
-        leading = list(dict.fromkeys(h.symbols for h in kept))[:_LEADING_FORMS]
         joining = [h for h in everywhere if h.symbols in leading] if number == 1 else []
         kept = [*kept[:n_kept], *joining]
 
@@ -140,9 +154,18 @@ def race(
             break
         fits.update(fitted)
         kept = sorted((h for h in kept if h in fits), key=lambda hypothesis: -fits[hypothesis].log_likelihood)
+        leading = list(dict.fromkeys(h.symbols for h in kept))[:_LEADING_FORMS]
+        kept = [fit.hypothesis for fit in in_reach([fits[h] for h in kept])]
         if progress is not None and kept:
             progress(f"best so far: {kept[0].label}")
     return tuple(sorted(fits.values(), key=lambda fit: -fit.log_likelihood))
+
+
+def in_reach(fits: Sequence[Fit]) -> list[Fit]:
+    """Of fits, best first, those that may come near the first; all of them, where that one leaves more than noise."""
+    if not fits or not fits[0].leaves_noise:
+        return list(fits)
+    return [fit for fit in fits if fit.outlook > fits[0].log_likelihood - _REACH]
 
 
 def _starts(present: Posterior, family: Family, point: Floats, known: Sequence[tuple[Floats, Slopes]]) -> list[Floats]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -93,6 +94,8 @@ class Run:
     """What the first round came to, best first."""
     considered_first: tuple[Hypothesis, ...] = ()
     """Hypotheses of the first round."""
+    variants: Counter[str] = field(default_factory=Counter)
+    """Forms and places of each effect, those of free shape too."""
     binding: tuple[str, ...] = ()
     """Priors of the model as given that bind, in sentences."""
     cut_short: tuple[str, ...] = ()
@@ -111,6 +114,15 @@ class Run:
         if limit is not None and self.elapsed >= limit:
             self.stopped = True
         return self.stopped
+
+    def consider(self, first: tuple[Hypothesis, ...]) -> None:
+        """Begin with the hypotheses of the first round; each name's share of the prior is split over its own."""
+        self.considered = self.considered_first = first
+        usual = {(h.name, h.symbols, h.storeys) for h in first}
+        shapes = ((form, h) for h in first for form in h.free_shapes)
+        free = {(form.name, tuple(p.symbol for p in form.parameters), h.storeys) for form, h in shapes}
+        names = {name for name, *_ in usual}
+        self.variants = Counter(name for name, *_ in usual | free if name in names)
 
     @property
     def pace(self) -> Pace:

@@ -149,8 +149,9 @@ class Slopes:
 
     @cached_property
     def factor(self) -> Floats:
-        """Lower Cholesky factor of their information, with the prior's."""
-        return np.linalg.cholesky(self.base.T @ self.base + PRIOR_PRECISION * np.eye(self.base.shape[1]))
+        """Lower triangular factor of their information, with the prior's; not of the product, which rounding spoils."""
+        prior = np.sqrt(PRIOR_PRECISION) * np.eye(self.base.shape[1])
+        return np.asarray(np.linalg.qr(np.concatenate([self.base, prior]), mode="r").T)
 
     def projected(self, values: Floats, slope: Floats) -> tuple[float, float]:
         """Slope of the log likelihood and information in one direction, with the present parameters projected out.

@@ -29,7 +29,6 @@ from bwbn_bayes.discovery.unnamed_storey import unnamed_forces
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
-from bwbn_bayes.inference.residuals import leaves_noise
 from bwbn_bayes.parameters import Floats
 
 MOST_LATER = 12
@@ -63,7 +62,7 @@ def search(given: Explanation, run: Run) -> Pool:
     """
     pool = Pool(run=run)
     pool.add([given])
-    run.considered = run.considered_first = hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED)
+    run.consider(hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED))
     n_whole = 0
     with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
         for _ in range(run.settings.most_rounds):
@@ -162,7 +161,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
         run.say(f"scoring {len(every)} hypotheses")
         run.scored = (parent.model, score_all(parent, every, run))
         ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
-        variants = Counter(hypothesis.name for hypothesis in run.considered_first)
+        variants = run.variants
         every = tuple(h for h, score in ranked if score.nats > cost_of_another(h.name, variants))
         every = every[: len(every) if first else MOST_LATER]
     if not every:
@@ -180,7 +179,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     run.say("looking closer at the leading hypotheses")
     if not parent.is_quiet:
         fits = rescanned(fits, n_threads=n_workers, pace=pace)
-    if first and not leaves_noise(fits[0].posterior, fits[0].best(1)[0]):  # later laws start near the answer
+    if first and not fits[0].leaves_noise:  # later laws start near the answer
         fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
     return fits
 
@@ -239,7 +238,7 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
             base = pool.plain.get(whole.effects_key - key_of([plain]))
             if base is None or run.must_stop():
                 continue
-            forms = [form for form in type(plain.effect).general_forms(plain.scales) if form.name in considered]
+            forms = [form for form in plain.free_shapes if form.name in considered]
             every = [replace(plain, base=base.model, effect=form, carried=()) for form in forms]
             every = [one for one in every if base.effects_key | key_of([one]) not in pool.reshaped]
             pool.reshaped.update(base.effects_key | key_of([one]) for one in every)

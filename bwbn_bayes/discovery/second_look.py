@@ -13,7 +13,7 @@ import numpy as np
 
 from bwbn_bayes.discovery.known_slopes import suited
 from bwbn_bayes.discovery.pace import UNHURRIED, Pace
-from bwbn_bayes.discovery.race import Fit
+from bwbn_bayes.discovery.race import Fit, in_reach
 from bwbn_bayes.discovery.run import on_threads
 from bwbn_bayes.discovery.score import Slopes
 from bwbn_bayes.elements.law import Effect
@@ -72,7 +72,7 @@ def rescanned(fits: Sequence[Fit], *, n_threads: int, pace: Pace = UNHURRIED) ->
     pace : Pace
         Those that there is no time for stay as they are.
     """
-    return _again(fits, leading(fits), lambda fit, _: _rescanned(fit, n_threads), n_threads, pace)
+    return _again(fits, leading(in_reach(fits)), lambda fit, _: _rescanned(fit, n_threads), n_threads, pace)
 
 
 def searched(

@@ -33,7 +33,7 @@ from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, choose_scheme
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior, default_noise
-from bwbn_bayes.inference.modes import distinct, find_modes, polish
+from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, settled
 from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.band import noise_band
@@ -103,12 +103,13 @@ def discover(
 def _given(model: Structure, record: Record, journal: Journal | None, run: Run) -> Explanation:
     """The model as given, fitted, under wider priors where its own bind; laws are compiled meanwhile."""
     compiling = _compile_ahead(model, record, run)
-    given = _fit_given(model, record, journal, run)
-    run.binding = binding_sentences(given)
-    wider = with_wider_priors(given) if run.binding else None
+    posterior, modes = _fit_given(model, record, journal, run)
+    run.binding = binding_sentences(posterior, modes[0].point)
+    wider = with_wider_priors(posterior, modes[0].point) if run.binding else None
     if wider is not None:
         run.say("a prior of the model binds: fitting with a wider one")
-        given = _fit_given(wider, record, journal, run)
+        posterior, modes = _refitted(posterior, modes, wider, run)
+    given = _explained(posterior, modes)
     for spot in given.disagreement.spots[:2]:
         run.say(spot.sentence)
     if compiling is not None:
@@ -143,8 +144,10 @@ def _with_noise(record: Record, run: Run) -> Record:
     return record
 
 
-def _fit_given(model: Structure, record: Record, journal: Journal | None, run: Run) -> Explanation:
-    """Fit the model as given: to the whole record, and to its beginning, where damage has yet to come."""
+def _fit_given(
+    model: Structure, record: Record, journal: Journal | None, run: Run
+) -> tuple[Posterior, tuple[Mode, ...]]:
+    """Fit the model as given, from all over its priors, by a scheme that is fine enough for the record."""
     engine = replace(LADDER[0], n_threads=run.settings.n_workers)
     posterior = Posterior(model=model, record=record, engine=engine, noise=default_noise(record), journal=journal)
     run.say("fitting the model as given")
@@ -154,19 +157,39 @@ def _fit_given(model: Structure, record: Record, journal: Journal | None, run: R
         if scheme != engine:
             run.say(f"samples lie far apart for what moves between them: solving by {scheme.scheme}")
             posterior = posterior.with_engine(scheme)
-            modes = distinct(*polish(posterior, np.array([mode.point for mode in modes[:16]]), n_iterations=20))
+            modes = distinct(*polish(posterior, _points(modes), n_iterations=20))
+    return posterior, modes
+
+
+def _refitted(
+    posterior: Posterior, modes: tuple[Mode, ...], wider: Structure, run: Run
+) -> tuple[Posterior, tuple[Mode, ...]]:
+    """The fit under wider priors, from the optima under narrower ones and the clouds around them."""
+    under = posterior.with_model(wider)
+    points = under.space.to_unit(posterior.space.from_unit(_points(modes)))
+    return under, settled(under, distinct(*polish(under, points, n_iterations=20)), run.rng)
+
+
+def _explained(posterior: Posterior, modes: tuple[Mode, ...]) -> Explanation:
+    """The model as given, with starts from its fit to the record's beginning, where damage has yet to come."""
+    record = posterior.record
     energy = np.cumsum(np.sum(np.square(list(record.drivers.values())), axis=0))
     early = float(np.searchsorted(energy, 0.35 * energy[-1])) * record.time_step
     beginning = posterior.until(max(early, 0.2 * record.duration, MIN_TIMES * record.time_step))
-    points, local = polish(beginning, np.array([mode.point for mode in modes[:16]]), n_iterations=20)
+    points, local = polish(beginning, _points(modes), n_iterations=20)
     return Explanation(
         added=(),
         posterior=posterior,
         modes=modes,
         evidence=laplace(posterior, modes),
-        n_places=len(places_of(model.n_links)),
+        n_places=len(places_of(posterior.model.n_links)),
         starts=np.array([mode.point for mode in distinct(points, local)[:2]]),
     )
+
+
+def _points(modes: Sequence[Mode]) -> Floats:
+    """The best of them, ``(n, n_dim)``."""
+    return np.array([mode.point for mode in modes[:N_CANDIDATES]])
 
 
 def _scheme_for(posterior: Posterior, point: Floats, engine: Lanes) -> Lanes:

@@ -19,7 +19,7 @@ from bwbn_bayes.elements.notation import LETTERS, MathmlNotation, Notation, Unic
 from bwbn_bayes.parameters import Parameter
 
 READING_ORDER = (
-    "kappa", "nu", "H", "h", "s", "a", "f", "epsilon", "u", "d", "z", "chi", "v",
+    "kappa", "nu", "H", "h", "s", "a", "f", "epsilon", "u", "u_b", "d", "z", "chi", "v",
     "m_i", "M_i", "w_i", "x_b", "v_b", "x_s", "v_s", "q_s", "y_t", "v_t", "a_i", "a_rec", "a_g", "F_1",
 )  # fmt: skip
 """Steps and states as they follow each other in a product; parameters come before them."""

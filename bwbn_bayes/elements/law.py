@@ -20,6 +20,8 @@ from bwbn_bayes.elements.signature import NO_SIGNATURE, Signature
 from bwbn_bayes.parameters import Parameter, Value
 
 DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, ENERGY = sp.symbols("u v z epsilon", real=True)
+BENDING_DRIFT = sp.Symbol("u_b", real=True)
+"""Drift of a storey less that of the one below, plus the same less that of each one above it. [m]"""
 
 FLOOR_VELOCITY, FLOOR_ACCELERATION = sp.symbols("w_i a_i", real=True)
 """Of the floor above the storey: velocity relative to the ground [m/s], total acceleration [m/s^2]."""
@@ -243,6 +245,11 @@ class Effect(Addition, Protocol):
         raise NotImplementedError(f"{cls.__name__} does not say what sizes to expect: it takes no part in discovery")
 
     @classmethod
+    def is_sought(cls) -> bool:
+        """Whether discovery tries it: it says what sizes to expect."""
+        return cls.default_prior.__func__ is not Effect.default_prior.__func__  # type: ignore[attr-defined]
+
+    @classmethod
     def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:  # noqa: ARG003  as default_prior's
         """Forms with a free shape that contain those of :meth:`default_prior`, with priors.
 
@@ -267,6 +274,11 @@ class Effect(Addition, Protocol):
     def moves_base(self) -> bool:
         """Whether it puts the building on something that moves; a law has one such effect."""
         return self.level == "structure" and bool(self.fill(Slots()).base_states)
+
+    @property
+    def bends(self) -> bool:
+        """Whether it makes the force of a storey depend on the drifts of its neighbours."""
+        return BENDING_DRIFT in self.fill(Slots()).added_force.free_symbols
 
     @property
     def mechanism(self) -> str:
@@ -316,8 +328,9 @@ class StoreyLaw:
     """A storey's law as expressions of states and parameters.
 
     ``rates`` belong to ``states`` in order: hysteretic displacement, energy, then added states. ``force`` holds the
-    damping force too. ``definitions`` are the same law in named steps, for printing; the subjects :data:`FORCE` and
-    :func:`rate_of` a state stand for the outputs. ``increments`` says which parameters change, and by how much.
+    damping force too, and may use :data:`BENDING_DRIFT`. ``definitions`` are the same law in named steps, for printing;
+    the subjects :data:`FORCE` and :func:`rate_of` a state stand for the outputs. ``increments`` says which parameters
+    change, and by how much.
 
     Effects may refer to the symbols that are ``derived`` from parameters as if they were parameters, and change them:
     ``force``, ``rates`` and ``constraints`` have them written out.
@@ -342,6 +355,11 @@ class StoreyLaw:
     base: BaseLaw | None = None
     initial: tuple[tuple[sp.Symbol, sp.Symbol], ...] = ()
     """States that do not start at zero, each with the parameter that it starts at."""
+
+    @property
+    def bends(self) -> bool:
+        """Whether the force of a storey depends on the drifts of its neighbours."""
+        return BENDING_DRIFT in self.force.free_symbols
 
     @property
     def n_storey_states(self) -> int:

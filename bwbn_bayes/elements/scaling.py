@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 import sympy as sp
 
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, StoreyLaw
+from bwbn_bayes.elements.law import BENDING_DRIFT, DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, StoreyLaw
 from bwbn_bayes.parameters import Floats
 
 _SPRINGS = ("k", "alpha", "A")
@@ -145,4 +145,5 @@ class _Probe(NamedTuple):
 
 def _inputs(law: StoreyLaw) -> tuple[sp.Symbol, ...]:
     indicators = tuple(event.indicator for event in law.events)
-    return (DRIFT, DRIFT_RATE, *law.states[: law.n_storey_states], *law.symbols, *indicators)
+    bending = (BENDING_DRIFT,) if law.bends else ()
+    return (DRIFT, DRIFT_RATE, *law.states[: law.n_storey_states], *law.symbols, *indicators, *bending)

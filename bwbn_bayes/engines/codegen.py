@@ -17,6 +17,7 @@ from sympy.codegen.cfunctions import exp2, log2
 from sympy.printing.pycode import PythonCodePrinter
 
 from bwbn_bayes.elements.law import (
+    BENDING_DRIFT,
     DRIFT,
     DRIFT_RATE,
     FIRST_FORCE,
@@ -218,10 +219,13 @@ INVERSE_MASS = sp.Symbol("inverse_mass__", real=True)
 """One over the mass that the model gives a floor, as kernels keep it. [1/kg]"""
 
 INPUT_NAMES = {
+    BENDING_DRIFT: "bending__",
     NET_FORCE: "net_force__",
     RECORDED_ACCELERATION: "recorded__",
 }
-"""What the laws of floors and base take from around them, as kernels call it; the net force on the base is F_1."""
+"""What laws take from around them, as kernels call it; the net force on the base is F_1."""
+
+_INPUTS = {s: sp.Symbol(name, real=True) for s, name in INPUT_NAMES.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,12 +270,19 @@ class LawPrograms:
     floor: Part | None
     base: Part | None
     variables: tuple[sp.Symbol, ...]
-    """Columns: drift, drift rate, states, parameters, then the net force on a floor or on the base."""
+    """Columns: drift, drift rate, states, parameters, then what comes from around: what bends a storey, where it
+    matters, and last the net force on a floor or on the base."""
 
     @property
     def parts(self) -> tuple[Part, ...]:
         """Those there are."""
         return tuple(part for part in (self.storey, self.floor, self.base) if part is not None)
+
+    @property
+    def bending(self) -> int | None:
+        """Column of the drift that bends a storey, None where no force depends on it."""
+        bending = _INPUTS[BENDING_DRIFT]
+        return self.variables.index(bending) if bending in self.variables else None
 
     @property
     def n_hoisted(self) -> int:
@@ -288,13 +299,12 @@ def spelled(law: StoreyLaw) -> StoreyLaw:
     """The same law with names that no variable of a kernel has: parameters are written ``p_`` and so on."""
     old = (*law.states, *law.base_states, *law.symbols, *(event.indicator for event in law.events))
     new = {s: sp.Symbol(f"{s.name}_", **s.assumptions0) for s in old}
-    inputs: dict[sp.Expr, sp.Expr] = {s: sp.Symbol(name, real=True) for s, name in INPUT_NAMES.items()}
-    around = {**new, **inputs, FIRST_FORCE: inputs[NET_FORCE], MASS: 1 / INVERSE_MASS}
+    around: dict[sp.Expr, sp.Expr] = {**new, **_INPUTS, FIRST_FORCE: _INPUTS[NET_FORCE], MASS: 1 / INVERSE_MASS}
     return replace(
         law,
         parameters=tuple(replace(p, symbol=f"{p.symbol}_") for p in law.parameters),
         states=tuple(new[s] for s in law.states),
-        force=law.force.xreplace(new),
+        force=law.force.xreplace(around),
         rates=tuple(rate.xreplace(around) for rate in law.rates),
         events=tuple(Event(time=new[e.time], indicator=new[e.indicator]) for e in law.events),
         sharp_features=tuple(
@@ -331,10 +341,9 @@ def law_programs(law: StoreyLaw) -> LawPrograms:
 
 
 def _variables(law: StoreyLaw) -> tuple[sp.Symbol, ...]:
-    around = (
-        (sp.Symbol(INPUT_NAMES[NET_FORCE], real=True),) if law.acceleration is not None or law.base is not None else ()
-    )
-    return (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *around)
+    bending = (_INPUTS[BENDING_DRIFT],) if _INPUTS[BENDING_DRIFT] in law.force.free_symbols else ()
+    net = (_INPUTS[NET_FORCE],) if law.acceleration is not None or law.base is not None else ()
+    return (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *bending, *net)
 
 
 def packed(programs: LawPrograms) -> list[dict[str, Any] | None]:

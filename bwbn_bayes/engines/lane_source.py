@@ -7,7 +7,8 @@ Which nodes a link joins is data (``joints``, one row for each link): the block 
 the node where it ends, and for both whether the node has been pulled at in this stage already. The link that carries a
 node comes after all others that join it, so that one sweep finds all accelerations. Forces are gathered in the node's
 ``pull``, but for one that is alone there and stands in the block before, as in a chain: it is read where it stands, and
--1 says so.
+-1 says so. The fifth number is the block of the link that it runs on from, or 0: where forces depend on how much a
+storey drifts beyond its neighbours, a link tells the one below in its row ``bending``, which is read and emptied there.
 The distance between rows is a constant, so that the compiler needs no check for overlap. Derivatives stand in ``t``,
 one building of smaller blocks per direction. Each stage of a Runge-Kutta scheme uses the rates of the stage before
 only: state ``y + share * step * rate``, result ``y + sum(weight * step * rate)``.
@@ -22,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import (
+    BENDING_DRIFT,
     DRIFT,
     DRIFT_RATE,
     NET_FORCE,
@@ -51,7 +53,7 @@ WITH_TANGENTS = "_with_tangents"
 
 @dataclass(frozen=True, kw_only=True)
 class LaneLayout:
-    """Rows of a storey's block in ``w``; the rows up to and including ``pull`` open its block in ``t`` too.
+    """Rows of a storey's block in ``w``; the rows up to and including ``bending`` open its block in ``t`` too.
 
     Attributes
     ----------
@@ -60,9 +62,9 @@ class LaneLayout:
     n_columns : int
         Columns of the table of partial derivatives: the law's variables, one of zeros (``nowhere``), and one for what
         the lanes of a direction move where that differs (``own``).
-    force, acceleration, pull, inverse_mass, parameters, derived, happened, sharpness, before, slope : int
-        First row of each kind; ``pull`` is the force on the node but for its own link's; ``sharpness`` is one over the
-        width of each sharp feature.
+    force, acceleration, pull, bending, inverse_mass, parameters, derived, happened, sharpness, before, slope : int
+        First row of each kind; ``pull`` is the force on the node but for its own link's; ``bending`` is ``pull`` where
+        forces do not depend on other drifts; ``sharpness`` is one over the width of each sharp feature.
     block : int
         Rows of a block of ``w``.
     """
@@ -72,6 +74,7 @@ class LaneLayout:
     force: int
     acceleration: int
     pull: int
+    bending: int
     inverse_mass: int
     parameters: int
     derived: int
@@ -94,7 +97,7 @@ class LaneLayout:
     @property
     def tangent_block(self) -> int:
         """Rows of a block of ``t``."""
-        return self.pull + 1
+        return self.bending + 1
 
     def observed(self, kind: NDArray[np.int64]) -> NDArray[np.int64]:
         """Row of each observed kind, numbered as in :data:`~bwbn_bayes.engines.base.OBSERVED_KINDS`.
@@ -107,7 +110,9 @@ class LaneLayout:
 def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
     """Lay out the rows of one storey law."""
     n_states = 2 + len(law.states)
-    parameters = 3 * n_states + 4
+    pull = 3 * n_states + 2
+    bending = pull if programs.bending is None else pull + 1
+    parameters = bending + 2
     derived = parameters + len(law.parameters)
     happened = derived + programs.n_hoisted
     sharpness = happened + len(law.events)
@@ -118,8 +123,9 @@ def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
         n_columns=n_columns,
         force=3 * n_states,
         acceleration=3 * n_states + 1,
-        pull=3 * n_states + 2,
-        inverse_mass=3 * n_states + 3,
+        pull=pull,
+        bending=bending,
+        inverse_mass=bending + 1,
         parameters=parameters,
         derived=derived,
         happened=happened,
@@ -174,6 +180,7 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         law=_indent(_law(law, programs, place, with_slopes=False), 3),
         tangent_law=_indent(_law(law, programs, place, with_slopes=True), 3),
         chain=_chain(programs, place),
+        **_neighbours(programs),
         base=_base(law, programs, place, fields, with_slopes=False),
         tangent_base=_base(law, programs, place, fields, with_slopes=True),
         **fields,
@@ -263,6 +270,34 @@ def _code(
     return lines + (_slopes(law, part, place, block) if with_slopes else [])
 
 
+def _neighbours(programs: LawPrograms) -> dict[str, str]:
+    """Lines that say which link the one at hand runs on from, where a force depends on it."""
+    if programs.bending is None:
+        return {"neighbour": "", "tangent_neighbour": ""}
+    lines = ["b = joints[i, 4] * BLOCK", "runs_on = 1.0 if joints[i, 4] > 0 else 0.0"]
+    return {
+        "neighbour": _indent(lines, 2) + "\n",
+        "tangent_neighbour": _indent(["b = (k * (n_links + 2) + joints[i, 4]) * TANGENT_BLOCK"], 3) + "\n",
+    }
+
+
+def _bending(place: LaneLayout, array: str, own: str, drift: str) -> list[str]:
+    """A link's drift beyond its neighbours'; the one below, whose turn comes later, is told.
+
+    The drift below is what ``_HEAD`` will make of it.
+    """
+    n, row = place.n_states, f"{place.bending} * LANES + l"
+    return [
+        f"rate = step[l] * {array}[b + {n} * LANES + l]",
+        f"below = inside * ({array}[b + l] + share * rate)",
+        f"below = below + (1.0 - inside) * ({array}[b + {2 * n} * LANES + l] + weight * rate)",
+        f"apart = runs_on * ({drift} - below)",
+        f"{INPUT_NAMES[BENDING_DRIFT]} = apart - {array}[{own} + {row}]",
+        f"{array}[{own} + {row}] = 0.0",
+        f"{array}[b + {row}] = {array}[b + {row}] + apart",
+    ]
+
+
 def _law(law: StoreyLaw, programs: LawPrograms, place: LaneLayout, *, with_slopes: bool) -> list[str]:
     """Rates of one link but for its drift rate's, and the acceleration of the node that it carries."""
     names = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
@@ -280,6 +315,8 @@ def _law(law: StoreyLaw, programs: LawPrograms, place: LaneLayout, *, with_slope
     storey = ["force = {}", *rates[: law.n_storey_states]]
     end = own if programs.floor is not None else [*own, plain, *joined]
     lines = _states(names, "w", "a + BLOCK", place)
+    if programs.bending is not None:
+        lines += _bending(place, "w", "a + BLOCK", str(DRIFT))
     lines += _code(law, programs.storey, place, storey, end, with_slopes=with_slopes)
     if programs.floor is not None:
         lines += [f"{INPUT_NAMES[NET_FORCE]} = {net}", _RECORDED]
@@ -365,6 +402,9 @@ def _chain(programs: LawPrograms, place: LaneLayout) -> str:
     n = place.n_states
     lines = _states([f"t{r}" for r in range(n)], "t", "o + TANGENT_BLOCK", place)
     tangents = {r: f"t{r}" for r in range(n)}
+    if programs.bending is not None:
+        lines += _bending(place, "t", "o + TANGENT_BLOCK", "t0")
+        tangents[programs.bending] = INPUT_NAMES[BENDING_DRIFT]
     targets = [
         "force",
         *(f"t[o + TANGENT_BLOCK + {n + 1 + row} * LANES + l]" for row in range(1, n - 1)),

@@ -93,7 +93,7 @@ def stage(n_links, n_directions, weight, share, inside, step, ground, joints, fo
     for i in range(n_links):
         a = i * BLOCK
         p = a + {force} * LANES if handed_on(i, joints) else a + BLOCK + {pull} * LANES
-        for l in range(LANES):
+{neighbour}        for l in range(LANES):
 {law}
         if joints[i, 2] >= 0:
             hold(a + BLOCK, joints[i, 0] * BLOCK, 1.0, float(joints[i, 2]), w)
@@ -116,7 +116,7 @@ def stage_with_tangents(n_links, n_directions, weight, share, inside, step, grou
     for i in range(n_links):
         a = i * BLOCK
         p = a + {force} * LANES if handed_on(i, joints) else a + BLOCK + {pull} * LANES
-        for l in range(LANES):
+{neighbour}        for l in range(LANES):
 {tangent_law}
         if joints[i, 2] >= 0:
             hold(a + BLOCK, joints[i, 0] * BLOCK, 1.0, float(joints[i, 2]), w)
@@ -130,7 +130,7 @@ def stage_with_tangents(n_links, n_directions, weight, share, inside, step, grou
                 gather(a + BLOCK + {slope} * LANES, seed[m * LANES:], w)
             moved = w[a + column[m] * LANES:]
             moves = active[m * LANES:]
-            for l in range(LANES):
+{tangent_neighbour}            for l in range(LANES):
 {chain}
             if joints[i, 2] >= 0:
                 u = (k * (n_links + 2) + joints[i, 0]) * TANGENT_BLOCK

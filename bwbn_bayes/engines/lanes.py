@@ -532,7 +532,10 @@ def _moved(model: Structure, place: LaneLayout) -> NDArray[np.int64]:
 
 
 def _joints(model: Structure, forced_floors: tuple[int, ...]) -> NDArray[np.int64]:
-    """Blocks of the nodes that each link joins, in the order of the sweep, and whether each was pulled at before."""
+    """Blocks of the nodes that each link joins, in the order of the sweep, and whether each was pulled at before.
+
+    Last the block of the link that it runs on from, 0 for none.
+    """
     n, pulled = model.n_links, set(forced_floors)
     others = [end for number, pair in enumerate(model.joints, 1) for end in pair if end != number]
     pulls = Counter([*others, *forced_floors])
@@ -540,7 +543,10 @@ def _joints(model: Structure, forced_floors: tuple[int, ...]) -> NDArray[np.int6
     for number in range(n, 0, -1):
         lower, upper = model.joints[number - 1]
         alone = lower == number - 1 and pulls[lower] == 1
-        rows.append((n + 1 - lower, n + 1 - upper, -1 if alone else int(lower in pulled), int(upper in pulled)))
+        below = model.runs_on_from[number - 1]
+        runs_on_from = n + 1 - below if below else 0
+        kept = -1 if alone else int(lower in pulled)
+        rows.append((n + 1 - lower, n + 1 - upper, kept, int(upper in pulled), runs_on_from))
         pulled |= {lower, upper} - {number}
     return np.array(rows, dtype=np.int64)
 

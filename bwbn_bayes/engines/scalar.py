@@ -194,6 +194,7 @@ def _template(model: Structure, stretch: Stretch, place: Layout, d: int) -> Floa
     blocks = template[HEAD : place.seed(n)].reshape(n, place.block)
     blocks[:, place.inverse_mass] = 1.0 / masses(model)
     blocks[:, [place.lower, place.upper]] = model.joints
+    blocks[:, place.runs_on_from] = model.runs_on_from
     for row, floor in enumerate(stretch.forced_floors):
         blocks[floor - 1, place.force_row] = 1 + row
     if d:

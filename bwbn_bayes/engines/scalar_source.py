@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bwbn_bayes.elements.law import (
+    BENDING_DRIFT,
     DRIFT,
     DRIFT_RATE,
     NET_FORCE,
@@ -47,6 +48,9 @@ class Layout:
     lower, upper, pull, pull_slope, force_row, applied : int
         Likewise the nodes where the link begins and ends, the links' force on the node of the block and its derivative,
         the input that pushes at the node (0 where none does), and that force now.
+    runs_on_from, bending, bending_slope : int
+        Likewise the link (from 1, 0 for none) that this one runs on from, by how much the drift exceeds those of its
+        neighbours and its derivative.
     slope, base_slope, block : int
         Likewise the tables of partial derivatives of storey and floor, and of the base, which stands in the block of
         storey 1; length of a block.
@@ -68,6 +72,9 @@ class Layout:
     pull_slope: int
     force_row: int
     applied: int
+    runs_on_from: int
+    bending: int
+    bending_slope: int
     slope: int
     base_slope: int
     block: int
@@ -91,7 +98,7 @@ def layout(law: StoreyLaw, programs: LawPrograms) -> Layout:
     happened = derived + programs.n_hoisted
     inverse_mass = happened + len(law.events)
     n_columns = len(programs.variables) + 1
-    slope = inverse_mass + 11
+    slope = inverse_mass + 14
     base_slope = slope + programs.n_rows * n_columns
     return Layout(
         n_rows=2 + len(law.states),
@@ -110,6 +117,9 @@ def layout(law: StoreyLaw, programs: LawPrograms) -> Layout:
         pull_slope=inverse_mass + 8,
         force_row=inverse_mass + 9,
         applied=inverse_mass + 10,
+        runs_on_from=inverse_mass + 11,
+        bending=inverse_mass + 12,
+        bending_slope=inverse_mass + 13,
         slope=slope,
         base_slope=base_slope,
         block=base_slope + (len(programs.base.rows) * n_columns if programs.base is not None else 0),
@@ -147,6 +157,8 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         "pull_slope": place.pull_slope,
         "force_row": place.force_row,
         "applied": place.applied,
+        "runs_on_from": place.runs_on_from,
+        **_bending(programs, place),
         "driven": str(driven),
         "drift_rate_rate": (
             "0.0"
@@ -171,6 +183,16 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
     return "".join(part.format(**fields) for part in (LAW, EVENTS, RUNGE_KUTTA))
 
 
+def _bending(programs: LawPrograms, place: Layout) -> dict[str, str]:
+    """Lines that compare drifts with those of the neighbours, where a force depends on it."""
+    if programs.bending is None:
+        return {"bend": "", "bend_slope": ""}
+    return {
+        "bend": f"    compare({place.bending}, y, data)\n",
+        "bend_slope": f"    compare({place.bending_slope}, t, data)\n",
+    }
+
+
 def _indent(lines: list[str]) -> str:
     return "\n".join("        " + line for line in lines or ["pass"])
 
@@ -185,7 +207,7 @@ def _loads(law: StoreyLaw, place: Layout, program: Program, first: int, lines: l
     sources |= {name: f"data[here + {place.derived + first + column}]" for column, (name, _) in hoisted}
     sources |= {str(event.indicator): f"data[here + {place.happened + e}]" for e, event in enumerate(law.events)}
     sources |= {str(INVERSE_MASS): f"data[here + {place.inverse_mass}]", INPUT_NAMES[RECORDED_ACCELERATION]: "ground"}
-    sources |= {INPUT_NAMES[NET_FORCE]: "net"}
+    sources |= {INPUT_NAMES[NET_FORCE]: "net", INPUT_NAMES[BENDING_DRIFT]: f"data[here + {place.bending}]"}
     return [f"{name} = {source}" for name, source in sources.items() if name in words]
 
 
@@ -278,6 +300,8 @@ def _moved(place: Layout, storey: str) -> list[str]:
 
 def _chain(programs: LawPrograms, place: Layout) -> list[str]:
     tangents = {row: f"t[base + {row}]" for row in range(place.n_rows)}
+    if programs.bending is not None:
+        tangents[programs.bending] = f"data[here + {place.bending_slope}]"
     targets = [f"data[here + {place.force_slope}]", *(f"dt_[base + {1 + row}]" for row in range(1, place.n_rows - 1))]
     return ["dt_[base] = t[base + 1]"] + [
         f"{targets[row]} = {_slope(programs.storey, row, place.slope + row * place.n_columns, tangents)}"

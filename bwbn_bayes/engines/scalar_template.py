@@ -48,9 +48,22 @@ def part(below, acceleration, dy, data):
 
 
 @njit({flags})
+def compare(bending, y, data):
+    """Into row ``bending`` of each link's block its drift less that of the one it runs on from and of those above."""
+    for i in range(int(data[0])):
+        data[{head} + i * {block} + bending] = 0.0
+    for i in range(int(data[0])):
+        below = int(data[{head} + i * {block} + {runs_on_from}]) - 1
+        if below >= 0:
+            apart = y[i * {n_rows}] - y[below * {n_rows}]
+            data[{head} + i * {block} + bending] += apart
+            data[{head} + below * {block} + bending] -= apart
+
+
+@njit({flags})
 def rates(y, ground, dy, data):
     n_links = int(data[0])
-    for i in range(n_links):
+{bend}    for i in range(n_links):
         base = i * {n_rows}
         here = {head} + i * {block}
 {rates}
@@ -68,7 +81,7 @@ def rates(y, ground, dy, data):
 @njit({flags})
 def slopes(y, ground, data):
     n_links = int(data[0])
-    for i in range(n_links):
+{bend}    for i in range(n_links):
         base = i * {n_rows}
         here = {head} + i * {block}
 {slopes}
@@ -83,7 +96,7 @@ def direction(k, t, dt_, data):
     """
     n_links = int(data[0])
     n_directions = int(data[3])
-    for i in range(n_links):
+{bend_slope}    for i in range(n_links):
         base = i * {n_rows}
         here = {head} + i * {block}
 {moved}

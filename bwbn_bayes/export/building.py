@@ -4,7 +4,8 @@ Nodes are numbered 0 for the ground, 1 to n for the floors, n + 1 for the base, 
 base of compliance C, mass m_b and damping c_b is a node on ``Elastic`` 1/C and ``Viscous`` c_b; a slab on sliders is
 one on ``BoucWen``; an appendage of mass ``mu_t m_i`` stands on ``mu_t m_i omega_t^2`` and ``2 zeta_t omega_t mu_t
 m_i``; damping in proportion to the mass is a dashpot ``c_m m_i`` between floor and ground, since its force follows the
-velocity relative to the ground.
+velocity relative to the ground. Bending between a storey and the next, ``k_bend (u_{i+1} - u_i)^2 / 2``, is two
+springs of ``2 k_bend``, one in each of them, and one of ``-k_bend`` past the floor between them.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def building_of(structure: Exportable) -> Building:
         """A spring and a dashpot between two nodes."""
         spring = Material(kind="Elastic", arguments=(stiffness,), says="stiffness [N/m]")
         dashpot = Material(kind="Viscous", arguments=(damping, 1.0), says="C [N s/m], exponent of the velocity")
-        materials = [one for one, size in ((spring, stiffness), (dashpot, damping)) if size > 0.0]
+        materials = [one for one, size in ((spring, stiffness), (dashpot, damping)) if size != 0.0]
         number = len(elements) + 1
         further.append(LinkScript(place=place, tag=TAGS * number, materials=in_parallel(TAGS * number, materials)))
         elements.append(Element(number=number, below=ends[0], above=ends[1], material=TAGS * number))
@@ -87,6 +88,11 @@ def building_of(structure: Exportable) -> Building:
         materials = in_parallel(TAGS * number, [sliding_base(first)])
         further.append(LinkScript(place="Sliders between ground and slab", tag=TAGS * number, materials=materials))
         elements.append(Element(number=number, below=0, above=n + 1, material=TAGS * number))
+    for i in range(1, n) if first.get("k_bend", 0.0) > 0.0 else ():
+        place, stiffness = f"Bending at floor {i}", first["k_bend"]
+        joined(place, (below[i - 1], i), 2.0 * stiffness, 0.0)
+        joined(place, (i, i + 1), 2.0 * stiffness, 0.0)
+        joined(f"{place}, past it", (below[i - 1], i + 1), -stiffness, 0.0)
     for i, (link, mass) in enumerate(zip(structure.links, masses, strict=True)):
         p = link.parameters
         if p.get("c_m", 0.0) > 0.0:

@@ -92,7 +92,7 @@ _SIZES_OF_NO_LAW = (
     "v_ratio",
     "v_root",
 )
-_AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g")
+_AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g", "k_bend")
 _SLIDER = ("inv_mu", "R_s", "m_s", "W_s", "Y_s")
 """Of floors, base and ground: the script has them."""
 _SIZES_OF_CHANGES = ("_time", "_ramp_duration")

@@ -61,6 +61,10 @@ class Noise(Protocol):
         """Minus twice the slope of the log likelihood in the squared residuals, ``(n_draws, n_blocks)``."""
         ...
 
+    def most(self, promised: Floats, n_times: float | Floats) -> Floats:
+        """What the log likelihood gains at most ``(n_draws,)`` where its expansion in the parameters promises this."""
+        ...
+
     def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         """Noise standard deviations ``(n_draws, n_blocks)`` from their posterior given each draw."""
         ...
@@ -91,6 +95,9 @@ class KnownNoise:
 
     def precision(self, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         return np.broadcast_to(1.0 / np.square(self.sd), misfit.shape)
+
+    def most(self, promised: Floats, n_times: float | Floats) -> Floats:
+        return promised
 
     def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         return np.broadcast_to(np.asarray(self.sd), misfit.shape)
@@ -147,6 +154,11 @@ class IntegratedNoise:
         rate = 2.0 * as_one * np.asarray(self.scale) + misfit
         return np.asarray((2.0 * as_one * self.shape + n_times) / rate / as_one)
 
+    def most(self, promised: Floats, n_times: float | Floats) -> Floats:
+        """A fit that leaves less is measured by a smaller level: most of all where one block has all of the gain."""
+        counted = self.shape + 0.5 * float(np.min(n_times / self.as_one))
+        return np.asarray(-counted * np.log(np.maximum(1.0 - promised / counted, _LEAST_LEVEL**2)))
+
     def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         rate = np.asarray(self.scale) + 0.5 * misfit / self.as_one
         shape = np.broadcast_to(self.shape + 0.5 * n_times / self.as_one, misfit.shape)
@@ -185,6 +197,9 @@ class SampledNoise:
 
     def precision(self, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         return 1.0 / np.square(values)
+
+    def most(self, promised: Floats, n_times: float | Floats) -> Floats:
+        return promised
 
     def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         return values
@@ -421,6 +436,10 @@ class Posterior:
         noise_values = self.split(points[ok])[1]
         result[ok] = self.noise.log_likelihood(self._of_all_blocks(misfit[ok]), self._n_times, noise_values)
         return result
+
+    def most(self, promised: Floats) -> Floats:
+        """What the log likelihood gains at most, ``(n_draws,)``, where its expansion promises this."""
+        return self.noise.most(promised, self._n_times)
 
     def linearise(self, points: Floats, free: Booleans | None = None) -> Linearisation:
         """Gauss-Newton expansion at each point; a failed solve has zero gradient and information.

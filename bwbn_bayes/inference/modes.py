@@ -278,6 +278,13 @@ def steps(points: Floats, local: Linearisation, damping: Floats, allowed: Boolea
     return trials
 
 
+def outlook(view: Posterior, points: Floats, local: Linearisation) -> Floats:
+    """Log likelihood ``(n,)`` that a Gauss-Newton step from each point leads to at most, by its own expansion."""
+    step = steps(points, local, np.full(len(points), _DAMPINGS[0]), np.ones(points.shape, dtype=np.bool_)) - points
+    promised = np.einsum("np,np->n", step, local.gradient - 0.5 * np.einsum("npq,nq->np", local.information, step))
+    return np.asarray(local.log_likelihood + view.most(np.maximum(promised, 0.0)))
+
+
 def _pressing(point: Floats, gradient: Floats) -> Booleans:
     """Coordinates at a bound whose gradient points outwards."""
     return ((point <= 2.0 * _EDGE) & (gradient < 0.0)) | ((point >= 1.0 - 2.0 * _EDGE) & (gradient > 0.0))

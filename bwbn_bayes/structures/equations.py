@@ -23,6 +23,7 @@ def structure_equations(model: Structure) -> tuple[WrittenEquation, ...]:
         With one storey the subscripts are left out.
     """
     motion = _building(model) if not model.is_driven else (_SPECIMEN,)
+    motion += (_BENDING,) if model.law.bends else ()
     return motion + law_equations(model.law) + sensor_equations(model.sensors)
 
 
@@ -31,6 +32,19 @@ _SPECIMEN = WrittenEquation(
     text="du/dt = v",
     mathml="<mrow><mfrac><mrow><mi>d</mi><mi>u</mi></mrow><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>"
     "<mo>=</mo><mi>v</mi></mrow>",
+)
+
+
+_BENDING = WrittenEquation(
+    caption="drift beyond that of the storeys below and above, as far as there are such",
+    text="u_b = (u_i − u_(i−1)) + (u_i − u_(i+1))",
+    mathml="<mrow><msub><mi>u</mi><mi>b</mi></msub><mo>=</mo>"
+    + "<mo>+</mo>".join(
+        "<mrow><mo>(</mo><msub><mi>u</mi><mi>i</mi></msub><mo>−</mo>"
+        f"<msub><mi>u</mi><mrow><mi>i</mi><mo>{sign}</mo><mn>1</mn></mrow></msub><mo>)</mo></mrow>"
+        for sign in "−+"
+    )
+    + "</mrow>",
 )
 
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from bwbn_bayes.elements.combine import combine, combine_sensors, kind_of
 from bwbn_bayes.elements.element import Element, common_element
 from bwbn_bayes.elements.law import (
+    BENDING_DRIFT,
     DRIFT,
     DRIFT_RATE,
     FIRST_FORCE,
@@ -177,6 +178,11 @@ class Structure:
         return self.joints == tuple((i, i + 1) for i in range(self.n_floors))
 
     @property
+    def runs_on_from(self) -> tuple[int, ...]:
+        """For each link the one (from 1) that carries the node it stands on; 0 on the ground and beside storeys."""
+        return tuple(lower if link <= self.n_floors else 0 for link, (lower, _) in enumerate(self.joints, 1))
+
+    @property
     def is_driven(self) -> bool:
         """Whether the displacement of the only link is given: a specimen in a testing machine."""
         return self.excitation_kind == "displacement"
@@ -247,6 +253,8 @@ class Structure:
         if effect.level in WHOLE_BUILDING:
             if storeys is not None:
                 raise UserError(f"{effect.name} acts on the whole building: leave storeys out")
+            if effect.bends and not any(self.runs_on_from):
+                raise UserError(f"{effect.name} acts between storeys: the model has none that stands on another")
             if others:
                 raise UserError(f"{effect.name} already acts on the building: place it once")
             return replace(self, effects=(*self.effects, PlacedEffect(effect=effect, storeys=())))
@@ -476,7 +484,8 @@ def _check_symbols(law: StoreyLaw, sensors: SensorLaw) -> None:
     base = {*common, *law.base_states, FIRST_FORCE, RECORDED_ACCELERATION}
     n = law.n_storey_states
     parts = [
-        (own, (law.force, *law.rates[:n], *(changed for changed, _ in law.increments))),
+        ({*own, BENDING_DRIFT}, (law.force,)),
+        (own, (*law.rates[:n], *(changed for changed, _ in law.increments))),
         (floor, (*law.rates[n:], *([law.acceleration] if law.acceleration is not None else []))),
         (base, (law.base.acceleration, *law.base.rates) if law.base is not None else ()),
         ({symbol(p.symbol) for p in sensors.parameters}, (sensors.gain, sensors.bias, sensors.lag)),

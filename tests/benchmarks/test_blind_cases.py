@@ -8,13 +8,14 @@ import pytest
 from benchmarks.blind import cases
 from benchmarks.blind.cases import make_case
 from benchmarks.blind.catalogue_draws import CATALOGUE
+from benchmarks.blind.later_draws import LATER
 from benchmarks.blind.more_forms import MORE_FORMS
 from benchmarks.blind.other_draws import FORMS, OUTSIDE
 from benchmarks.blind.simulator import Floats
 from bwbn_bayes.records import Record
 
 SHORT = Record(name="short", time_step=0.02, excitation=np.ones(40))
-TABLES = {"catalogue": CATALOGUE, "forms": FORMS, "more_forms": MORE_FORMS, "outside": OUTSIDE}
+TABLES = {"catalogue": CATALOGUE, "forms": FORMS, "more_forms": MORE_FORMS, "outside": OUTSIDE, "later": LATER}
 
 
 @pytest.fixture(autouse=True)
@@ -50,6 +51,7 @@ def test_seeds_that_were_spent_draw_what_they_drew() -> None:
         "friction_root", "asymmetry_drift_rate", "pinching_lorentz", "asymmetry_drift", "friction_stick_slip",
         "slip_sech", "gap_softened", "gap_one_sided", "damage_ramp",
     ]  # fmt: skip
+    assert order("later", 3) == ["storey_coupling", "sliding_base", "hysteresis"]
     assert order("catalogue", 3) == ["storey_parameter", "stiffness_degradation", "mass_error"]
     assert order("outside", 3) == ["softening_damping", "root_damping", "breathing_stiffness"]
     pair = [hidden.name for hidden in make_case("pairs", 66, 2, 30.0).truth.effects]

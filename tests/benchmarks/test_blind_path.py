@@ -68,7 +68,8 @@ def place() -> Place:
     at = Reached(
         drift=0.9, rate=float(np.max(np.abs(np.diff(PATH)))), z=float(np.max(np.abs(loop.hysteretic_displacement))),
         z_bound=ultimate_displacement(BASE), force=float(np.max(np.abs(loop.force))), energy=float(np.max(loop.energy)),
-        path=float(loop.path[-1]), acceleration=1.0, strong_from=5.0, strong_until=25.0, omegas=(1.0,),
+        path=float(loop.path[-1]), acceleration=1.0, base_shear=1.0, strong_from=5.0,
+        strong_until=25.0, omegas=(1.0,),
     )  # fmt: skip
     return Place(dice=Dice(rng=np.random.default_rng(9)), at=at, building=Building(storeys=(BASE,)), storey=1)
 

@@ -189,7 +189,7 @@ def test_a_small_balanced_trial_takes_kinds_in_turns_and_pools_others(
             kind=kind, seed=seed, index=index, snr_db=snr_db, effects=(), base={}, severe=False, peak_ratio=0.5,
             excitation="", noise="white", noise_sd=(0.1,), held_out_floor=0.1, nats=(),
         )  # fmt: skip
-        return cases.Case(name="r", record=record, held_out=record, truth=made)
+        return cases.Case(name="r", record=record, held_out=record, truth=made, given="plain_three_storey")
 
     monkeypatch.setattr(trial, "make_case", drew)
     monkeypatch.setattr(
@@ -204,13 +204,14 @@ def test_a_small_balanced_trial_takes_kinds_in_turns_and_pools_others(
         facts = json.loads(path.read_text())
         assert len(facts["columns"]) == n_columns
         kept = facts["pooled"]["reliability"]
-        assert (kept["cases"], kept["bins"][2]["statements"]) == (14, 14)
+        assert kept["cases"] == kept["bins"][2]["statements"] == 2 * len(cases.KINDS)
         assert kept["expected_calibration_error"]["value"] == pytest.approx(0.2)
         assert path.with_name(f"{path.stem}-reliability.png").exists()
     assert "expected calibration error of statements of 0.1 and more: 0.200" in capsys.readouterr().out
 
 
-def test_a_cyclic_test_is_given_its_starting_model(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_case_is_given_its_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cyclic test one from its own columns, a building Bouc-Wen storeys or, where these are hidden, linear ones."""
     seen = []
 
     def discovered(model: object, *_: object, **__: object) -> object:
@@ -218,9 +219,17 @@ def test_a_cyclic_test_is_given_its_starting_model(monkeypatch: pytest.MonkeyPat
         return type("Found", (), {"as_json": lambda _: {}})()
 
     monkeypatch.setattr(trial, "discover", discovered)
-    case = cases.make_case("cyclic", 3, 0, 30.0, cases.Setting(judged=False))
-    trial.discover_blind(case.record, case.held_out, 1, 1)
-    assert seen[0].is_driven
+    setting = cases.Setting(duration=12.0, judged=False)
+    for kind, index in (("cyclic", 0), *(("later", index) for index in range(3))):
+        case = cases.make_case(kind, 3, index, 30.0, setting)
+        trial.discover_blind(case.given, case.record, case.held_out, 1, 1)
+        if kind == "cyclic":
+            assert seen[-1].is_driven
+        else:
+            element = "linear" if case.truth.effects[0].name == "hysteresis" else "bouc_wen"
+            assert [seen[-1].element_of(i) for i in (1, 2, 3)] == [element] * 3
+            assert set(case.truth.base) == set(seen[-1].space.names)
+    assert len(seen) == 4
 
 
 def test_nothing_stated_leaves_no_diagram(tmp_path: Path) -> None:

@@ -132,6 +132,7 @@ def test_later_rounds_keep_the_planted_effect(
         return whole(posterior, family, points, n_iterations)
 
     monkeypatch.setattr(racing, "_fit_family", noted)
+    monkeypatch.setattr(racing, "in_reach", list)
     monkeypatch.setattr(racing, "_LEAST", 1)
     monkeypatch.setattr(racing, "ROUNDS", ((2, 1.0), (4, 0.4), (25, 0.2)))
     told: list[str] = []
@@ -155,10 +156,31 @@ def test_every_storey_alike_is_tried_of_the_leading_forms_only(
     assert len(fits) == 14
 
 
+def test_what_cannot_come_near_a_fit_that_leaves_noise_is_fitted_no_further(
+    fits: tuple[Fit, ...],
+    present: Posterior,
+    every: tuple[Hypothesis, ...],
+    base_points: Floats,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The planted effect is; fitted to the end, those left behind stay tens of nats behind all the same."""
+    assert fits[0].leaves_noise
+    left_behind = {fit.hypothesis for fit in fits} - {fit.hypothesis for fit in racing.in_reach(fits)}
+    assert len(left_behind) > len(every) / 2
+    monkeypatch.setattr(racing, "in_reach", list)
+    monkeypatch.setattr(racing, "ROUNDS", ((2, 1.0), (4, 1.0), (25, 1.0)))
+    to_the_end = race(present, every, base_points, n_workers=1)
+    assert to_the_end[0].log_likelihood == pytest.approx(fits[0].log_likelihood, abs=0.1)
+    near = [fit for fit in to_the_end if fit.log_likelihood > to_the_end[0].log_likelihood - 20.0]
+    assert not left_behind & {fit.hypothesis for fit in near}
+
+
 def test_families_fit_their_members_as_well_as_each_is_fitted_alone(
-    fits: tuple[Fit, ...], present: Posterior, base_points: Floats
+    present: Posterior, every: tuple[Hypothesis, ...], base_points: Floats, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Those that are fitted to the end; 0.1 nat is far below what a decision turns on."""
+    monkeypatch.setattr(racing, "in_reach", list)
+    fits = race(present, every, base_points, n_workers=1)
     shared = [fit for fit in fits if len(fit.hypothesis.storeys) == 1][:6]
     assert len({fit.hypothesis.name for fit in shared}) < len(shared)
     for fit in shared:

@@ -67,7 +67,7 @@ def pool() -> Pool:
     run = Run(DiscoverySettings(effects=(StiffnessDegradation,), n_workers=1), np.random.default_rng(1), None)
     given = fitted(present, np.full((1, 1), 0.5))
     scales = scales_of(present, given.best)
-    run.considered_first = hypotheses(plain, scales, measured=("acceleration_1",), effects=run.settings.effects)
+    run.consider(hypotheses(plain, scales, measured=("acceleration_1",), effects=run.settings.effects))
     made = Pool(run=run)
     made.add([given])
     for one in run.considered_first:
@@ -98,3 +98,10 @@ def test_a_loss_by_a_power_of_work_is_named_alone(pool: Pool) -> None:
 def test_a_form_is_tried_on_a_base_once(pool: Pool) -> None:
     searching._reshaped(pool, pool.run)
     assert searching._reshaped(pool, pool.run) == []
+
+
+def test_a_name_shares_its_prior_over_its_forms_of_free_shape_too(pool: Pool) -> None:
+    """Each usual form and the free one, once at every place: what is tried later is no gift."""
+    assert pool.run.variants["stiffness_degradation"] == 3  # linear, saturating and free, in the only storey
+    usual = {h.symbols for h in pool.run.considered_first}
+    assert len(usual) == 2

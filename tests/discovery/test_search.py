@@ -33,7 +33,7 @@ TEST: Any = SimpleNamespace(excitation_kind="displacement", has_time=True)
 
 
 def letter(name: str) -> Any:
-    return SimpleNamespace(name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1)
+    return SimpleNamespace(name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1, free_shapes=())
 
 
 ALPHABET = tuple(letter(name) for name in "abcd")
@@ -108,7 +108,7 @@ def test_what_is_built_upon_is_looked_around_first(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(searching, "laplace", lambda _, modes: SimpleNamespace(log_evidence=modes[0].log_likelihood))
     script = {"": 0.0, "a": 50.0}
     pool = Pool(run=run_of())
-    pool.run.considered_first = ALPHABET
+    pool.run.consider(ALPHABET)
     pool.add([explanation(script), explanation(script, ALPHABET[0])])
     pool.expanded.add(frozenset())
     parent = searching._next(pool, pool.run)
@@ -154,16 +154,16 @@ def tried_together(monkeypatch: pytest.MonkeyPatch, run: Run, *, is_specimen: bo
 def test_a_pinch_is_tried_with_a_loss_of_strength_and_stiffness(monkeypatch: pytest.MonkeyPatch) -> None:
     """What BWBN is; one by one none of them gains enough on a column that does all three."""
     run = run_of()
-    run.considered_first = ON_SPECIMEN
+    run.consider(ON_SPECIMEN)
     losses = ["strength_degradation", "stiffness_degradation"]
     assert tried_together(monkeypatch, run) == [[*losses, "slip_lock"], [*losses, "foliente_pinching"]]
     assert tried_together(monkeypatch, run, is_specimen=False) == []
-    run.considered_first = tuple(h for h in ON_SPECIMEN if h.name != "slip_lock")
+    run.consider(tuple(h for h in ON_SPECIMEN if h.name != "slip_lock"))
     assert tried_together(monkeypatch, run) == [[*losses, "foliente_pinching"]]
-    run.considered_first = tuple(h for h in ON_SPECIMEN if h.name != "strength_degradation")
+    run.consider(tuple(h for h in ON_SPECIMEN if h.name != "strength_degradation"))
     assert tried_together(monkeypatch, run) == []
     few = run_of(most_effects=2)
-    few.considered_first = ON_SPECIMEN
+    few.consider(ON_SPECIMEN)
     assert tried_together(monkeypatch, few) == []
 
 
@@ -186,9 +186,7 @@ def with_two() -> Pool:
     present = Posterior(model=BUILDING, record=record, engine=ENGINE, noise=KnownNoise(sd=(SD, SD)))
     centre = np.full((1, 1), 0.5)
     run = run_of(effects=(SensorBias, SensorGain))
-    run.considered_first = hypotheses(
-        BUILDING, scales_of(present, centre[0]), measured=CHANNELS, effects=run.settings.effects
-    )
+    run.consider(hypotheses(BUILDING, scales_of(present, centre[0]), measured=CHANNELS, effects=run.settings.effects))
     bias = next(h for h in run.considered_first if (h.name, h.storeys) == ("sensor_bias", (1,)))
     gain = next(h for h in run.considered_first if (h.name, h.storeys) == ("sensor_gain", (2,)))
     pool = Pool(run=run)

@@ -15,11 +15,11 @@ from independent import PLAIN, at, storey
 from scipy.integrate import solve_ivp
 
 NEUTRAL = {
-    "inv_mu": 0.0, "R_s": 1.0, "m_s": 1.0, "W_s": 1.0, "Y_s": 1.0,
+    "k_bend": 0.0, "inv_mu": 0.0, "R_s": 1.0, "m_s": 1.0, "W_s": 1.0, "Y_s": 1.0,
     "c_m": 0.0, "compliance": 0.0, "m_b": 1.0, "c_b": 0.0, "s_g": 1.0,
     "e_m": 0.0, "mu_t": 0.0, "f_t": 1.0, "zeta_t": 0.05, "gain": 1.0, "bias": 0.0, "lag": 0.0,
 }  # fmt: skip
-OF_THE_BUILDING = ("inv_mu", "R_s", "m_s", "W_s", "Y_s", "c_m", "compliance", "m_b", "c_b", "s_g")
+OF_THE_BUILDING = ("k_bend", "inv_mu", "R_s", "m_s", "W_s", "Y_s", "c_m", "compliance", "m_b", "c_b", "s_g")
 
 
 class Building:
@@ -46,6 +46,10 @@ class Building:
         u, v = np.diff(x, prepend=base_x), np.diff(w, prepend=base_w)
         parts = [storey(at(p, t), *state) for p, *state in zip(self.storeys, u, v, *inner, strict=True)]
         force, *inner_rates = (np.array(part) for part in zip(*parts, strict=True))
+        for floor in range(n - 1):  # a hinge's moment at each floor, from the difference of the drifts beside it
+            moment = whole["k_bend"] * (u[floor + 1] - u[floor])
+            force[floor] -= moment
+            force[floor + 1] += moment
         omega = 2.0 * math.pi * np.array([p["f_t"] for p in self.floors])
         pull = 2.0 * np.array([p["zeta_t"] for p in self.floors]) * omega * mass_w + omega**2 * mass_x
         share = np.array([p["mu_t"] for p in self.floors])

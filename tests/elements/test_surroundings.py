@@ -48,6 +48,7 @@ FREE: dict[str, dict[str, Prior | PerStorey]] = {
         "W_s": Uniform(20.0, 30.0),
         "Y_s": Uniform(0.02, 0.05),
     },
+    "storey_coupling": {"k_bend": Uniform(1.0, 6.0)},
     "input_scale": {"s_g": Uniform(0.7, 1.4)},
     "sensor_gain": {"gain": PerStorey(Uniform(0.7, 1.2))},
     "sensor_bias": {"bias": PerStorey(Uniform(-0.4, 0.5))},

@@ -25,6 +25,7 @@ from bwbn_bayes import (
     ShearBuilding,
     SlidingBase,
     StiffnessDegradation,
+    StoreyCoupling,
     StrengthDegradation,
     Uniform,
     UserError,
@@ -47,6 +48,7 @@ AROUND = (
     (MassError(e_m=0.1), [1]),
     (BaseFlexibility(compliance=3e-9, m_b=1e5, c_b=1e5), None),
     (InputScale(s_g=1.2), None),
+    (StoreyCoupling(k_bend=2e7), None),
 )
 """All that OpenSees can do beside the storeys, and links of two laws."""
 PLAIN = replace(ShearBuilding(masses=[2e5, 1.5e5], storey=STOREY), carried=tuple(effect for effect, _ in AROUND))

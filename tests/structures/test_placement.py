@@ -18,6 +18,7 @@ from bwbn_bayes.elements.effects import (
     MassError,
     SensorGain,
     SlipLock,
+    StoreyCoupling,
     StrengthDegradation,
     SuddenDamage,
 )
@@ -92,6 +93,10 @@ def test_an_option_makes_another_law():
         (lambda: Specimen(storey=storey()).with_effect(MassError(e_m=0.1)), "mass_error acts on floors"),
         (lambda: Specimen(storey=storey()).with_effect(SensorGain(gain=0.9)), "sensor_gain acts on floors"),
         (lambda: Specimen(storey=storey()).with_effect(InputScale(s_g=0.9)), "input_scale acts on floors"),
+        (
+            lambda: ShearBuilding(masses=[1.0], storey=storey()).with_effect(StoreyCoupling(k_bend=1.0)),
+            "storey_coupling acts between storeys: the model has none that stands on another",
+        ),
         (
             lambda: three().with_effect(PowerSpring(k_p=1.0), [1]).with_effect(PowerSpring(k_p=1.0, power=5), [2]).law,
             "two effects bring k_p and are not of one kind: name the parameters of one otherwise",

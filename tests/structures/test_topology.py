@@ -26,7 +26,14 @@ from bwbn_bayes import (
     sweep,
     write_record,
 )
-from bwbn_bayes.elements.effects import BaseFlexibility, CubicStiffness, Hysteresis, MassError, StrengthDegradation
+from bwbn_bayes.elements.effects import (
+    BaseFlexibility,
+    CubicStiffness,
+    Hysteresis,
+    MassError,
+    StoreyCoupling,
+    StrengthDegradation,
+)
 from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
@@ -63,7 +70,10 @@ def driven(*floors: int) -> Record:
 
 
 def independent(model: Structure, record: Record) -> np.ndarray:
-    """Total accelerations ``(n_floors, n_times)``: nodes' displacements and velocities as states, no drifts."""
+    """Total accelerations ``(n_floors, n_times)``: nodes' displacements and velocities as states, no drifts.
+
+    Bending stores ``k_bend kappa^2 / 2`` where a link that carries a node stands on another such node.
+    """
     n, joints, local = len(model.masses), model.joints, model.table.fixed
     columns = [p.symbol for p in model.law.parameters]
     k, c, alpha, beta, gamma, sharpness = (
@@ -71,6 +81,8 @@ def independent(model: Structure, record: Record) -> np.ndarray:
     )
     low, high = np.array(joints).T
     mass = np.array(model.masses)
+    bending = local[0, columns.index("k_bend")] if "k_bend" in columns else 0.0
+    threes = [(low[j - 1], j, upper) for j, upper in joints[:n] if j]
 
     def rates(t, y):
         x, w, z = np.append(0.0, y[:n]), np.append(0.0, y[n : 2 * n]), y[2 * n :]
@@ -80,6 +92,9 @@ def independent(model: Structure, record: Record) -> np.ndarray:
         on_node = np.zeros(n + 1)
         np.add.at(on_node, low, force)
         np.subtract.at(on_node, high, force)
+        for below, node, above in threes:
+            curvature = x[below] - 2.0 * x[node] + x[above]
+            on_node[[below, node, above]] += np.array([-1.0, 2.0, -1.0]) * bending * curvature
         for name, signal in record.forces.items():
             on_node[int(name[-1])] += np.interp(t, record.times, signal)
         total = on_node[1:] / mass
@@ -92,9 +107,12 @@ def independent(model: Structure, record: Record) -> np.ndarray:
     return np.transpose(found)
 
 
+@pytest.mark.parametrize("bending", [None, 12.0])
 @pytest.mark.parametrize("name", ["braced", "towers"])
-def test_every_engine_solves_every_topology(name):
+def test_every_engine_solves_every_topology(name, bending):
     model, record = {"braced": BRACED, "towers": TOWERS}[name], driven(2, 3)
+    if bending is not None:
+        model = model.with_effect(StoreyCoupling(k_bend=bending))
     expected = independent(model, record)
     channels = [f"acceleration_{i}" for i in (1, 2, 3)]
     for engine_name, engine in ENGINES.items():
@@ -117,7 +135,8 @@ def test_derivatives_agree_with_finite_differences():
     model = model.with_effect(CubicStiffness(k3=Uniform(-10, 10)), storeys=[4])
     model = model.with_effect(MassError(e_m=Uniform(-0.3, 0.3)), storeys=[2])
     model = model.with_effect(BaseFlexibility(compliance=Uniform(0, 0.02), m_b=1.0, c_b=2.0))
-    draws, record = model.space.from_unit(np.array([[0.3, 0.4, 0.6, 0.7, 0.6, 0.5]])), driven(1)
+    model = model.with_effect(StoreyCoupling(k_bend=Uniform(0, 20)))
+    draws, record = model.space.from_unit(np.array([[0.3, 0.4, 0.6, 0.7, 0.6, 0.5, 0.4]])), driven(1)
     channels = ["acceleration_1", "acceleration_3", "drift_4"]
     expected = Reference().sensitivities(model, draws, record, channels)[1]
     scale = np.max(np.abs(expected), axis=3, keepdims=True)

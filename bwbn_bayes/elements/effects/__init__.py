@@ -21,6 +21,7 @@ from bwbn_bayes.elements.effects.sensor_lag import SensorLag
 from bwbn_bayes.elements.effects.sliding_base import SlidingBase
 from bwbn_bayes.elements.effects.slip_lock import SlipLock
 from bwbn_bayes.elements.effects.stiffness_degradation import StiffnessDegradation
+from bwbn_bayes.elements.effects.storey_coupling import StoreyCoupling
 from bwbn_bayes.elements.effects.storey_parameter import StoreyParameter
 from bwbn_bayes.elements.effects.strength_degradation import StrengthDegradation
 from bwbn_bayes.elements.effects.sudden_damage import SuddenDamage
@@ -47,6 +48,7 @@ __all__ = [
     "SlidingBase",
     "SlipLock",
     "StiffnessDegradation",
+    "StoreyCoupling",
     "StoreyParameter",
     "StrengthDegradation",
     "SuddenDamage",

@@ -116,7 +116,8 @@ class FolientePinching(Effect):
         z = scales.hysteretic_displacement
         return (
             cls(
-                zeta_s=HalfNormal(0.5).truncated(0.0, 1.0),
+                # A pinch that slips entirely has no stiffness: z would never come out of it again.
+                zeta_s=HalfNormal(0.5).truncated(0.0, 0.99),
                 # The largest of them: a pinch that is there from the start.
                 p=LogNormal(10.0 / scales.energy, 2.3).truncated(0.1 / scales.energy, 1e4 / scales.energy),
                 q=Uniform(-0.2, 0.8),

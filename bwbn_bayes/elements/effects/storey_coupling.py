@@ -1,0 +1,87 @@
+"""Storeys hang together by bending: columns and walls that run on through the floors resist a change of drift."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, override
+
+import numpy as np
+
+from bwbn_bayes.elements.law import BENDING_DRIFT, Effect, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import PlaceResponse, Signature
+from bwbn_bayes.parameters import HalfNormal, Parameter, Value
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoreyCoupling(Effect):
+    """The force ``k_bend [(u_i - u_{i-1}) + (u_i - u_{i+1})]`` in storey i; terms without a storey are left out.
+
+    It is that of the energy ``k_bend (u_{i+1} - u_i)^2 / 2`` at every floor, where one storey runs on into the next:
+    for equal heights h the curvature of a beam over the building, ``k_bend = E I / h^3``. Floors that drift alike are
+    as free as before.
+
+    Parameters
+    ----------
+    k_bend : float or Prior
+        Stiffness against a difference between the drifts of neighbouring storeys. [N/m]
+
+    References
+    ----------
+    .. [1] E. Miranda and S. Taghavi, "Approximate Floor Acceleration Demands in Multistory Buildings. I: Formulation",
+       J. Struct. Eng. 131(2), 2005, doi:10.1061/(ASCE)0733-9445(2005)131:2(203) (a flexural beam beside a shear beam).
+    """
+
+    k_bend: Value
+
+    name: ClassVar[str] = "storey_coupling"
+    title: ClassVar[str] = "storeys coupled by bending"
+    level: ClassVar[str] = "structure"
+    summary: ClassVar[str] = "columns that run on through the floors resist differences of drift"
+    source: ClassVar[str] = "Miranda and Taghavi 2005"
+    residual: ClassVar[str] = "higher modes too slow beside the first"
+    confusable: ClassVar[str] = "k of the storeys, mass_error"
+    signature: ClassVar[Signature] = Signature(
+        measure="shortening of the first period by bending",
+        plain_name="a small stiffness against differences of drift (bending of columns)",
+        reason="0.3 % of the period: daily changes of temperature move it as much",
+        size=lambda at: _shortening(at),
+        least=0.003,
+    )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            symbol="k_bend",
+            unit="N/m",
+            neutral=0.0,
+            lower=0.0,
+            description="stiffness against differences of drift",
+            source=source,
+        ),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        return (cls(k_bend=HalfNormal(0.5 * scales.stiffness)),)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"k_bend": (0.05 * scales.stiffness, 0.3 * scales.stiffness)}
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        return replace(slots, added_force=slots.added_force + symbol("k_bend") * BENDING_DRIFT)
+
+
+def _shortening(at: PlaceResponse) -> float:
+    """Share by which bending shortens the first period.
+
+    At the largest base shear the links store ``sum F_i u_i / 2``, of it ``k_bend sum (u_{i+1} - u_i)^2 / 2`` in
+    bending; a period goes as one over the root of the stiffness.
+    """
+    drift, force = at.histories["drift"], at.histories["restoring_force"]
+    then = int(np.argmax(np.abs(force[0])))
+    stored = float(np.sum(force[:, then] * drift[:, then]))
+    bent = at["k_bend"] * float(np.sum(np.square(np.diff(drift[:, then]))))
+    return float(1.0 - np.sqrt(max(1.0 - bent / max(stored, 1e-300), 0.0)))

@@ -116,7 +116,7 @@ def fitted(name: str, on: str, seed: int, particles: int) -> dict[str, Any]:
     both = in_sequence(*runs.values())
     settings = Settings(seed=seed, particles=particles, alternatives=False)
     result = identify(model, runs.get(on, both), settings=settings)
-    means = {label: float(np.mean(result.tree["posterior"][label])) for label in model.space.names}
+    means = {parameter.name: parameter.mean for parameter in result.facts.parameters}
     point = model.draws(means)
     # What a virgin frame does in either run, and what one does that has been through the small run before.
     virgin = [missed(model, point, run)[0] for run in runs.values()]

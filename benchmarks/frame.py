@@ -163,7 +163,8 @@ def _sliders(model: Structure, posterior: Any) -> tuple[list[float], list[float]
     slides = GRAVITY * (sum(model.masses) + posterior["m_s"].values.ravel())
     friction = weight / posterior["inv_mu"].values.ravel() / slides
     period = 2.0 * np.pi * np.sqrt(posterior["R_s"].values.ravel() / weight * slides / GRAVITY)
-    return tuple(np.quantile(one, [0.5, 0.05, 0.95]).tolist() for one in (friction, period))  # type: ignore[return-value]
+    shares = [0.5, 0.05, 0.95]
+    return np.quantile(friction, shares).tolist(), np.quantile(period, shares).tolist()
 
 
 def main() -> None:

@@ -116,7 +116,7 @@ def fitted(name: str, on: str, seed: int, particles: int) -> dict[str, Any]:
     both = in_sequence(*runs.values())
     settings = Settings(seed=seed, particles=particles, alternatives=False)
     result = identify(model, runs.get(on, both), settings=settings)
-    means = {label: float(np.mean(result.tree["posterior"][label])) for label in model.space.names}
+    means = {parameter.name: parameter.mean for parameter in result.facts.parameters}
     point = model.draws(means)
     # What a virgin frame does in either run, and what one does that has been through the small run before.
     virgin = [missed(model, point, run)[0] for run in runs.values()]
@@ -163,7 +163,8 @@ def _sliders(model: Structure, posterior: Any) -> tuple[list[float], list[float]
     slides = GRAVITY * (sum(model.masses) + posterior["m_s"].values.ravel())
     friction = weight / posterior["inv_mu"].values.ravel() / slides
     period = 2.0 * np.pi * np.sqrt(posterior["R_s"].values.ravel() / weight * slides / GRAVITY)
-    return tuple(np.quantile(one, [0.5, 0.05, 0.95]).tolist() for one in (friction, period))  # type: ignore[return-value]
+    shares = [0.5, 0.05, 0.95]
+    return np.quantile(friction, shares).tolist(), np.quantile(period, shares).tolist()
 
 
 def main() -> None:

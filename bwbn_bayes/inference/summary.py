@@ -187,12 +187,14 @@ def true_histories(model: Structure, record: Record) -> dict[str, Floats] | None
 
 
 def _parameter_facts(posterior: Posterior, draws: Draws) -> tuple[ParameterFacts, ...]:
-    values = posterior.space.from_unit(draws.weighted_points)
+    # A draw that fell outside the prior has no weight, and no value either.
+    within = draws.weights > 0.0
+    values, weights = posterior.space.from_unit(draws.weighted_points[within]), draws.weights[within]
     equal = posterior.space.from_unit(draws.points)
     facts = []
     for i, parameter in enumerate(posterior.space.parameters):
-        mean = float(draws.weights @ values[:, i])
-        variance = float(draws.weights @ np.square(values[:, i] - mean))
+        mean = float(weights @ values[:, i])
+        variance = float(weights @ np.square(values[:, i] - mean))
         facts.append(
             ParameterFacts(
                 name=parameter.name,

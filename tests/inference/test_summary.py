@@ -1,10 +1,16 @@
-"""Intervals at a bound and away from it."""
+"""Intervals at a bound and away from it, and moments of weighted draws."""
+
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from bwbn_bayes.inference.summary import densest_interval
+from bwbn_bayes.elements.linear import Linear
+from bwbn_bayes.inference.summary import Draws, _parameter_facts, densest_interval
+from bwbn_bayes.parameters import LogNormal
+from bwbn_bayes.structures.oscillator import Oscillator
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -28,3 +34,21 @@ def test_away_from_the_bounds_it_is_the_densest_interval_of_the_draws(n: int) ->
 
 def test_draws_that_do_not_differ() -> None:
     assert densest_interval(np.full(100, 3.0), (3.0, 4.0)) == (3.0, 3.0)
+
+
+def test_a_draw_outside_the_prior_has_no_part_in_the_moments() -> None:
+    """It has a place outside the unit cube and no weight: nothing times no value left every mean without a number."""
+    model = Oscillator(mass=1.0, spring=Linear(k=LogNormal(400.0, 1.0)))
+    inside = np.array([[0.4], [0.5], [0.6]])
+    draws = Draws(
+        points=inside,
+        log_likelihood=np.zeros(3),
+        weighted_points=np.append(inside, [[2.0]], axis=0),
+        weights=np.array([0.25, 0.5, 0.25, 0.0]),
+        effective_sample_size=3.0,
+    )
+    posterior: Any = SimpleNamespace(space=model.space, record=SimpleNamespace(truth={}))
+    (found,) = _parameter_facts(posterior, draws)
+    values = 400.0 * np.exp(stats.norm.ppf(inside[:, 0]))
+    assert found.mean == pytest.approx(np.average(values, weights=[1, 2, 1]))
+    assert found.sd == pytest.approx(np.sqrt(np.cov(values, aweights=[1, 2, 1], ddof=0)))

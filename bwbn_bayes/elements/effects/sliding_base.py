@@ -55,8 +55,8 @@ class SlidingBase(Effect):
         Mass of the slab. [kg]
     W_s : float
         Weight on the sliders, known. [N]
-    Y_s : float
-        Yield displacement of the contact, known. [m]
+    Y_s : float or Prior
+        Yield displacement of the contact. [m]
 
     References
     ----------
@@ -98,7 +98,12 @@ class SlidingBase(Effect):
         Parameter(symbol="m_s", unit="kg", neutral=1.0, lower=1e-9, description="mass of the slab", source=source),
         Parameter(symbol="W_s", unit="N", neutral=1.0, lower=1e-9, description="weight, known", source=source),
         Parameter(
-            symbol="Y_s", unit="m", neutral=1.0, lower=1e-9, description="yield displacement, known", source=source
+            symbol="Y_s",
+            unit="m",
+            neutral=1.0,
+            lower=1e-9,
+            description="yield displacement of the contact",
+            source=source,
         ),
     )
 
@@ -112,7 +117,8 @@ class SlidingBase(Effect):
                 R_s=LogNormal(_radius(5.0, scales), 1.5).truncated(_radius(1.0, scales), _radius(_SLOWEST, scales)),
                 m_s=Uniform(0.3 * scales.mass, 3.0 * scales.mass),
                 W_s=weight,
-                Y_s=0.02 * scales.drift,
+                # Not known: other effects make up for a contact that is too soft or too stiff.
+                Y_s=LogNormal(0.005 * scales.drift, 1.2).truncated(0.001 * scales.drift, 0.05 * scales.drift),
             ),
         )
 
@@ -123,6 +129,7 @@ class SlidingBase(Effect):
             "inv_mu": (1.3 * least, 2.5 * least, 6.0 * least),
             "R_s": (_radius(2.5, scales), _radius(8.0, scales)),
             "m_s": (scales.mass,),
+            "Y_s": (0.005 * scales.drift,),
         }
 
     @override

@@ -143,10 +143,9 @@ def over_time(force: Floats, record: Record, model: Structure) -> Floats:
 
 
 def pulled(record: Record, model: Structure, forces: Mapping[int, Floats]) -> Record:
-    """The record with forces of storeys, at knots, acting on the floors that these join."""
+    """The record with forces of storeys ``(n_times,)`` acting on the floors that these join."""
     on_floors = dict(record.forces)
-    for storey, force in forces.items():
-        pull = over_time(force, record, model)
+    for storey, pull in forces.items():
         for floor, own in zip(model.joints[storey - 1], (pull, -pull), strict=True):
             if floor > 0:
                 name = f"applied_force_{floor}"
@@ -229,7 +228,9 @@ class Neighbourhood:
     @cached_property
     def view(self) -> Posterior:
         """The posterior with the forces acting on the floors that their storeys join."""
-        return replace(self.posterior, record=pulled(self.posterior.record, self.posterior.model, self.forces))
+        record, model = self.posterior.record, self.posterior.model
+        forces = {storey: over_time(force, record, model) for storey, force in self.forces.items()}
+        return replace(self.posterior, record=pulled(record, model, forces))
 
     @cached_property
     def log_likelihood(self) -> float:

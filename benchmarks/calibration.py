@@ -2,6 +2,7 @@
 
 ``python -m benchmarks.calibration --model models/sdof.py --condition regular "20 dB" --replicates 200 --json FILE``
 ``python -m benchmarks.calibration --model models/sdof.py --wrong --replicates 20 --snr 20 30 --json FILE``
+``python -m benchmarks.calibration --model models/sdof.py --unnamed-force --replicates 40 --snr 30 --json FILE``
 
 A simulator that shares no code with the package's engines draws a truth from the prior and records it; ``identify``
 does the rest, blind. If the posterior is right the rank of the truth among its draws is uniform, for every parameter
@@ -18,7 +19,7 @@ import argparse
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,8 @@ from rich.table import Table
 from benchmarks.calibrating.outcome import Outcome, judged
 from benchmarks.calibrating.records import CONDITIONS, Replicate, replicate
 from benchmarks.calibrating.summary import Calibration, Wrong, calibration, wrong
-from benchmarks.calibrating.wrong import KINDS, wrong_replicate
-from bwbn_bayes import Settings, identify
+from benchmarks.calibrating.wrong import KINDS, force_replicate, wrong_replicate
+from bwbn_bayes import Settings, el_centro, identify
 from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
 
@@ -77,6 +78,27 @@ def outcomes_of(
     return found
 
 
+def with_forces(file: ModelFile, snr_db: float, options: argparse.Namespace, kept: Kept) -> dict[str, list[Outcome]]:
+    """Wrong models whose effect, storey and size are drawn, identified alone and with an unnamed force."""
+    found: dict[str, list[Outcome]] = {}
+    for label, has_force in (("with an unnamed force", True), ("alone", False)):
+        for number in range(options.replicates):
+
+            def run_it(number: int = number, has_force: bool = has_force) -> Outcome:
+                _, made = force_replicate(file, snr_db, options.seed, number)
+                seed = options.seed + number
+                # That the model is wrong is known here: nothing is asked what else it could be, and nothing falls back.
+                settings = Settings(
+                    method=options.method, particles=options.particles, seed=seed, alternatives=False, fallback=False
+                )
+                result = identify(made.model, made.record, settings=settings, unnamed_force=has_force)
+                return judged(result, made.model, made.record, made.truth, seed)
+
+            key = f"{file.name}, force, {snr_db:g} dB, {label}, {options.method}, seed {options.seed}, {number}"
+            found.setdefault(f"{label}, {snr_db:g} dB", []).append(kept.outcome(key, run_it))
+    return found
+
+
 def show_calibration(console: Console, title: str, rows: dict[str, Calibration]) -> None:
     """Print a line for each condition."""
     table = Table("condition", "n", "coverage of 90 %", "rms z", "ranks: p", "ran", "said", "s", title=title)
@@ -113,6 +135,9 @@ def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--model", type=Path, default=Path("models/sdof.py"))
     parser.add_argument("--condition", nargs="+", choices=tuple(CONDITIONS), default=["regular"])
     parser.add_argument("--wrong", action="store_true", help="wrong models in the place of conditions")
+    parser.add_argument(
+        "--unnamed-force", action="store_true", help="coverage under wrong models, alone and with an unnamed force"
+    )
     parser.add_argument("--snr", nargs="+", type=float, default=[20.0, 30.0], help="of wrong models [dB]")
     parser.add_argument("--method", default="importance", choices=("importance", "tmcmc", "smc", "nuts"))
     parser.add_argument("--replicates", type=int, default=20)
@@ -123,13 +148,15 @@ def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the replicates, print a table, write JSON."""
-    options = parsed(arguments)
-    file, console, kept = load_model_file(options.model), Console(), Kept(options.checkpoint)
+def rows_of(file: ModelFile, options: argparse.Namespace, console: Console, kept: Kept) -> dict[str, Any]:
+    """Run what the options ask for, print its table, and return its rows."""
     title = f"{file.name}, {options.method}"
     rows: dict[str, Any] = {}
-    if options.wrong:
+    if options.unnamed_force:
+        for snr_db in options.snr:
+            rows |= {name: calibration(own) for name, own in with_forces(file, snr_db, options, kept).items()}
+        show_calibration(console, title, rows)
+    elif options.wrong:
         for snr_db in options.snr:
             for kind in KINDS:
                 label = f"{kind}, {snr_db:g} dB"
@@ -147,6 +174,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
             rows[name] = calibration(outcomes_of(file, name, make_right, options, kept))
         show_calibration(console, title, rows)
+    return rows
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the replicates, print a table, write JSON."""
+    options = parsed(arguments)
+    file, console, kept = load_model_file(options.model), Console(), Kept(options.checkpoint)
+    if file.excitation is None:
+        file = replace(file, excitation=el_centro("chopra", duration=12.0))
+    rows = rows_of(file, options, console, kept)
     if options.json is not None:
         summary = {name: asdict(row) for name, row in rows.items()}
         facts = {"model": file.name, "method": options.method, "seed": options.seed, "processor": processor_name()}

@@ -22,6 +22,7 @@ def identify(
     settings: Settings | None = None,
     noise: Noise | None = None,
     options: object = None,
+    unnamed_force: bool = False,
     name: str = "model",
     assumptions: Sequence[str] = (),
     listener: Listener | None = None,
@@ -43,6 +44,10 @@ def identify(
         :func:`~bwbn_bayes.inference.likelihood.default_noise`; the baselines have none.
     options : GeneticSettings or IpvSettings, optional
         A baseline's own; the paper's by default.
+    unnamed_force : bool
+        Whether a force of no known law stands beside the model, a Gaussian process in every storey, so that all
+        intervals know of model error (:mod:`bwbn_bayes.inference.unnamed.beside`). Of one record, under integrated
+        white noise; the checks still are those of the model alone.
     name : str
         The model's name in reports.
     assumptions : sequence of str
@@ -68,6 +73,7 @@ def identify(
         settings=settings,
         noise=noise,
         options=options,
+        unnamed_force=unnamed_force,
         name=name,
         assumptions=assumptions,
         listener=listener,

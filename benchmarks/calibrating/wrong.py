@@ -18,7 +18,7 @@ LAG, COLOUR = 0.005, 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """What the first storey reaches: peaks of drift [m], rate [m/s], z [m], force [N]; energy [J]; its k [N/m]."""
+    """What a storey reaches: peaks of drift [m], rate [m/s], z [m], force [N]; energy [J]; its k [N/m]."""
 
     drift: float
     rate: float
@@ -28,15 +28,16 @@ class Sizes:
     stiffness: float
 
     @classmethod
-    def of(cls, building: Building, file: ModelFile) -> Sizes:
-        """Of a building under the file's ground motion."""
+    def of(cls, building: Building, file: ModelFile, storey: int = 1) -> Sizes:
+        """Of a storey, from 1, of a building under the file's ground motion."""
         assert file.excitation is not None
         motion = respond(building, file.excitation.excitation, file.excitation.time_step, STEPS_PER_SAMPLE)
-        p = building.storeys[0]
-        spring = p.alpha * p.k * motion.drift[0] + (1.0 - p.alpha) * p.k * motion.hysteretic_displacement[0]
-        peaks = (motion.drift[0], motion.drift_rate[0], motion.hysteretic_displacement[0], spring)
+        i = storey - 1
+        p = building.storeys[i]
+        spring = p.alpha * p.k * motion.drift[i] + (1.0 - p.alpha) * p.k * motion.hysteretic_displacement[i]
+        peaks = (motion.drift[i], motion.drift_rate[i], motion.hysteretic_displacement[i], spring)
         drift, rate, z, force = (float(np.max(np.abs(history))) for history in peaks)
-        return cls(drift=drift, rate=rate, z=z, force=force, energy=float(motion.energy[0, -1]), stiffness=p.k)
+        return cls(drift=drift, rate=rate, z=z, force=force, energy=float(motion.energy[i, -1]), stiffness=p.k)
 
 
 def _size(rng: np.random.Generator, low: float, high: float) -> float:
@@ -50,6 +51,15 @@ EFFECTS: Mapping[str, Callable[[Sizes, np.random.Generator], Mapping[str, float]
     "light friction": lambda at, rng: {"F_c": _size(rng, 0.01, 0.05) * at.force, "v0": 0.05 * at.rate},
 }
 """What each changes in the first storey, in sizes that the plain building reaches."""
+FORCES: Mapping[str, Callable[[Sizes, np.random.Generator], Mapping[str, float]]] = {
+    **{name: effect for name, effect in EFFECTS.items() if not name.startswith("sensor")},
+    "quadratic damping": lambda at, rng: {"c2": _size(rng, 0.02, 0.1) * at.force / at.rate**2},
+    "Maxwell branch": lambda at, rng: {"k_m": _size(rng, 0.03, 0.2) * at.stiffness, "tau": _size(rng, 0.05, 0.5)},
+    "backlash": lambda at, rng: {"b": _size(rng, 0.02, 0.1) * at.drift},
+    "sudden damage": lambda at, rng: {"k_jump": -_size(rng, 0.03, 0.2) * at.stiffness, "k_time": rng.uniform(2.0, 8.0)},
+    "pinch": lambda at, rng: {"pinch": _size(rng, 0.1, 0.5), "pinch_width": 0.3 * at.z},
+}
+"""What acts in a storey, sensors apart."""
 KINDS = (*EFFECTS, "AR(0.3) noise", "prior excludes c")
 
 
@@ -83,3 +93,23 @@ def wrong_replicate(file: ModelFile, kind: str, snr_db: float, seed: int, number
     if record is None:
         raise ValueError(f"{kind}, number {number}: the record cannot be made")
     return replace(plain, building=building, record=record)
+
+
+def force_replicate(file: ModelFile, snr_db: float, seed: int, number: int) -> tuple[str, Replicate]:
+    """A truth of the file's prior with one of :data:`FORCES` in a storey, each at random; its name, and the record.
+
+    What the simulator cannot follow is drawn again.
+    """
+    condition = Condition(snr_db=snr_db)
+    plain = replicate(file, condition, seed, number)
+    rng = np.random.default_rng([seed, number, 2])
+    for _ in range(100):
+        kind, storey = str(rng.choice(list(FORCES))), int(rng.integers(len(plain.building.storeys))) + 1
+        storeys = list(plain.building.storeys)
+        changed = FORCES[kind](Sizes.of(plain.building, file, storey), rng)
+        storeys[storey - 1] = replace(storeys[storey - 1], **changed)
+        building = replace(plain.building, storeys=tuple(storeys))
+        record = recorded(file, building, condition, rng)
+        if record is not None:
+            return f"{kind}, storey {storey}", replace(plain, building=building, record=record)
+    raise ValueError(f"number {number} of {file.name}: no force in it can be recorded")

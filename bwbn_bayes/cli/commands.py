@@ -126,6 +126,13 @@ def identify(
             "--alternatives/--no-alternatives", help="Ask the catalogue what else would explain the record, or not."
         ),
     ] = True,
+    unnamed_force: Annotated[
+        bool,
+        typer.Option(
+            "--unnamed-force",
+            help="A force of no known law stands beside the model in every storey: intervals know of model error.",
+        ),
+    ] = False,
     checkpoint: Annotated[
         Path | None,
         typer.Option("--checkpoint", help="Where what is solved is kept, without suffix; a run cut off goes on."),
@@ -162,6 +169,7 @@ def identify(
                 workers=workers,
                 scheduler=scheduler,
             ),
+            unnamed_force=unnamed_force,
             name=file.name,
             assumptions=file.assumptions,
             listener=listener,

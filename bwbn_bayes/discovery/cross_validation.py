@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bwbn_bayes.discovery.score import Slopes
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.residuals import residual_of
+from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
 
 N_BLOCKS = 16

@@ -11,11 +11,11 @@ import numpy as np
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.cross_validation import CrossValidation, cross_validated
 from bwbn_bayes.discovery.evidence import Evidence
-from bwbn_bayes.discovery.unnamed_storey import Estimate
 from bwbn_bayes.discovery.where import Disagreement, disagreement
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.residuals import leaves_noise, leaves_quiet
+from bwbn_bayes.inference.unnamed.storey import Estimate
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.structures.structure import Structure
 

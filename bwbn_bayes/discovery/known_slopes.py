@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bwbn_bayes.discovery.score import Slopes
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import steps
+from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
 
 _DAMPINGS = (1e-4, 1.0)

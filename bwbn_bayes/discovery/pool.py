@@ -19,12 +19,13 @@ from bwbn_bayes.discovery.evidence import (
     with_shared,
 )
 from bwbn_bayes.discovery.explanation import Explanation, Key, key_of
-from bwbn_bayes.discovery.probability import UNNAMED_SCALE, Beliefs, beliefs
+from bwbn_bayes.discovery.probability import Beliefs, beliefs
 from bwbn_bayes.discovery.run import Run, beside
-from bwbn_bayes.discovery.unnamed import fitted_basis
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.specimen import fitted_basis
 from bwbn_bayes.parameters import Floats
 
 _MOST_COLOURED, _COLOURED_REACH = 4, 400.0

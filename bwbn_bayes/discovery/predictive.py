@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.probability import Beliefs
-from bwbn_bayes.discovery.unnamed import unnamed_basis
 from bwbn_bayes.inference.correlation import conditioned
 from bwbn_bayes.inference.importance import laplace_mixture, sample_importance
 from bwbn_bayes.inference.tmcmc.resampling import systematic
+from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 

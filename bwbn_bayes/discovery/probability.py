@@ -25,9 +25,6 @@ UNNAMED = 0.2
 most of what structures do."""
 ANOTHER = 0.2
 """Prior probability of each further effect once there is one: structures that lack two are rarer."""
-UNNAMED_SCALE = 0.1
-"""Standard deviation of the unnamed force's scale about zero, over the largest force: a law that leaves more is a
-wrong law, not one with a force beside it."""
 NAMED = 0.9
 """Probability from which an effect is named: of ten names one may be wrong."""
 POSSIBLE = 0.5

@@ -17,10 +17,10 @@ from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
 from bwbn_bayes.discovery.known_slopes import fits_with_slopes, suited
 from bwbn_bayes.discovery.pace import UNHURRIED, Pace
-from bwbn_bayes.discovery.score import Slopes
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, outlook, polish
 from bwbn_bayes.inference.residuals import leaves_noise
+from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Booleans, Floats
 
 ROUNDS = ((2, 1.0), (4, 0.4), (25, 0.12))

@@ -15,18 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import cho_solve
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
-from bwbn_bayes.inference.correlation import Correlation
-from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
 
 _NEAR = 1e-4
@@ -91,96 +87,6 @@ def scores(
         found = pool.map(lambda family: _score_family(posterior, family, point, present), families(hypotheses))
         by_hypothesis = {hypothesis: one for part in found for hypothesis, one in part}
     return tuple(by_hypothesis[hypothesis] for hypothesis in hypotheses)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Slopes:
-    """The response's derivatives by the present model's parameters, in posterior units.
-
-    Attributes
-    ----------
-    noise : (n_channels, 1) array
-        Noise standard deviation of each channel.
-    base : (n_channels * n_counted, n_dim) array
-        Derivatives in unit coordinates, whitened, over the noise.
-    measured : (n_channels, n_times) array
-    residual : (n_channels, n_counted) array
-        What the response leaves of it, whitened, over the noise.
-    kept : slice or (n_counted,) array
-        Index of the samples that count.
-    correlation : Correlation, optional
-        Of the errors.
-    """
-
-    noise: Floats
-    base: Floats
-    measured: Floats
-    residual: Floats
-    kept: slice | NDArray[np.int64] = slice(None)
-    correlation: Correlation | None = None
-
-    @classmethod
-    def at(cls, posterior: Posterior, point: Floats) -> Slopes:
-        """At a point ``(n_dim,)`` of the unit cube."""
-        record, (values, noise_values) = posterior.record, posterior.split(point[None])
-        correlation, measured = posterior.noise.correlation, record.measured
-        response, slopes = posterior.engine.sensitivities(posterior.model, values, record)
-        left = _whitened(correlation, (measured - response.values)[..., record.kept])
-        misfit = np.sum(np.square(left), axis=2)
-        noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_counted, noise_values)[0][:, None])
-        scale = posterior.model.space.unit_scale(values)[0]
-        base = (_whitened(correlation, slopes[0][..., record.kept]) / noise).reshape(len(scale), -1).T * scale
-        return cls(
-            noise=noise,
-            base=base,
-            measured=measured,
-            residual=left[0] / noise,
-            kept=record.kept,
-            correlation=correlation,
-        )
-
-    def scaled(self, rows: Floats) -> Floats:
-        """Rows ``(..., n_channels, n_times)`` as the likelihood sees them, ``n_counted`` long: whitened, over noise."""
-        return _whitened(self.correlation, rows[..., self.kept]) / self.noise
-
-    def by(self, columns: NDArray[np.int64]) -> Slopes:
-        """By some of the parameters."""
-        return replace(self, base=self.base[:, columns])
-
-    @cached_property
-    def factor(self) -> Floats:
-        """Lower triangular factor of their information, with the prior's; not of the product, which rounding spoils."""
-        prior = np.sqrt(PRIOR_PRECISION) * np.eye(self.base.shape[1])
-        return np.asarray(np.linalg.qr(np.concatenate([self.base, prior]), mode="r").T)
-
-    def projected(self, values: Floats, slope: Floats) -> tuple[float, float]:
-        """Slope of the log likelihood and information in one direction, with the present parameters projected out.
-
-        Parameters
-        ----------
-        values, slope : (n_channels, n_times) array
-            Response, and its derivative in that direction.
-        """
-        gradient, information = self.projected_together(values, slope[None])
-        whole = float(np.sum(np.square(self.scaled(slope))))
-        # What is left must exceed the rounding of what was taken away.
-        if not (np.isfinite(whole) and information[0, 0] >= 1e-9 * whole > 0.0):
-            return 0.0, 0.0
-        return float(gradient[0]), float(information[0, 0])
-
-    def projected_together(self, values: Floats, slopes: Floats) -> tuple[Floats, Floats]:
-        """The same in several directions ``(n, n_channels, n_times)`` at once: ``(n,)`` and ``(n, n)`` arrays."""
-        n = len(slopes)
-        residual, own = self.scaled(self.measured - values).ravel(), self.scaled(slopes).reshape(n, -1)
-        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(own))):  # it cannot be solved there
-            return np.zeros(n), np.zeros((n, n))
-        weights = cho_solve((self.factor, True), self.base.T @ own.T)
-        left = own @ own.T - (own @ self.base) @ weights
-        return own @ residual - weights.T @ (self.base.T @ residual), left
-
-
-def _whitened(correlation: Correlation | None, rows: Floats) -> Floats:
-    return rows if correlation is None else correlation.whitened(rows)
 
 
 def _score_family(

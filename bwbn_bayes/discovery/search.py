@@ -20,15 +20,16 @@ from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation, key_of
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
-from bwbn_bayes.discovery.probability import UNNAMED_SCALE, cost_of_another
+from bwbn_bayes.discovery.probability import cost_of_another
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import Run, all_but, hypotheses_of, on_one_thread, on_threads, score_all
 from bwbn_bayes.discovery.second_look import rescanned, searched, widened
 from bwbn_bayes.discovery.unfinished import Unfinished
-from bwbn_bayes.discovery.unnamed_storey import unnamed_forces
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
+from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.storey import unnamed_forces
 from bwbn_bayes.parameters import Floats
 
 MOST_LATER = 12

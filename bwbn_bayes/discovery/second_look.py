@@ -15,10 +15,10 @@ from bwbn_bayes.discovery.known_slopes import suited
 from bwbn_bayes.discovery.pace import UNHURRIED, Pace
 from bwbn_bayes.discovery.race import Fit, in_reach
 from bwbn_bayes.discovery.run import on_threads
-from bwbn_bayes.discovery.score import Slopes
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import climb, find_modes, polish
+from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
 
 _LEADING, _SEARCHED = 6, 3

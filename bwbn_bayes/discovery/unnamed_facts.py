@@ -7,10 +7,11 @@ import numpy as np
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.outcome import UnnamedForce
 from bwbn_bayes.discovery.pool import Pool
-from bwbn_bayes.discovery.probability import POSSIBLE, UNNAMED_SCALE, Beliefs
-from bwbn_bayes.discovery.unnamed_storey import Neighbourhood, over_time
+from bwbn_bayes.discovery.probability import POSSIBLE, Beliefs
 from bwbn_bayes.discovery.where import storey_in_words
 from bwbn_bayes.inference.residuals import residual_of
+from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.storey import Neighbourhood, over_time
 
 
 def unnamed_facts(pool: Pool, believed: Beliefs) -> UnnamedForce | None:

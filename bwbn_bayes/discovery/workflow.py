@@ -21,11 +21,9 @@ from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import set_apart
 from bwbn_bayes.discovery.outcome import Discovery
-from bwbn_bayes.discovery.pulses import with_pulse
 from bwbn_bayes.discovery.run import DiscoverySettings, Listener, Run
 from bwbn_bayes.discovery.search import search
 from bwbn_bayes.discovery.suitable import require_suitable
-from bwbn_bayes.discovery.unnamed_storey import places_of
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.journal import Journal
 from bwbn_bayes.engines.lanes import Lanes
@@ -35,6 +33,8 @@ from bwbn_bayes.inference.accuracy import LADDER, choose_scheme
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, settled
 from bwbn_bayes.inference.residuals import noise_floors
+from bwbn_bayes.inference.unnamed.pulses import with_pulse
+from bwbn_bayes.inference.unnamed.storey import places_of
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.noise import LEAST_NOISE, with_least_noise

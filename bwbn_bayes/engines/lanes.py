@@ -13,7 +13,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -142,6 +142,15 @@ class Lanes:
         self._over_blocks(problem, model, draws, solve)
         misfit = np.where(np.isfinite(misfit), misfit, np.inf)
         return NormalEquations(misfit=misfit, gradient=gradient, information=information)
+
+    def of_points(self, model: Structure, record: Record) -> OfPoints | None:
+        """Squared residuals and derivatives of one draw at a time, all else prepared.
+
+        None where the kernel's answers are not the channels: sensors distort them, or samples do not count.
+        """
+        wanted = np.ones((1, model.space.n_dim), dtype=np.bool_)
+        problem = _Problem.build(model, record, tuple(record.channels), wanted=wanted)
+        return None if problem.is_summed_outside else OfPoints(self, model, problem)
 
     def _stored(
         self, model: Structure, draws: Floats, record: Record, names: tuple[str, ...], *, wanted: Booleans
@@ -480,6 +489,59 @@ class _Problem:
             )
             if stretch.samples is not None:
                 yield part, outcome
+
+
+class OfPoints:
+    """What samplers that go from point to point ask for, of a model under a record; see :meth:`Lanes.of_points`.
+
+    Half of what one draw costs is the preparation, which is the same for every draw.
+
+    Parameters
+    ----------
+    engine : Lanes
+        Its scheme.
+    model : Structure
+    problem : _Problem
+        Of a draw with all its derivatives.
+    """
+
+    def __init__(self, engine: Lanes, model: Structure, problem: _Problem) -> None:
+        self._engine, self._model, self._problem = engine, model, problem
+        self._block = _Block.of(self._local(np.zeros(model.space.n_dim)), self._n_law, problem.directions, 0)
+        row, lane = self._block.sources(problem.n_parameters)
+        held = row[1:, 0] >= 0
+        self._row, self._lane = row[1:, 0][held], lane[1:, 0][held]
+        self._whole = self._block.whole.of_parameters(problem.n_parameters)[0][held]
+
+    @property
+    def _n_law(self) -> int:
+        return len(self._model.law.parameters)
+
+    def _local(self, values: Floats) -> Floats:
+        return self._model.table.local(values[None])
+
+    def __call__(self, values: Floats, measured: Floats) -> tuple[Floats, Floats]:
+        """Squared residuals ``(n_blocks,)`` and their derivatives ``(n_blocks, n_parameters)``.
+
+        Parameters
+        ----------
+        values : (n_parameters,) array
+            In their own units.
+        measured : (n_channels, n_times) array
+        """
+        local = self._local(values)[0, :, : self._n_law]
+        local = local if np.all(np.isfinite(local)) else np.full_like(local, np.nan)
+        block = replace(self._block, parameters=np.repeat(local[:, :, None], LANES, axis=2))
+        sums, slopes = [], []
+        for part, outcome in self._problem.run(self._engine, block, store=True):
+            c = len(part.channels.names)
+            stored = outcome.stored.reshape(-1, 1 + block.directions.n, c, LANES)
+            rest = measured[part.rows, part.stretch.samples].T - stored[:, 0, :, 0]
+            with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away
+                sums.append(np.sum(np.square(rest), axis=0))
+                every = np.einsum("tc,tkcl->ckl", rest, stored[:, 1:])
+                slopes.append(-2.0 * every[:, self._row - 1, self._lane] @ self._whole)
+        return np.concatenate(sums), np.concatenate(slopes)
 
 
 def _aligned(shape: tuple[int, ...]) -> Floats:

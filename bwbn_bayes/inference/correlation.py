@@ -28,21 +28,41 @@ MOST_CORRELATED = 0.999
 
 
 class SharedFunctions(NamedTuple):
-    """A basis turned so that its functions are orthonormal over the samples."""
+    """A basis turned so that its functions are orthonormal over the samples of all channels.
+
+    Errors are ``L R z``: the levels of the channels, the symmetric root of ``I + Phi V Phi'``, and white noise whose
+    scale in each channel is known or integrated out. Where every scale is one, errors are white noise of these levels
+    beside functions with independent weights.
+    """
 
     functions: Floats
-    """``(n_times, n_functions)``."""
+    """``(n_channels * n_times, n_functions)``, one channel after the other."""
     variance: Floats
     """Prior variance ``(n_functions,)`` of each one's weight, in that of the white part."""
     scale: float = 1.0
     """Of the weights, over that of the basis they were made of."""
+    level: Floats | None = None
+    """Of each channel's white part ``(n_channels,)``; none where there is one channel. [unit of the channel]"""
 
     @classmethod
-    def of(cls, basis: Floats) -> SharedFunctions:
-        """Of functions ``(n_times, n)``, each times the sd of its weight over that of the white part."""
+    def of(cls, basis: Floats, level: Floats | None = None) -> SharedFunctions:
+        """Of functions ``(n_channels * n_times, n)``, each times the sd of its weight over that of the white part."""
         variance, turned = np.linalg.eigh(basis.T @ basis)
         kept = variance > _NEGLIGIBLE * variance[-1]
-        return cls(basis @ (turned[:, kept] / np.sqrt(variance[kept])), variance[kept])
+        return cls(basis @ (turned[:, kept] / np.sqrt(variance[kept])), variance[kept], level=level)
+
+    def turned(self, rows: Floats, factor: Floats) -> Floats:
+        """Rows ``(..., n_channels, n_times)``, over the levels multiplied by a factor ``(n_functions,)`` along each."""
+        over = rows if self.level is None else rows / self.level[:, None]
+        flat = over.reshape(-1, len(self.functions))  # one product of matrices, not one of a vector for every row
+        whole = (flat + ((flat @ self.functions) * (factor - 1.0)) @ self.functions.T).reshape(rows.shape)
+        return np.asarray(whole if self.level is None else whole * self.level[:, None])
+
+    def until(self, n_times: int) -> SharedFunctions:
+        """Those of the first samples."""
+        n_channels = 1 if self.level is None else len(self.level)
+        basis = (self.functions * np.sqrt(self.variance)).reshape(n_channels, -1, len(self.variance))[:, :n_times]
+        return self.of(basis.reshape(-1, len(self.variance)), self.level)._replace(scale=self.scale)
 
     def times(self, scale: float) -> SharedFunctions:
         """With weights so many times as large."""
@@ -58,7 +78,7 @@ class Correlation:
     coefficients : tuple of (order,) arrays, optional
         Of the autoregression of each channel, empty for white noise.
     shared : SharedFunctions, optional
-        What the errors of a record's one channel share.
+        What the errors of a record's channels share.
     log_prior : float
         What the choice of orders or of a scale costs. [nat]
     """
@@ -71,14 +91,14 @@ class Correlation:
         """That of the first samples."""
         if self.shared is None:
             return self
-        basis = self.shared.functions * np.sqrt(self.shared.variance)
-        return replace(self, shared=SharedFunctions.of(basis[:n_times])._replace(scale=self.shared.scale))
+        return replace(self, shared=self.shared.until(n_times))
 
     @property
     def arrays(self) -> tuple[Floats, ...]:
         """All that it is made of, in numbers."""
         shared = self.shared
-        basis = () if shared is None else (shared.functions, shared.variance, np.array([shared.scale]))
+        level = () if shared is None or shared.level is None else (shared.level,)
+        basis = () if shared is None else (shared.functions, shared.variance, np.array([shared.scale]), *level)
         return (np.array([self.log_prior]), *self.coefficients, *basis)
 
     @property
@@ -98,10 +118,7 @@ class Correlation:
     def whitened(self, rows: Floats) -> Floats:
         """Rows ``(..., n_channels, n_times)`` times the inverse root of the correlation matrix."""
         if self.shared is not None:
-            share = 1.0 - 1.0 / np.sqrt(1.0 + self.shared.variance)
-            flat = rows.reshape(-1, rows.shape[-1])  # one product of matrices, not one of a vector for every row
-            whole = flat - ((flat @ self.shared.functions) * share) @ self.shared.functions.T
-            return np.asarray(whole.reshape(rows.shape))
+            return self.shared.turned(rows, 1.0 / np.sqrt(1.0 + self.shared.variance))
         filtered = [_filtered(own, rows[..., c, :]) for c, own in enumerate(self.coefficients)]
         for c, first in enumerate(self.beginnings):
             if len(first):
@@ -116,7 +133,7 @@ class Correlation:
         -------
         (n, n_channels, k, k) array
         """
-        if self.shared is None:
+        if self.shared is None or self.shared.level is not None:
             by_channel = np.moveaxis(self.whitened(rows), 1, 2)
             return np.asarray(np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)))
         # (I + Phi V Phi')^-1 = I - Phi V / (1 + V) Phi': half the work of whitening.

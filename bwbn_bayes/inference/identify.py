@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
+from bwbn_bayes.inference.arrays import noise_scales
 from bwbn_bayes.inference.doubts import doubts
 from bwbn_bayes.inference.history import History, Listener
 from bwbn_bayes.inference.likelihood import Posterior, default_noise, require_noise
@@ -31,6 +33,9 @@ from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.scale_of_z import Section, section_of
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import build_result
+from bwbn_bayes.inference.unnamed.beside import Accompanied, require_room_for_force
+from bwbn_bayes.inference.unnamed.beside import Beside as Force
+from bwbn_bayes.inference.unnamed.beside import beside as with_force
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import DOUBTS, Check, Result
 
@@ -51,6 +56,8 @@ class Sampling(ABC):
         require_usable(task.model, task.record)
         if task.noise is not None:
             require_noise(task.noise, task.record)
+        if task.unnamed_force:
+            require_room_for_force(task.record, task.noise)
 
     @abstractmethod
     def sample(self, given: Given) -> Sampled:
@@ -70,7 +77,7 @@ class Sampling(ABC):
                 model=model, record=record, engine=on_rung(engine, LADDER[0]), noise=task.noise or default_noise(record)
             )
             fitted = _doubted(_Fitted(*_fit(posterior, streams[:N_ATTEMPTS], history)), task.beside, history)
-            return _result(self, fitted, settings, history, task.name, task.assumptions)
+            return _result(self, fitted, history, task)
 
 
 def identify_from(
@@ -103,7 +110,8 @@ def identify_from(
     if not isinstance(sampling, Sampling):
         raise ValueError(f"method {settings.method!r} samples no posterior")
     history = History(listener, time.perf_counter(), [])
-    return _result(sampling, _Fitted(*_finish(posterior, points)), settings, history, name, assumptions)
+    task = Task(model=posterior.model, record=posterior.record, settings=settings, name=name, assumptions=assumptions)
+    return _result(sampling, _Fitted(*_finish(posterior, points)), history, task)
 
 
 def _streams(seed: int) -> list[np.random.SeedSequence]:
@@ -128,16 +136,9 @@ def _doubted(fitted: _Fitted, beside: Beside | None, history: History) -> _Fitte
     return fitted._replace(checks=(*fitted.checks, *found))
 
 
-def _result(
-    sampling: Sampling,
-    fitted: _Fitted,
-    settings: Settings,
-    history: History,
-    name: str,
-    assumptions: Sequence[str],
-) -> Result:
-    """Sample, along the orbits of A where that is wanted, and put the result together."""
-    posterior, modes = fitted.posterior, fitted.modes
+def _result(sampling: Sampling, fitted: _Fitted, history: History, task: Task) -> Result:
+    """Sample, along the orbits of A and with a force beside the model where that is wanted, and put it together."""
+    posterior, modes, settings, assumptions = fitted.posterior, fitted.modes, task.settings, tuple(task.assumptions)
     *_, seeds, stream = _streams(settings.seed)
     rng = np.random.default_rng(stream)
     target, at = posterior, modes
@@ -147,18 +148,25 @@ def _result(
         target, at = section, _modes_on(section, modes)
         assumptions = (*assumptions, section.sentence)
     explains = all(check.passed for check in fitted.checks if check.name not in DOUBTS)
+    if task.unnamed_force:
+        history.say("looking for a force of no known law beside the model")
+        force = with_force(target, at)
+        target, at, explains = force.posterior, force.modes, True
+        assumptions = (*assumptions, force.sentence)
+        posterior = _accompanied(posterior, section, force)
     found = sampling.sample(Given(target, at, settings, rng, seeds, history, explains))
-    draws = found.draws
+    noise_sd, draws = noise_scales(target, found.draws.points, rng), found.draws
     if section is not None:
         draws = draws.with_points(lambda points: section.spread(points, rng))
     return build_result(
         posterior,
-        modes,
+        modes if section is not None else at,
         draws,
+        noise_sd,
         method=found.method,
         asked=settings.method,
         seed=settings.seed,
-        name=name,
+        name=task.name,
         assumptions=assumptions,
         checks=(*fitted.checks, *found.checks),
         discretisation=fitted.discretisation,
@@ -167,6 +175,17 @@ def _result(
         elapsed=lambda: time.perf_counter() - history.began,
         rng=rng,
     )
+
+
+def _accompanied(posterior: Posterior, section: Section | None, force: Force) -> Posterior:
+    """The posterior whose draws respond with a force of their own beside them."""
+
+    def point_of(values: Floats) -> Floats:
+        points = posterior.space.to_unit(values[None])
+        return np.asarray((points if section is None else section.to_section(points))[0])
+
+    engine = Accompanied(engine=posterior.engine, beside=force, point_of=point_of)
+    return replace(posterior, engine=engine, noise=force.posterior.noise)
 
 
 def _fit(

@@ -34,6 +34,7 @@ class Task:
     assumptions: Sequence[str] = ()
     listener: Listener | None = None
     beside: Beside | None = None
+    unnamed_force: bool = False
 
 
 class Method(Protocol):

@@ -15,7 +15,7 @@ import numpy as np
 
 from bwbn_bayes.engines.base import Engine, channel_map
 from bwbn_bayes.inference.accuracy import Discretisation
-from bwbn_bayes.inference.arrays import noise_scales, posterior_tree
+from bwbn_bayes.inference.arrays import posterior_tree
 from bwbn_bayes.inference.identifiability import describe, flag
 from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.likelihood import Posterior
@@ -40,6 +40,12 @@ from bwbn_bayes.structures.structure import Structure
 
 _NEAR_A_BOUND = 0.01
 """Share of an interval's width within which its outermost draw lies at a bound."""
+
+_WITH_FORCE = "a force of no known law beside it takes that up: the intervals know of it."
+_WITHOUT_FORCE = (
+    "the posterior holds only if the model does. For intervals that know of model error, identify it with an unnamed "
+    "force beside it (--unnamed-force)."
+)
 
 _LIBRARIES = ("bwbn-bayes", "numpy", "scipy", "llvmlite", "numba", "sympy", "arviz", "xarray")
 
@@ -100,6 +106,7 @@ def build_result(
     posterior: Posterior,
     modes: Sequence[Mode],
     draws: Draws,
+    noise_sd: Floats,
     *,
     method: str,
     asked: str,
@@ -113,13 +120,12 @@ def build_result(
     elapsed: Callable[[], float],
     rng: np.random.Generator,
 ) -> Result:
-    """Assemble arrays and facts of a finished run."""
+    """Assemble arrays and facts of a finished run; ``noise_sd``, ``(n_draws, n_blocks)``, of the draws."""
     record, model = posterior.record, posterior.model
     parameters = _parameter_facts(posterior, draws)
     chosen = evenly(len(draws.points), N_DRAWS)
     values = posterior.split(draws.points[chosen])[0]
     truth = true_histories(model, record)
-    noise_sd = noise_scales(posterior, draws.points, rng)
     responses = summarised(posterior.engine, model, record, chosen, values, noise_sd[chosen], rng)
     tree = posterior_tree(posterior, draws.points, draws.log_likelihood, noise_sd, responses, truth, rng)
     none = (math.nan, math.nan)
@@ -140,7 +146,7 @@ def build_result(
         elapsed_s=elapsed(),
         effective_sample_size=draws.effective_sample_size,
         storeys=model.n_links,
-        verdict=_verdict(parameters, checks, method, asked, record),
+        verdict=_verdict(parameters, checks, method, asked, posterior),
         identifiability=describe(modes[0].information, posterior.space.names),
         checks=checks,
         stages=stages,
@@ -258,8 +264,9 @@ def path_correlation(found: Floats, true: Floats, drift: Floats) -> float:
 
 
 def _verdict(
-    parameters: Sequence[ParameterFacts], checks: Sequence[Check], method: str, asked: str, record: Record
+    parameters: Sequence[ParameterFacts], checks: Sequence[Check], method: str, asked: str, posterior: Posterior
 ) -> tuple[str, str]:
+    record, has_force = posterior.record, posterior.noise.correlation is not None
     seen = [p for p in parameters if p.flag != "unidentified"]
     failed = [check for check in checks if not check.passed]
     model_fits = not any(check.name.startswith("residual") for check in failed)
@@ -276,8 +283,8 @@ def _verdict(
         if doubted
         else ", and the model explains the record down to its noise, though another mechanism may do so equally."
         if model_fits
-        else ", but the model does not explain the record: what is left is not white noise, and the posterior holds "
-        "only if the model does."
+        else ", but the model does not explain the record: what is left is not white noise, and "
+        f"{_WITH_FORCE if has_force else _WITHOUT_FORCE}"
     )
     road = title_of(method)
     if method != asked:

@@ -11,7 +11,6 @@ from bwbn_bayes.discovery.candidates import hypotheses, scales_of
 from bwbn_bayes.discovery.evidence import Evidence, autoregressive, autoregressive_bound, laplace, with_shared
 from bwbn_bayes.discovery.evidence import sampled as sampled_evidence
 from bwbn_bayes.discovery.race import Fit
-from bwbn_bayes.discovery.unnamed import unnamed_basis
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorBias, SensorGain
 from bwbn_bayes.elements.law import Effect
@@ -19,6 +18,7 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
+from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
 from bwbn_bayes.parameters import Floats, Normal, PerStorey
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.record import Record

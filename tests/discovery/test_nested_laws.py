@@ -14,14 +14,14 @@ import pytest
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
 from bwbn_bayes.discovery.evidence import Evidence, laplace, with_shared
 from bwbn_bayes.discovery.explanation import Explanation
-from bwbn_bayes.discovery.probability import UNNAMED_SCALE
 from bwbn_bayes.discovery.race import Fit, race
-from bwbn_bayes.discovery.unnamed import unnamed_basis
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.accuracy import LADDER
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import find_modes
+from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records import read_record
 from bwbn_bayes.structures.starting_model import starting_model

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
-from bwbn_bayes.discovery.score import Score, Slopes, scores
+from bwbn_bayes.discovery.score import Score, scores
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, GapImpact, QuadraticDamping, SensorGain
 from bwbn_bayes.engines.base import Response
@@ -16,6 +16,7 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.modes import polish
+from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats, Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.record import Record

@@ -12,16 +12,17 @@ from scipy.stats import norm
 
 from bwbn_bayes.discovery.evidence import laplace, with_shared
 from bwbn_bayes.discovery.explanation import Explanation
-from bwbn_bayes.discovery.probability import UNNAMED_SCALE, beliefs
-from bwbn_bayes.discovery.pulses import answers
-from bwbn_bayes.discovery.unnamed import unnamed_basis
+from bwbn_bayes.discovery.probability import beliefs
 from bwbn_bayes.discovery.unnamed_facts import unnamed_facts
-from bwbn_bayes.discovery.unnamed_storey import Sums, functions, places_of, unnamed_forces
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
+from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.pulses import answers
+from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
+from bwbn_bayes.inference.unnamed.storey import Sums, functions, places_of, unnamed_forces
 from bwbn_bayes.parameters import Floats, Normal, Uniform
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding

@@ -8,10 +8,8 @@ from scipy import signal
 
 from bwbn_bayes.discovery import search, workflow
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, hypotheses, scales_of
-from bwbn_bayes.discovery.pulses import with_pulse
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
-from bwbn_bayes.discovery.unnamed_storey import Estimate
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping
@@ -21,6 +19,8 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.inference.unnamed.pulses import with_pulse
+from bwbn_bayes.inference.unnamed.storey import Estimate
 from bwbn_bayes.parameters import HalfNormal, Uniform
 from bwbn_bayes.records.excitation import Envelope, el_centro, filtered_noise
 from bwbn_bayes.records.record import Record

@@ -17,10 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from bwbn_bayes.engines.base import Engine, check_record, masses
+from bwbn_bayes.engines.lanes import Lanes, OfPoints
 from bwbn_bayes.engines.sunode import Sunode
 from bwbn_bayes.inference.likelihood import SolveCount
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.blocks import labels, over_time
+from bwbn_bayes.records.blocks import labels
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -91,7 +92,7 @@ class ForwardProblem:
 
     def response_pullback(self, values: Floats, cotangents: Floats) -> Floats:
         """Products ``(n_draws, n_parameters)`` of cotangents and exact tangents; zero where the solve failed."""
-        if isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint":
+        if isinstance(self.solver, Sunode) and self.has_adjoint:
             return self._counted_slopes(self.solver.adjoint_pullback(self.model, values, self.record, cotangents))
         _, slopes = self.solver.sensitivities(self.model, values, self.record)
         return self._counted_slopes(np.einsum("npct,nct->np", slopes, cotangents))
@@ -102,14 +103,30 @@ class ForwardProblem:
         self._count(np.all(np.isfinite(misfit), axis=1))
         return misfit
 
-    def squared_residuals_pullback(self, values: Floats, cotangents: Floats, measured: Floats | None = None) -> Floats:
-        """Products ``(n_draws, n_parameters)`` of cotangents and the sums' exact derivatives; zero where failed."""
-        record = self._record_with(measured)
-        if isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint":
-            residual = record.measured - self.solver.simulate(self.model, values, record).values
-            return self.response_pullback(values, -2.0 * over_time(record, cotangents) * residual)
-        gradient = self.solver.normal_equations(self.model, values, record).gradient
-        return self._counted_slopes(-2.0 * np.einsum("nc,ncp->np", cotangents, gradient))
+    def squared_residuals_and_slopes(self, values: Floats, measured: Floats) -> Floats:
+        """Both from one solve, ``(n_draws, n_blocks, 1 + n_parameters)``; where it failed infinite, and zero slopes."""
+        solve = self._of_points if len(values) == 1 else None
+        if solve is not None:
+            misfit, slopes = (result[None] for result in solve(values[0], measured))
+        else:
+            equations = self.solver.normal_equations(self.model, values, self._record_with(measured))
+            misfit, slopes = equations.misfit, -2.0 * equations.gradient
+        ok = np.all(np.isfinite(misfit), axis=1) & np.all(np.isfinite(slopes), axis=(1, 2))
+        self._count(ok)
+        whole = np.concatenate([misfit[..., None], slopes], axis=2)
+        failed = np.zeros(whole.shape[1:])
+        failed[:, 0] = np.inf
+        return np.where(ok[:, None, None], whole, failed)
+
+    @cached_property
+    def _of_points(self) -> OfPoints | None:
+        # What keeps or spreads answers is another class, and is asked as ever.
+        return self.solver.of_points(self.model, self.record) if type(self.solver) is Lanes else None
+
+    @property
+    def has_adjoint(self) -> bool:
+        """Whether products with the derivatives cost no more than one derivative."""
+        return isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint"
 
     def log_admissible(self, values: Floats) -> Floats:
         """Zero ``(n_draws,)`` where every joint constraint of the law holds, minus infinity elsewhere."""

@@ -15,9 +15,12 @@ import numba
 import numpy as np
 import pytensor.tensor as pt
 from pytensor.graph.basic import Apply, Variable
+from pytensor.graph.fg import FunctionGraph
 from pytensor.graph.op import Op
 from pytensor.graph.replace import _vectorize_node
+from pytensor.graph.rewriting.basic import node_rewriter
 from pytensor.link.numba.dispatch.basic import get_numba_type, numba_njit, register_funcify_and_cache_key
+from pytensor.tensor.rewriting.basic import register_specialize
 
 from bwbn_bayes.inference.pymc.forward import ForwardProblem, code_digest, solved
 from bwbn_bayes.records.record import Record
@@ -81,12 +84,6 @@ class ResponsePullback(_Pullback):
     quantity = "response_pullback"
 
 
-class SquaredResidualsPullback(_Pullback):
-    """Cotangents ``(n_blocks,)`` times the exact derivatives of the squared residuals."""
-
-    quantity = "squared_residuals_pullback"
-
-
 class ChannelResponse(Solve):
     """Measured channels ``(n_channels, n_times)`` as the model predicts them; NaN where the solve fails."""
 
@@ -118,11 +115,42 @@ class SquaredResiduals(Solve):
     def pullback(
         self, inputs: Sequence[Variable], outputs: Sequence[Variable], cotangents: Sequence[Variable]
     ) -> list[Variable]:
-        """Vector-Jacobian product from the engine's normal equations."""
+        """Vector-Jacobian product from exact derivatives of the sums, or by an engine's adjoint."""
         values, *measured = inputs
-        slopes = [SquaredResidualsPullback(self.problem)(values, cotangents[0], *measured)]
         residual = [data - ChannelResponse(self.problem)(values) for data in measured]
-        return slopes + [2.0 * spread(cotangents[0], self.problem.record) * left for left in residual]
+        of_data = [2.0 * spread(cotangents[0], self.problem.record) * left for left in residual]
+        data = measured[0] if measured else pt.constant(self.problem.measured)
+        if self.problem.has_adjoint:
+            left = data - ChannelResponse(self.problem)(values)
+            weighed = -2.0 * spread(cotangents[0], self.problem.record) * left
+            return [ResponsePullback(self.problem)(values, weighed), *of_data]
+        slopes = SquaredResidualsAndSlopes(self.problem)(values, data)[..., 1:]
+        return [pt.sum(cotangents[0][..., None] * slopes, axis=-2), *of_data]
+
+
+class SquaredResidualsAndSlopes(Solve):
+    """Squared residuals and their derivatives by the parameters, ``(n_blocks, 1 + n_parameters)``, from one solve.
+
+    Infinite and zero where the solve fails. It has no derivatives of its own.
+    """
+
+    quantity = "squared_residuals_and_slopes"
+
+    def core_shape(self) -> tuple[int, ...]:
+        """Channels of each record; the sum, then its derivatives."""
+        return (len(self.problem.levels), 1 + self.problem.model.space.n_dim)
+
+
+@register_specialize
+@node_rewriter([SquaredResiduals])
+def _from_one_solve(fgraph: FunctionGraph, node: Apply) -> list[Variable] | None:
+    """Where a graph asks for the derivatives too, their solve gives the sums."""
+    for client, _ in fgraph.clients[node.inputs[0]]:
+        both = isinstance(client.op, SquaredResidualsAndSlopes) and client.op.key == node.op.key
+        if both and client.inputs == node.inputs:
+            result: Variable = client.outputs[0][..., 0]
+            return [result]
+    return None
 
 
 def spread(values: Variable, record: Record) -> Variable:

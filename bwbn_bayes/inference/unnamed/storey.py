@@ -4,8 +4,9 @@ A Gaussian process over histories of force, of one of four kinds. Of the storey'
 are alike where hysteretic displacement and direction, drift, drift rate and the work done by then are. Linear in these
 states, with factors that change in time. Linear in the drifts of the other storeys. Or all of this, with a part that
 forgets itself within a quarter of a cycle: what no law of few parameters holds. What the sensors show of a force
-follows to first order (:mod:`~bwbn_bayes.discovery.pulses`), so that its evidence is a closed form: no law is compiled
-for it and nothing is fitted, whatever functions it is made of. The scale is integrated out, and so is the kind.
+follows to first order (:mod:`~bwbn_bayes.inference.unnamed.pulses`), so that its evidence is a closed form: no law is
+compiled for it and nothing is fitted, whatever functions it is made of. The scale is integrated out, and so is the
+kind.
 
 References
 ----------
@@ -23,13 +24,13 @@ from functools import cached_property
 import numpy as np
 from scipy.special import logsumexp
 
-from bwbn_bayes.discovery.pulses import answers, knots_of
-from bwbn_bayes.discovery.score import Slopes
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.residuals import noise_floors
+from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.summary import observe
+from bwbn_bayes.inference.unnamed.pulses import answers, knots_of
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -59,6 +60,8 @@ _N_FOLLOWED, _WAYS = 4, (1.0, 0.5, 0.2)
 """Turns in which a force is followed, and shares of the way to it that are tried."""
 _EDGE = 1e-3
 """Of the unit cube, that parameters keep from its sides."""
+ANY_KIND = "of no simple kind"
+"""Of a force: all that the others are, and a part that no law holds."""
 _KINDS = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy")
 
 
@@ -73,7 +76,7 @@ class Estimate:
     kind : str
         What it is a function of, in words.
     forces : mapping of int to (n_knots,) array
-        Its expectation in each of its storeys, at :func:`~bwbn_bayes.discovery.pulses.knots_of` the record. [N]
+        Its expectation in each of its storeys, at :func:`~bwbn_bayes.inference.unnamed.pulses.knots_of` the record. [N]
     point : (n_dim,) array
         The model's parameters beside it, in the unit cube.
     """
@@ -139,6 +142,17 @@ def over_time(force: Floats, record: Record, model: Structure) -> Floats:
     return np.interp(moments, moments[knots_of(record, model)], force)
 
 
+def pulled(record: Record, model: Structure, forces: Mapping[int, Floats]) -> Record:
+    """The record with forces of storeys ``(n_times,)`` acting on the floors that these join."""
+    on_floors = dict(record.forces)
+    for storey, pull in forces.items():
+        for floor, own in zip(model.joints[storey - 1], (pull, -pull), strict=True):
+            if floor > 0:
+                name = f"applied_force_{floor}"
+                on_floors[name] = on_floors.get(name, np.zeros(record.n_times)) + own
+    return replace(record, forces=on_floors)
+
+
 def functions(states: Mapping[str, Floats], place: int, most: int = _MOST_FUNCTIONS) -> dict[str, Floats]:
     """Functions ``(n_functions, n_knots)`` of a force of each kind, whose variance is one on the average over time.
 
@@ -169,7 +183,7 @@ def functions(states: Mapping[str, Floats], place: int, most: int = _MOST_FUNCTI
         "of the storey's own states": of_states,
         "that changes in time": [in_time],
         "of the other storeys' motion": of_others,
-        "of no simple kind": [*of_states, in_time, *of_others, fleeting],
+        ANY_KIND: [*of_states, in_time, *of_others, fleeting],
     }
     return {kind: _eigenfunctions(parts, most) for kind, parts in kinds.items() if parts}
 
@@ -214,15 +228,9 @@ class Neighbourhood:
     @cached_property
     def view(self) -> Posterior:
         """The posterior with the forces acting on the floors that their storeys join."""
-        record, joints = self.posterior.record, self.posterior.model.joints
-        on_floors = dict(record.forces)
-        for storey, force in self.forces.items():
-            pull = over_time(force, record, self.posterior.model)
-            for floor, own in zip(joints[storey - 1], (pull, -pull), strict=True):
-                if floor > 0:
-                    name = f"applied_force_{floor}"
-                    on_floors[name] = on_floors.get(name, np.zeros(record.n_times)) + own
-        return replace(self.posterior, record=replace(record, forces=on_floors))
+        record, model = self.posterior.record, self.posterior.model
+        forces = {storey: over_time(force, record, model) for storey, force in self.forces.items()}
+        return replace(self.posterior, record=pulled(record, model, forces))
 
     @cached_property
     def log_likelihood(self) -> float:
@@ -237,24 +245,38 @@ class Neighbourhood:
         return {kind: own[0] for kind, own in rows.items()}
 
     @cached_property
-    def _slopes(self) -> Slopes:
+    def slopes(self) -> Slopes:
+        """By the parameters."""
         return Slopes.at(self.view, self.point)
+
+    @property
+    def most_functions(self) -> int:
+        """Of each kind in each storey, that memory has room for."""
+        record, model = self.view.record, self.view.model
+        shared = _MOST_NUMBERS / (model.n_links * len(record.channels) * record.n_times)
+        return int(np.clip(shared, _FEWEST_FUNCTIONS, _MOST_FUNCTIONS))
+
+    @cached_property
+    def largest(self) -> Floats:
+        """Of the force in each storey [N], ``(n_storeys,)``."""
+        return np.asarray(np.max(np.abs(self.rows["restoring_force"]), axis=1))
+
+    def functions_in(self, storey: int) -> dict[str, Floats]:
+        """Those of :func:`functions` at the present states, ``(n_functions, n_knots)`` by kind."""
+        knots = knots_of(self.view.record, self.view.model)
+        states = {kind: self.rows[kind][:, knots] for kind in _KINDS}
+        return functions(states, storey - 1, self.most_functions)
 
     @cached_property
     def _processes(self) -> dict[str, dict[int, tuple[Floats, Floats]]]:
         """By kind and storey: histories of the force, each times its weight's sd; answers to them and to the force."""
-        record = self.view.record
-        model, knots = self.view.model, knots_of(record, self.view.model)
-        states = {kind: self.rows[kind][:, knots] for kind in _KINDS}
-        shared = _MOST_NUMBERS / (model.n_links * len(record.channels) * record.n_times)
-        most = int(np.clip(shared, _FEWEST_FUNCTIONS, _MOST_FUNCTIONS))
         found: dict[str, dict[int, tuple[Floats, Floats]]] = {}
-        for storey in self.forces or range(1, model.n_links + 1):
-            largest = float(np.max(np.abs(self.rows["restoring_force"][storey - 1])))
-            own = {kind: self.share * largest * one for kind, one in functions(states, storey - 1, most).items()}
-            present = self.forces.get(storey, np.zeros(states["drift"].shape[1]))
-            histories = np.vstack([*own.values(), present])
-            shown = self._slopes.scaled(answers(self.view, self.point, storey, histories, largest, self.carried))
+        for storey in self.forces or range(1, self.view.model.n_links + 1):
+            largest = float(self.largest[storey - 1])
+            own = {kind: self.share * largest * one for kind, one in self.functions_in(storey).items()}
+            n_knots = next(iter(own.values())).shape[1]
+            histories = np.vstack([*own.values(), self.forces.get(storey, np.zeros(n_knots))])
+            shown = self.slopes.scaled(answers(self.view, self.point, storey, histories, largest, self.carried))
             *answered, to_present = np.split(shown, np.cumsum([len(one) for one in own.values()]))
             for (kind, one), answer in zip(own.items(), answered, strict=True):
                 found.setdefault(kind, {})[storey] = one, np.concatenate([answer, to_present])
@@ -263,22 +285,22 @@ class Neighbourhood:
     @cached_property
     def _starts(self) -> tuple[Floats, ...]:
         """Precisions over that of what is left: a model that lacks much takes it for noise, begin at the noise too."""
-        by_itself = np.square(self._slopes.noise[:, 0] / np.maximum(noise_floors(self.view.record), 1e-300))
+        by_itself = np.square(self.slopes.noise[:, 0] / np.maximum(noise_floors(self.view.record), 1e-300))
         return (np.ones(len(by_itself)), *([by_itself] if np.any(by_itself > _MUCH) else []))
 
     @cached_property
     def alone(self) -> float:
         """Log evidence of the model without a force, but for a constant."""
-        return self._sums([]).without(np.ones(len(self._slopes.residual)))[0]
+        return self._sums([]).without(np.ones(len(self.slopes.residual)))[0]
 
     def _sums(self, answered: Sequence[Floats]) -> Sums:
-        noise, (n_channels, n_counted) = self.view.noise, self._slopes.residual.shape
+        noise, (n_channels, n_counted) = self.view.noise, self.slopes.residual.shape
         assert isinstance(noise, IntegratedNoise)
-        base = self._slopes.base.T.reshape(-1, n_channels, n_counted)
-        unforced = self._slopes.residual + sum(own[-1] for own in answered)
+        base = self.slopes.base.T.reshape(-1, n_channels, n_counted)
+        unforced = self.slopes.residual + sum(own[-1] for own in answered)
         columns = np.concatenate([base, *(own[:-1] for own in answered), unforced[None]])
         products = np.array([own @ own.T for own in np.moveaxis(columns, 1, 0)])
-        level = self._slopes.noise[:, 0]
+        level = self.slopes.noise[:, 0]
         return Sums(products=products, n_base=len(base), n_counted=n_counted, noise=noise, level=level)
 
     def estimate(self, place: tuple[int, ...], alone: float) -> Estimate:

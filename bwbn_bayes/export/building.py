@@ -88,7 +88,10 @@ def building_of(structure: Exportable) -> Building:
         materials = in_parallel(TAGS * number, [sliding_base(first)])
         further.append(LinkScript(place="Sliders between ground and slab", tag=TAGS * number, materials=materials))
         elements.append(Element(number=number, below=0, above=n + 1, material=TAGS * number))
-    for i in range(1, n) if first.get("k_bend", 0.0) > 0.0 else ():
+    bends = n > 1 and first.get("k_bend", 0.0) > 0.0
+    if bends:
+        notes = (*notes, "Storey forces in the script are without bending, which has springs of its own.")
+    for i in range(1, n) if bends else ():
         place, stiffness = f"Bending at floor {i}", first["k_bend"]
         joined(place, (below[i - 1], i), 2.0 * stiffness, 0.0)
         joined(place, (i, i + 1), 2.0 * stiffness, 0.0)

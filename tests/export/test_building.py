@@ -48,7 +48,6 @@ AROUND = (
     (MassError(e_m=0.1), [1]),
     (BaseFlexibility(compliance=3e-9, m_b=1e5, c_b=1e5), None),
     (InputScale(s_g=1.2), None),
-    (StoreyCoupling(k_bend=2e7), None),
 )
 """All that OpenSees can do beside the storeys, and links of two laws."""
 PLAIN = replace(ShearBuilding(masses=[2e5, 1.5e5], storey=STOREY), carried=tuple(effect for effect, _ in AROUND))
@@ -116,6 +115,22 @@ def test_a_building_slides_and_tilts_as_in_opensees(tmp_path: Path) -> None:
     found, expected = run_script(path, 400), by_reference(sliding, record)
     assert error(found, expected) < 0.02
     assert error(by_reference(plain, record), expected) > 0.5
+
+
+def test_bending_couples_storeys_as_in_opensees(tmp_path: Path) -> None:
+    """By springs of its own, one of them negative and past a floor, so that the links' forces are without it."""
+    model = ShearBuilding(masses=[2e5, 1.5e5], storey=Linear(k=PerStorey([9e7, 7e7]), c=3e5))
+    coupled = model.with_effect(StoreyCoupling(k_bend=5e7))
+    script = script_of(of_model(coupled, SHAKEN, {}, name="two"))
+    assert script.notes == ("Storey forces in the script are without bending, which has springs of its own.",)
+    path = tmp_path / "two.py"
+    path.write_text(script.text, encoding="utf-8")
+    found, expected, plain = (
+        {name: signal for name, signal in histories.items() if not name.startswith("force")}
+        for histories in (run_script(path, 40), by_reference(coupled, SHAKEN), by_reference(model, SHAKEN))
+    )
+    assert error(found, expected) < 0.01
+    assert error(plain, expected) > 0.1
 
 
 def test_a_base_that_hardly_moves_is_said_to_be_taken_for_rigid() -> None:

@@ -13,6 +13,7 @@ import pytest
 
 import bwbn_bayes
 from bwbn_bayes import BoucWen, Record, Settings, ShearBuilding, Uniform, UserError, identify
+from bwbn_bayes.cli import main
 from bwbn_bayes.engines.cvodes import load_library
 from bwbn_bayes.errors import EXTRAS
 
@@ -89,6 +90,32 @@ def test_a_missing_library_is_told_before_the_search(
             listener=lambda text, _: said.append(text),
         )
     assert not [text for text in said if "mode" in text]
+
+
+@pytest.mark.parametrize(
+    ("library", "options"),
+    [
+        *(("pymoo", ("--method", "ga")), ("pymc", ("--method", "smc")), ("sundials4py", ("--engine", "cvodes"))),
+        *(
+            ("nutpie", ("--method", "nuts", "--sampler", "nutpie")),
+            ("distributed", ("--scheduler", "tcp://127.0.0.1:9")),
+        ),
+    ],
+)
+def test_the_command_line_tells_it_before_anything_else(
+    library: str,
+    options: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """It made the record first, seconds of work, and told what it did."""
+    monkeypatch.setitem(sys.modules, library, None)
+    load_library.cache_clear()
+    with pytest.raises(SystemExit) as leaving:
+        main(["identify", str(Path(__file__).parents[1] / "models" / "sdof.py"), *options])
+    (said,) = capsys.readouterr().err.splitlines()
+    assert leaving.value.code == 2
+    assert f"needs {library}, which is not installed: add the extra" in said
 
 
 def test_a_missing_pymc_is_told_where_a_joint_model_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

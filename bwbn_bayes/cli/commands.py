@@ -22,8 +22,8 @@ from rich.text import Text
 from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
 from bwbn_bayes.cli.interruption import EXIT_CODE, stopped_with
-from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.registry import METHODS
+from bwbn_bayes.errors import UserError, require_installed
+from bwbn_bayes.inference.registry import METHODS, require_library
 from bwbn_bayes.inference.settings import MOST_PARTICLES, Settings
 from bwbn_bayes.reproduction.options import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
@@ -147,6 +147,9 @@ def identify(
     from bwbn_bayes.engines.available import engine as engine_by_name
     from bwbn_bayes.identification import identify as identify_model
 
+    require_library(method, sampler)
+    if scheduler is not None:
+        require_installed("distributed", "--scheduler")
     file = _loaded(model, columns, *(record or ()))
     engine_by_name(engine)
     directory = writable(out or Path("reports") / f"{file.name}_{method}")

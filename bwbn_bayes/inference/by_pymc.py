@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal, override
 
-from bwbn_bayes.errors import require_installed
 from bwbn_bayes.inference.identify import Sampling
 from bwbn_bayes.inference.method import Task
+from bwbn_bayes.inference.registry import require_library
 from bwbn_bayes.inference.sampled import Given, Sampled
 
 
@@ -16,7 +16,7 @@ class BySmc(Sampling):
     @override
     def refuse(self, task: Task) -> None:
         super().refuse(task)
-        require_installed("pymc", "method smc")
+        require_library("smc")
 
     @override
     def sample(self, given: Given) -> Sampled:
@@ -29,8 +29,7 @@ class ByNuts(Sampling):
     @override
     def refuse(self, task: Task) -> None:
         super().refuse(task)
-        nutpie = task.settings.sampler == "nutpie"
-        require_installed("nuts" if nutpie else "pymc", "sampler nutpie" if nutpie else "method nuts")
+        require_library("nuts", task.settings.sampler)
 
     @override
     def sample(self, given: Given) -> Sampled:

@@ -10,6 +10,7 @@ import numpy as np
 from bwbn_bayes import (
     BoucWen,
     PerStorey,
+    Record,
     ShearBuilding,
     StiffnessDegradation,
     StrengthDegradation,
@@ -34,7 +35,7 @@ model = model.with_effect(StrengthDegradation(delta_nu=Uniform(0, 2e-4)))  # 1/J
 model = model.with_effect(StiffnessDegradation(delta_eta=Uniform(0, 2e-4)))  # 1/J
 
 
-def shock(name, factor, start):
+def shock(name: str, factor: float, start: float) -> Record:
     """Twelve seconds of El Centro, scaled, and five in which the building comes to rest."""
     part = el_centro("chopra").between(start, start + 12.0)
     quiet = np.zeros(round(5.0 / part.time_step))

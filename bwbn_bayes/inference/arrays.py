@@ -148,7 +148,9 @@ def _pointwise(posterior: Posterior, points: Floats, noise_sd: Floats) -> xr.Dat
     Where a record is too long for that, of every stretch of so many samples, by the time at which it begins.
     """
     record = posterior.record
-    most = _POINTWISE_NUMBERS // record.measured.size
+    # With a force beside the model every draw is solved by itself, three times over.
+    alone = posterior.noise.correlation is None
+    most = _POINTWISE_NUMBERS // record.measured.size if alone else _FEWEST_POINTWISE
     chosen = evenly(len(points), min(max(most, _FEWEST_POINTWISE), _MOST_POINTWISE))
     together = max(1, -(-record.measured.size * _FEWEST_POINTWISE // _POINTWISE_NUMBERS))
     begins, times = np.arange(0, record.n_counted, together), record.times[record.kept]

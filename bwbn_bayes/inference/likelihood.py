@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-from bwbn_bayes.engines.base import Engine, NormalEquations
+from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.journal import Journal, about, question_of
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.correlation import Correlation
+from bwbn_bayes.inference.least_squares import normal_equations, squared_residuals
 from bwbn_bayes.parameters import Booleans, Floats, FreeParameter, ParameterSpace, Prior
 from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.blocks import counts, labels
@@ -386,34 +387,8 @@ class Posterior:
         return question_of(repr(noise), about(self.engine, self.model, self.record), *arrays).hex()
 
     def _misfit(self, points: Floats) -> Floats:
-        values, correlation = self.split(points)[0], self.noise.correlation
-        if correlation is None:
-            return self.engine.misfit(self.model, values, self.record)
-        response = self.engine.simulate(self.model, values, self.record).values
-        with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away misses by infinity
-            misfit = correlation.products(self._kept(self.record.measured - response)[:, None])[:, :, 0, 0]
-        return np.where(np.isfinite(misfit), misfit, np.inf)
-
-    def _kept(self, rows: Floats) -> Floats:
-        """Rows ``(..., n_times)`` with zeros where samples do not count; shared functions are zero there too."""
-        return rows if self.record.counted is None else np.where(self.record.counted, rows, 0.0)
-
-    def _equations(self, values: Floats, free: Booleans | None) -> NormalEquations:
-        """Least squares of whitened residuals and derivatives."""
-        correlation = self.noise.correlation
-        if correlation is None:
-            return self.engine.normal_equations(self.model, values, self.record, free=free)
-        response, slopes = self.engine.sensitivities(self.model, values, self.record, free=free)
-        slopes = slopes if free is None else np.where(free[:, :, None, None], slopes, 0.0)
-        with np.errstate(over="ignore", invalid="ignore"):
-            rows = np.concatenate([(self.record.measured - response.values)[:, None], slopes], axis=1)
-            products = correlation.products(self._kept(rows))
-            misfit = products[:, :, 0, 0]
-            return NormalEquations(
-                misfit=np.where(np.isfinite(misfit), misfit, np.inf),
-                gradient=products[:, :, 1:, 0],
-                information=products[:, :, 1:, 1:],
-            )
+        values = self.split(points)[0]
+        return squared_residuals(self.engine, self.model, values, self.record, self.noise.correlation)
 
     def _of_all_blocks(self, of_blocks: Floats) -> Floats:
         """Sums ``(..., n_blocks)`` with zeros for the records that the first seconds do not reach."""
@@ -450,7 +425,7 @@ class Posterior:
         values, noise_values = self.split(points)
         d = self.model.space.n_dim
         own = None if free is None else free[:, :d]
-        equations = self._equations(values, own)
+        equations = normal_equations(self.engine, self.model, values, self.record, self.noise.correlation, own)
         ok = np.all(np.isfinite(equations.misfit), axis=1)
         own_misfit = np.where(ok[:, None], equations.misfit, 1.0)
         misfit, n_times = self._of_all_blocks(own_misfit), self._n_times

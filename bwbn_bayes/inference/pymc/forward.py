@@ -19,6 +19,8 @@ import numpy as np
 from bwbn_bayes.engines.base import Engine, check_record, masses
 from bwbn_bayes.engines.lanes import Lanes, OfPoints
 from bwbn_bayes.engines.sunode import Sunode
+from bwbn_bayes.inference import least_squares
+from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.inference.likelihood import SolveCount
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import labels
@@ -43,6 +45,8 @@ class ForwardProblem:
         What solves.
     key : str
         Hash of all that shapes an answer.
+    correlation : Correlation or None
+        Of the samples' errors: squared residuals are those of whitened ones.
     solves, failures : SolveCount
         Draws solved in this process, and how many of them failed.
     """
@@ -51,12 +55,13 @@ class ForwardProblem:
     record: Record
     engine: Engine
     key: str
+    correlation: Correlation | None = None
     solves: SolveCount = field(default_factory=SolveCount)
     failures: SolveCount = field(default_factory=SolveCount)
 
     def __reduce__(self) -> tuple[object, tuple[object, ...]]:
         """Another process registers the problem anew, under the same key, and counts for itself."""
-        return forward_problem, (self.model, self.record, self.engine)
+        return forward_problem, (self.model, self.record, self.engine, self.correlation)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -99,7 +104,9 @@ class ForwardProblem:
 
     def squared_residuals(self, values: Floats, measured: Floats | None = None) -> Floats:
         """Sums over time ``(n_draws, n_blocks)``; infinite where the solve failed."""
-        misfit = self.solver.misfit(self.model, values, self._record_with(measured))
+        misfit = least_squares.squared_residuals(
+            self.solver, self.model, values, self._record_with(measured), self.correlation
+        )
         self._count(np.all(np.isfinite(misfit), axis=1))
         return misfit
 
@@ -109,7 +116,9 @@ class ForwardProblem:
         if solve is not None:
             misfit, slopes = (result[None] for result in solve(values[0], measured))
         else:
-            equations = self.solver.normal_equations(self.model, values, self._record_with(measured))
+            equations = least_squares.normal_equations(
+                self.solver, self.model, values, self._record_with(measured), self.correlation
+            )
             misfit, slopes = equations.misfit, -2.0 * equations.gradient
         ok = np.all(np.isfinite(misfit), axis=1) & np.all(np.isfinite(slopes), axis=(1, 2))
         self._count(ok)
@@ -121,12 +130,13 @@ class ForwardProblem:
     @cached_property
     def _of_points(self) -> OfPoints | None:
         # What keeps or spreads answers is another class, and is asked as ever.
-        return self.solver.of_points(self.model, self.record) if type(self.solver) is Lanes else None
+        is_plain = type(self.solver) is Lanes and self.correlation is None
+        return self.solver.of_points(self.model, self.record) if is_plain and isinstance(self.solver, Lanes) else None
 
     @property
     def has_adjoint(self) -> bool:
         """Whether products with the derivatives cost no more than one derivative."""
-        return isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint"
+        return isinstance(self.solver, Sunode) and self.solver.gradient == "adjoint" and self.correlation is None
 
     def log_admissible(self, values: Floats) -> Floats:
         """Zero ``(n_draws,)`` where every joint constraint of the law holds, minus infinity elsewhere."""
@@ -151,8 +161,10 @@ class ForwardProblem:
 _PROBLEMS: dict[str, ForwardProblem] = {}
 
 
-def forward_problem(model: Structure, record: Record, engine: Engine) -> ForwardProblem:
-    """The problem of a model, a record and an engine; the same object whenever they are equal.
+def forward_problem(
+    model: Structure, record: Record, engine: Engine, correlation: Correlation | None = None
+) -> ForwardProblem:
+    """The problem of a model, a record, an engine and errors that hang together; one object while they are equal.
 
     Raises
     ------
@@ -160,10 +172,11 @@ def forward_problem(model: Structure, record: Record, engine: Engine) -> Forward
         If the record does not excite the model in its own way.
     """
     check_record(model, record)
-    key = _key(model, record, engine)
+    key = _key(model, record, engine, correlation)
     known = _PROBLEMS.get(key)
     if known is None or known.engine != engine:  # another journal of the same answers
-        _PROBLEMS[key] = known = ForwardProblem(model=model, record=record, engine=engine, key=key)
+        known = ForwardProblem(model=model, record=record, engine=engine, key=key, correlation=correlation)
+        _PROBLEMS[key] = known
     return known
 
 
@@ -187,7 +200,7 @@ def solved(quantity: str, key: str, arrays: Sequence[Floats], *measured: Floats)
     return np.ascontiguousarray(result[0] if single else result, dtype=np.float64)
 
 
-def _key(model: Structure, record: Record, engine: Engine) -> str:
+def _key(model: Structure, record: Record, engine: Engine, correlation: Correlation | None) -> str:
     table = model.table
     words = (
         code_digest(),
@@ -201,6 +214,7 @@ def _key(model: Structure, record: Record, engine: Engine) -> str:
         record.content_hash,
         type(engine).__qualname__,
         repr(engine),
+        *(array.tobytes().hex() for array in (correlation.arrays if correlation is not None else ())),
     )
     return hashlib.sha256("\n".join(words).encode()).hexdigest()
 

@@ -33,9 +33,10 @@ from bwbn_bayes.inference.likelihood import (
 from bwbn_bayes.inference.pymc.forward import ForwardProblem, forward_problem
 from bwbn_bayes.inference.pymc.operators import ChannelResponse, LogAdmissible, SquaredResiduals, spread
 from bwbn_bayes.inference.pymc.priors import prior_twin
-from bwbn_bayes.inference.pymc.scheme import fine_enough, require_fine_enough
+from bwbn_bayes.inference.pymc.scheme import beside_model, fine_enough, require_fine_enough
+from bwbn_bayes.inference.unnamed.beside import require_room_for_force
 from bwbn_bayes.parameters import Floats, FreeParameter
-from bwbn_bayes.records.blocks import counts, mean_squares, over_time
+from bwbn_bayes.records.blocks import counts, over_time
 from bwbn_bayes.records.record import Record, require_whole
 from bwbn_bayes.structures.structure import Structure
 
@@ -113,6 +114,7 @@ def to_pymc(
     engine: str | Engine = "lanes",
     name: str = "",
     parameters: Mapping[str, pt.TensorVariable] | None = None,
+    unnamed_force: bool = False,
 ) -> pm.Model:
     """Build a PyMC model of a structure given one or several records.
 
@@ -135,6 +137,9 @@ def to_pymc(
     parameters : mapping, optional
         Variables of the caller's own in place of a prior, by name (``"delta_eta"``; a vector over the storeys where
         each has its own). The density over the admissible region is then not normalised: evidences keep a constant.
+    unnamed_force : bool
+        Whether a force of no known law stands beside the model, integrated out, as :func:`bwbn_bayes.identify` has it:
+        of a building the response is then linear about the joint optimum of parameters and force, which is searched.
 
     Returns
     -------
@@ -161,9 +166,18 @@ def to_pymc(
         require_usable(model, record)
         for part in record.parts:
             require_whole(part)
+        if unnamed_force:
+            require_room_for_force(record, own)
         require_noise(own, record)
     solver, discretisations = fine_enough(model, several, noises, solver, fixed=not isinstance(engine, str))
-    problems = [forward_problem(model, record, solver) for record in several]
+    solvers: list[Engine] = [solver] * len(several)
+    if unnamed_force:
+        pairs = [beside_model(model, *pair, solver) for pair in zip(several, noises, strict=True)]
+        solvers, noises = [engine for engine, _ in pairs], [noise for _, noise in pairs]
+    problems = [
+        forward_problem(model, record, own, noise.correlation)
+        for record, own, noise in zip(several, solvers, noises, strict=True)
+    ]
     given = dict(parameters or {})
     prefix = f"{name}_" if name else ""
     with pm.Model(name=name) as twin:
@@ -246,10 +260,8 @@ def _observe(
     def predict(values: pt.TensorVariable, *sd_and_size: pt.TensorVariable) -> pt.TensorVariable:
         *sd, _ = sd_and_size
         scale = sd[0] if sd else _prior_noise_sd(noise)
-        response = ChannelResponse(problem)(values)
-        return response + spread(scale, problem.record) * pm.Normal.dist(
-            np.zeros(()), 1.0, shape=problem.measured.shape
-        )
+        fresh = pm.Normal.dist(np.zeros(()), 1.0, shape=problem.measured.shape)
+        return ChannelResponse(problem)(values) + _with_shared(spread(scale, problem.record) * fresh, noise)
 
     inputs = [values] if noise_sd is None else [values, noise_sd]
     cores = ["(p)"] if noise_sd is None else ["(p)", "(b)" if len(problem.record.parts) > 1 else "(c)"]
@@ -285,6 +297,16 @@ def noise_log_likelihood(
         return constant - pt.sum(end * pt.log1p(0.5 * misfit / (noise.as_one * scale)), axis=-1)
     variance = np.square(noise.sd) if isinstance(noise, KnownNoise) else pt.square(noise_sd)
     return -0.5 * pt.sum(misfit / variance + n_times * (pt.log(variance) + _LOG_2PI), axis=-1)
+
+
+def _with_shared(white: pt.TensorVariable, noise: Noise) -> pt.TensorVariable:
+    """White errors ``(n_channels, n_times)`` with what a force adds to them in its prior."""
+    shared = None if noise.correlation is None else noise.correlation.shared
+    if shared is None or shared.level is None:
+        return white
+    flat = (white / shared.level[:, None]).reshape((-1,))
+    beside = pt.dot(shared.functions, pt.dot(shared.functions.T, flat) * (np.sqrt(1.0 + shared.variance) - 1.0))
+    return white + shared.level[:, None] * beside.reshape(white.shape, ndim=2)
 
 
 def _prior_noise_sd(noise: Noise) -> pt.TensorVariable:
@@ -369,11 +391,16 @@ def _predictions(observation: Observation, draws: Floats, rng: np.random.Generat
     problem, record = observation.problem, observation.problem.record
     values, noise_values = np.split(draws, [problem.model.space.n_dim], axis=1)
     response = problem.response(values)
-    residual = np.asarray(observation.data.get_value()) - response
+    measured = np.asarray(observation.data.get_value())
     n_times = counts(record)
-    sd = over_time(
-        record, observation.noise.draw_sd(rng, n_times * mean_squares(record, residual), n_times, noise_values)
-    )
+    misfit = problem.squared_residuals(values, measured)
+    sd = over_time(record, observation.noise.draw_sd(rng, misfit, n_times, noise_values))
+    residual = measured - response
+    if problem.correlation is not None and problem.correlation.shared is not None:
+        # Given what is expected of the force.
+        shared = problem.correlation.shared
+        residual = shared.turned(residual, 1.0 / (1.0 + shared.variance))
+        response = measured - residual
     is_measured, scale = sd > 0.0, np.where(sd > 0.0, sd, 1.0)
     density = np.where(is_measured, -0.5 * np.square(residual / scale) - np.log(scale) - 0.5 * _LOG_2PI, 0.0)
     return density, response + sd * rng.standard_normal(response.shape)

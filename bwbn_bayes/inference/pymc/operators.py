@@ -14,6 +14,7 @@ from typing import ClassVar
 import numba
 import numpy as np
 import pytensor.tensor as pt
+from pytensor.gradient import grad_not_implemented
 from pytensor.graph.basic import Apply, Variable
 from pytensor.graph.fg import FunctionGraph
 from pytensor.graph.op import Op
@@ -117,8 +118,7 @@ class SquaredResiduals(Solve):
     ) -> list[Variable]:
         """Vector-Jacobian product from exact derivatives of the sums, or by an engine's adjoint."""
         values, *measured = inputs
-        residual = [data - ChannelResponse(self.problem)(values) for data in measured]
-        of_data = [2.0 * spread(cotangents[0], self.problem.record) * left for left in residual]
+        of_data = [self._pulled_to(i, data, values, cotangents[0]) for i, data in enumerate(measured, start=1)]
         data = measured[0] if measured else pt.constant(self.problem.measured)
         if self.problem.has_adjoint:
             left = data - ChannelResponse(self.problem)(values)
@@ -126,6 +126,12 @@ class SquaredResiduals(Solve):
             return [ResponsePullback(self.problem)(values, weighed), *of_data]
         slopes = SquaredResidualsAndSlopes(self.problem)(values, data)[..., 1:]
         return [pt.sum(cotangents[0][..., None] * slopes, axis=-2), *of_data]
+
+    def _pulled_to(self, position: int, data: Variable, values: Variable, cotangent: Variable) -> Variable:
+        """By the measured channels, where samples' errors are independent."""
+        if self.problem.correlation is not None:
+            return grad_not_implemented(self, position, data, "errors hang together")
+        return 2.0 * spread(cotangent, self.problem.record) * (data - ChannelResponse(self.problem)(values))
 
 
 class SquaredResidualsAndSlopes(Solve):

@@ -12,8 +12,9 @@ from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, Judge, choose_scheme, on_rung
 from bwbn_bayes.inference.likelihood import Noise, Posterior
-from bwbn_bayes.inference.modes import find_modes
+from bwbn_bayes.inference.modes import distinct, find_modes, polish
 from bwbn_bayes.inference.pymc.forward import ForwardProblem
+from bwbn_bayes.inference.unnamed.beside import beside
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -42,6 +43,15 @@ def fine_enough(
     schemes, facts = zip(*(_chosen(model, *pair, engine) for pair in zip(records, noises, strict=True)), strict=True)
     ladder = [replace(rung, n_threads=engine.n_threads) for rung in LADDER]
     return max(schemes, key=ladder.index), list(facts)
+
+
+def beside_model(model: Structure, record: Record, noise: Noise, engine: Engine) -> tuple[Engine, Noise]:
+    """What solves a model with an unnamed force beside it, and noise that holds the force."""
+    posterior = Posterior(model=model, record=record, engine=engine, noise=noise)
+    coarse = posterior.with_engine(on_rung(engine, LADDER[0]))
+    points = np.array([mode.point for mode in find_modes(coarse, np.random.default_rng(_SEED))])
+    view = beside(posterior, distinct(*polish(posterior, points, n_iterations=20))).posterior
+    return view.engine, view.noise
 
 
 def require_fine_enough(problem: ForwardProblem, noise: Noise, draw: Floats) -> None:

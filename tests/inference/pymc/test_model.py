@@ -7,6 +7,8 @@ from dataclasses import replace
 import arviz as az
 import numpy as np
 import pymc as pm
+import pytensor
+import pytensor.tensor as pt
 import pytest
 import xarray as xr
 from pymc_cases import ENGINE, TRUTH, small_model, small_posterior, small_record
@@ -36,6 +38,7 @@ from bwbn_bayes.inference.likelihood import (
 )
 from bwbn_bayes.inference.pymc.model import complete, draws_of, noise_log_likelihood, observations
 from bwbn_bayes.inference.pymc.nuts import by_variable
+from bwbn_bayes.inference.pymc.operators import SquaredResiduals
 from bwbn_bayes.inference.pymc.priors import prior_twin
 from bwbn_bayes.parameters import Floats, ParameterSpace, Prior
 
@@ -340,3 +343,23 @@ def test_prior_prediction_has_the_noise_of_the_prior(kind: str) -> None:
     else:
         assert np.all(sd > 0.0)
         assert np.std(np.log(sd)) > 0.2
+
+
+def test_an_unnamed_force_widens_the_posterior_of_a_twin() -> None:
+    """Its log likelihood is the package's own, but for a constant, and its gradient that of central differences."""
+    record = small_record()
+    twin = to_pymc(small_model(), record, unnamed_force=True)
+    observation = next(iter(observations(twin).values()))
+    posterior = Posterior(
+        model=small_model(), record=record, engine=observation.problem.engine, noise=observation.noise
+    )
+    points = np.full((3, posterior.n_dim), 0.5) + np.array([[0.0], [1e-3], [-1e-3]])
+    values = pt.vector("values")
+    sums = SquaredResiduals(observation.problem)(values, observation.problem.measured)
+    log_likelihood = noise_log_likelihood(observation.noise, sums, record.n_times)
+    both = pytensor.function([values], [log_likelihood, pt.grad(log_likelihood, values)])
+    own = [both(one) for one in posterior.split(points)[0]]
+    expected = posterior.log_likelihood(points)
+    np.testing.assert_allclose([value for value, _ in own], expected, rtol=1e-8)
+    first, second = posterior.split(points)[0][1:]
+    assert own[0][1] @ (first - second) == pytest.approx(expected[1] - expected[2], rel=1e-3)

@@ -1,0 +1,61 @@
+"""Squared residuals and their derivatives under the correlation of a record's errors, from what an engine answers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bwbn_bayes.engines.base import Engine, NormalEquations
+from bwbn_bayes.inference.correlation import Correlation
+from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
+
+
+def squared_residuals(
+    engine: Engine, model: Structure, values: Floats, record: Record, correlation: Correlation | None
+) -> Floats:
+    """Sums ``(n_draws, n_blocks)`` of squared whitened residuals; infinite where the solve failed.
+
+    Parameters
+    ----------
+    engine, model, record : Engine, Structure, Record
+    values : (n_draws, n_parameters) array
+        In the parameters' own units.
+    correlation : Correlation or None
+        Of the samples' errors; none where they are independent.
+    """
+    if correlation is None:
+        return engine.misfit(model, values, record)
+    response = engine.simulate(model, values, record).values
+    with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away misses by infinity
+        misfit = correlation.products(_kept(record, record.measured - response)[:, None])[:, :, 0, 0]
+    return np.where(np.isfinite(misfit), misfit, np.inf)
+
+
+def normal_equations(
+    engine: Engine,
+    model: Structure,
+    values: Floats,
+    record: Record,
+    correlation: Correlation | None,
+    free: Booleans | None = None,
+) -> NormalEquations:
+    """Least squares of whitened residuals and derivatives; ``free`` as in :meth:`Engine.normal_equations`."""
+    if correlation is None:
+        return engine.normal_equations(model, values, record, free=free)
+    response, slopes = engine.sensitivities(model, values, record, free=free)
+    slopes = slopes if free is None else np.where(free[:, :, None, None], slopes, 0.0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        rows = np.concatenate([(record.measured - response.values)[:, None], slopes], axis=1)
+        products = correlation.products(_kept(record, rows))
+        misfit = products[:, :, 0, 0]
+        return NormalEquations(
+            misfit=np.where(np.isfinite(misfit), misfit, np.inf),
+            gradient=products[:, :, 1:, 0],
+            information=products[:, :, 1:, 1:],
+        )
+
+
+def _kept(record: Record, rows: Floats) -> Floats:
+    """Rows ``(..., n_times)`` with zeros where samples do not count; shared functions are zero there too."""
+    return rows if record.counted is None else np.where(record.counted, rows, 0.0)

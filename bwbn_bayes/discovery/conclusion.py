@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.consistency import probability_of_being_better
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap
@@ -124,11 +125,19 @@ def _added(number: int, present: Explanation, believed: Beliefs, result: Result,
             place for place, p in places.items() if place != hypothesis.storeys and p > _SHARES_PROBABILITY
         ),
         signature=signature_of(hypothesis, present, run.rng),
+        borne_out=_borne_out(hypothesis, present, believed),
         moments={label: moments[label] for label in hypothesis.brought},
         separation=tuple(
             separating_experiment(fits[hypothesis.name], fits[one], hypothesis.scales.period) for one in apart
         ),
     )
+
+
+def _borne_out(hypothesis: Hypothesis, present: Explanation, believed: Beliefs) -> float:
+    """How far the whole record agrees on an effect, of a model that leaves more than noise."""
+    name, every = hypothesis.name, believed.explanations
+    with_it, without = ([one.evidence for one in every if (name in one.names) == has] for has in (True, False))
+    return 1.0 if present.is_noise or not without else probability_of_being_better(with_it[0], without[0])
 
 
 def _bayes_factor(hypothesis: Hypothesis, believed: Beliefs) -> tuple[float, float]:

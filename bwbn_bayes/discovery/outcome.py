@@ -81,6 +81,9 @@ class Added:
         Other places at which it is about as probable.
     signature : SignatureFacts or None
         None where the effect has no measure.
+    borne_out : float
+        Where more than noise is left, so that no explanation is the right one: probability that the best with the
+        effect explains more than the best without, by their scatter over blocks of the record; else 1.
     moments : mapping of str to (float, float)
         Posterior mean and standard deviation of the parameters it brought.
     separation : tuple of str
@@ -95,20 +98,21 @@ class Added:
     equivalent: tuple[str, ...]
     equivalent_places: tuple[tuple[int, ...], ...]
     signature: SignatureFacts | None
+    borne_out: float
     moments: Mapping[str, tuple[float, float]]
     separation: tuple[str, ...] = ()
 
     @property
     def name_probability(self) -> float:
         """That the effect is there and deserves its name."""
-        return self.probability * (1.0 if self.signature is None else self.signature.deserved)
+        return self.probability * self.borne_out * (1.0 if self.signature is None else self.signature.deserved)
 
     @property
     def grade(self) -> Grade:
         """How sure its name is."""
         if self.name_probability >= NAMED:
             return "named"
-        if self.probability >= POSSIBLE and self.name_probability < 1.0 - POSSIBLE:
+        if self.probability * self.borne_out >= POSSIBLE and self.name_probability < 1.0 - POSSIBLE:
             return "shape"
         return "possible" if self.name_probability >= POSSIBLE else "weak"
 
@@ -137,6 +141,7 @@ class Added:
             "grade": self.grade,
             "probability": self.name_probability,
             "law_probability": self.probability,
+            "borne_out": self.borne_out,
             "place_probability": self.place_probability,
             "log_bayes_factor": self.log_bayes_factor,
             "log_bayes_factor_se": self.log_bayes_factor_se,

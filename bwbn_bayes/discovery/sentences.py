@@ -94,6 +94,9 @@ def _effect(one: Added) -> str:
         text += f"; the record cannot tell it from {' or '.join(one.alternatives)}"
     if one.grade == "shape":
         text += f"; the law helps, but not by what its name, {title_of(one.hypothesis.name)}, says"
+    if one.borne_out < NAMED:
+        agreed = probability_in_words(one.borne_out)
+        text += f"; more than noise is left, and not all of the record bears it out (probability {agreed})"
     if one.signature is not None:
         text += f"; {signature_in_words(one.signature)}"
     return f"{text[:1].upper()}{text[1:]}."

@@ -59,6 +59,7 @@ def found(hypothesis: Hypothesis) -> Added:
         equivalent=(),
         equivalent_places=(),
         signature=None,
+        borne_out=1.0,
         moments=dict.fromkeys(hypothesis.brought, (0.12345678, 0.01)),
     )
 

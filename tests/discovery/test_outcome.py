@@ -219,9 +219,13 @@ def test_a_name_takes_a_probable_law_and_its_signature(probability, deserved, gr
     added = Added(
         hypothesis=cast(Any, hypothesis), probability=probability, place_probability=probability,
         log_bayes_factor=9.0, log_bayes_factor_se=0.1, equivalent=(), equivalent_places=(), signature=signature,
-        moments={},
+        borne_out=1.0, moments={},
     )  # fmt: skip
     assert (added.grade, added.title) == (grade, title)
     assert added.name_probability == pytest.approx(probability * deserved)
     # What has no measure is always nameable.
     assert replace(added, signature=None).name_probability == probability
+    # What the record does not bear out all over is no matter of its shape.
+    doubtful = replace(added, signature=None, borne_out=0.4)
+    assert doubtful.name_probability == pytest.approx(0.4 * probability)
+    assert doubtful.grade == "weak"

@@ -63,6 +63,7 @@ def added(probability: float = 0.998, deserved: float = 1.0, *, storeys: tuple[i
         equivalent=other.get("equivalent", ()),
         equivalent_places=other.get("equivalent_places", ()),
         signature=facts,
+        borne_out=other.get("borne_out", 1.0),
         moments={},
     )
 
@@ -181,3 +182,13 @@ def test_what_has_no_name_is_told_first(verdict: str, effects: tuple[Added, ...]
     assert told[0].startswith(first)
     share = "at storey 1 takes up what the model does not: 12 % of the force (probability 0.93)"
     assert any(share in sentence for sentence in told) == is_force
+
+
+def test_a_gain_that_not_all_of_the_record_bears_out_is_told() -> None:
+    def told(one: Added) -> str:
+        return sentences(believed("partly_explained", 0.99, runner_up=4.6), (one,), None, NOWHERE, gap(0.2, 0.1))[1]
+
+    doubted = told(added(borne_out=0.6))
+    assert doubted.startswith("Possibly slip-lock pinching in storey 2: overwhelming evidence")
+    assert "; more than noise is left, and not all of the record bears it out (probability 0.6)" in doubted
+    assert "bears it out" not in told(added())

@@ -20,6 +20,7 @@ from bwbn_bayes.discovery.evidence import (
 )
 from bwbn_bayes.discovery.explanation import Explanation, Key, key_of
 from bwbn_bayes.discovery.probability import Beliefs, beliefs
+from bwbn_bayes.discovery.race import FAR
 from bwbn_bayes.discovery.run import Run, beside
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior
@@ -31,8 +32,6 @@ from bwbn_bayes.parameters import Floats
 _MOST_COLOURED, _COLOURED_REACH = 4, 400.0
 """Explanations that are refitted under autoregressive errors in each round, and how far below the best: a law has been
 seen 379 nats below the one that it contains where its optimum was that of white errors. [nat]"""
-_FAR = 50.0
-"""How far below the best, if that leaves noise, an explanation must stay under any errors not to be refitted. [nat]"""
 _MOST_SHARED = 4
 """Explanations of a specimen that get an unnamed force in each round, beside the model as given."""
 _MOST_SAMPLED, _SAMPLED_REACH, _N_SAMPLED = 6, 10.0, 400
@@ -132,9 +131,9 @@ class Pool:
         ranked = sorted(waiting, key=lambda key: -bounds[key])[:_MOST_COLOURED]
         self._coloured.update(ranked)
         promising = [k for k in ranked if bounds[k] > self.white[k] and bounds[k] > best - _COLOURED_REACH]
-        if self.plain[max(known, key=lambda key: known[key])].is_noise:  # nobody explains more than all
+        if self.plain[max(known, key=lambda key: known[key])].is_noise:
             promising = [
-                k for k in promising if self.white[k] + autoregressive_outlook(*_at(self.plain[k])) > best - _FAR
+                k for k in promising if self.white[k] + autoregressive_outlook(*_at(self.plain[k])) > best - FAR
             ]
         for key in promising:
             self.run.say(f"weighing {self.plain[key].label} under autoregressive errors")

@@ -34,8 +34,10 @@ _MOST = 8
 _NEAR = 1e-3
 """Distance from neutral of the starts there, in prior probability."""
 _REACH = 50.0
-"""Candidates further below the best of their family do not keep it waiting, and hypotheses that will stay so far below
-one that leaves noise are fitted no further. [nat]"""
+"""Candidates further below the best of their family do not keep it waiting. [nat]"""
+FAR = 50.0
+"""What must stay so far below an explanation that leaves noise is fitted no further: nobody explains more than all.
+[nat]"""
 _FEWEST = 5
 """Candidates of a hypothesis that enter each later round, at least."""
 _BLOCK = 16
@@ -165,7 +167,7 @@ def in_reach(fits: Sequence[Fit]) -> list[Fit]:
     """Of fits, best first, those that may come near the first; all of them, where that one leaves more than noise."""
     if not fits or not fits[0].leaves_noise:
         return list(fits)
-    return [fit for fit in fits if fit.outlook > fits[0].log_likelihood - _REACH]
+    return [fit for fit in fits if fit.outlook > fits[0].log_likelihood - FAR]
 
 
 def _starts(present: Posterior, family: Family, point: Floats, known: Sequence[tuple[Floats, Slopes]]) -> list[Floats]:

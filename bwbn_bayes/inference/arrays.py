@@ -134,7 +134,7 @@ def _histories(record: Record, variables: Mapping[str, tuple[Any, Any]]) -> xr.D
 
 def _or_nothing(record: Record, rows: Floats) -> Floats:
     """A copy of measured rows ``(..., n_times)``, not a number where samples do not count."""
-    return np.array(rows) if record.counted is None else np.where(record.counted, rows, np.nan)
+    return record.where_counted(np.array(rows), otherwise=np.nan)
 
 
 def _predicted(record: Record, values: Singles, dims: tuple[str, ...]) -> xr.Dataset:

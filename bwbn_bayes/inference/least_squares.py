@@ -28,7 +28,7 @@ def squared_residuals(
         return engine.misfit(model, values, record)
     response = engine.simulate(model, values, record).values
     with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away misses by infinity
-        misfit = correlation.products(_kept(record, record.measured - response)[:, None])[:, :, 0, 0]
+        misfit = correlation.products(record.where_counted(record.measured - response)[:, None])[:, :, 0, 0]
     return np.where(np.isfinite(misfit), misfit, np.inf)
 
 
@@ -47,15 +47,10 @@ def normal_equations(
     slopes = slopes if free is None else np.where(free[:, :, None, None], slopes, 0.0)
     with np.errstate(over="ignore", invalid="ignore"):
         rows = np.concatenate([(record.measured - response.values)[:, None], slopes], axis=1)
-        products = correlation.products(_kept(record, rows))
+        products = correlation.products(record.where_counted(rows))
         misfit = products[:, :, 0, 0]
         return NormalEquations(
             misfit=np.where(np.isfinite(misfit), misfit, np.inf),
             gradient=products[:, :, 1:, 0],
             information=products[:, :, 1:, 1:],
         )
-
-
-def _kept(record: Record, rows: Floats) -> Floats:
-    """Rows ``(..., n_times)`` with zeros where samples do not count; shared functions are zero there too."""
-    return rows if record.counted is None else np.where(record.counted, rows, 0.0)

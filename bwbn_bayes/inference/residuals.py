@@ -145,8 +145,7 @@ def residual_of(posterior: Posterior, point: Floats) -> Floats:
     Zero where samples do not count.
     """
     record = posterior.record
-    residual = record.measured - _modelled(posterior, point)
-    return np.asarray(residual if record.counted is None else np.where(record.counted, residual, 0.0))
+    return record.where_counted(record.measured - _modelled(posterior, point))
 
 
 def counted(record: Record, residual: Floats) -> Floats:

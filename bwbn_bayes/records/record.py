@@ -237,6 +237,10 @@ class Record:
         """Index of the samples that count, along time."""
         return slice(None) if self.counted is None else np.flatnonzero(self.counted)
 
+    def where_counted(self, rows: Floats, otherwise: float = 0.0) -> Floats:
+        """Rows ``(..., n_times)``, with another value where samples do not count."""
+        return rows if self.counted is None else np.where(self.counted, rows, otherwise)
+
     @property
     def n_counted(self) -> int:
         """Number of samples that count."""

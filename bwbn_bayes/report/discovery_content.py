@@ -219,7 +219,7 @@ def _loops(discovery: Discovery) -> tuple[LoopPair, ...]:
 def _measured_force(model: Structure, record: Record, storey: int) -> Floats | None:
     if model.is_driven:
         force = record.channels.get("force")
-        return force if force is None or record.counted is None else np.where(record.counted, force, np.nan)
+        return None if force is None else record.where_counted(force, otherwise=np.nan)
     if any(f"acceleration_{floor}" not in record.channels for floor in range(storey, model.n_floors + 1)):
         return None
     return np.asarray(record.storey_forces(model.masses, lowest_storey=storey)[0])

@@ -105,8 +105,7 @@ def _level(noise: Noise) -> Floats:
 def _sharing(posterior: Posterior, basis: Floats, level: Floats) -> Posterior:
     """The posterior whose errors share functions ``(n_functions, n_channels, n_times)``, each times its weight's sd."""
     record = posterior.record
-    counted = basis if record.counted is None else np.where(record.counted, basis, 0.0)
-    shared = SharedFunctions.of((counted / level[:, None]).reshape(len(basis), -1).T, level)
+    shared = SharedFunctions.of((record.where_counted(basis) / level[:, None]).reshape(len(basis), -1).T, level)
     return replace(posterior, noise=replace(posterior.noise, correlation=Correlation(shared=shared)))  # type: ignore[type-var]
 
 

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bwbn_bayes.engines.base import NormalEquations, Response, Status
+from bwbn_bayes.engines.base import Response, Status
+from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FirstOrder:
+class FirstOrder(Reduction):
     """The measured channels of one model under one record, linear about a point.
 
     Parameters
@@ -64,20 +65,3 @@ class FirstOrder:
         """The response, and derivatives that are everywhere the same."""
         response = self.simulate(model, draws, record, channels)
         return response, np.repeat(self.slopes[None], len(draws), axis=0)
-
-    def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
-        """Sum of squared residuals ``(n_draws, n_channels)`` over the samples that count."""
-        rest = (record.measured - self.simulate(model, draws, record).values)[..., record.kept]
-        return np.asarray(np.sum(np.square(rest), axis=2))
-
-    def normal_equations(
-        self, model: Structure, draws: Floats, record: Record, *, free: Booleans | None = None
-    ) -> NormalEquations:
-        """Least squares in summary over the measured channels."""
-        rest = (record.measured - self.simulate(model, draws, record).values)[..., record.kept]
-        slopes = np.moveaxis(self.slopes[..., record.kept], 0, 1)
-        return NormalEquations(
-            misfit=np.sum(np.square(rest), axis=2),
-            gradient=np.einsum("nct,cpt->ncp", rest, slopes),
-            information=np.repeat((slopes @ np.swapaxes(slopes, 1, 2))[None], len(draws), axis=0),
-        )

@@ -118,11 +118,7 @@ def _beside_building(posterior: Posterior, mode: Mode) -> Beside:
     engine = FirstOrder(values=found.values, response=unforced, slopes=slopes, scheme=posterior.engine.scheme)
     view = _sharing(posterior.with_engine(engine), found.answers, level)
     model, record = posterior.model, posterior.record
-    shown = (found.answers[..., record.kept] / level[:, None]).reshape(len(found.weights), -1)
-    given = _Weights.of(shown)
-
-    def over_noise(rows: Floats) -> Floats:
-        return np.asarray((rows[..., record.kept] / level[:, None]).ravel())
+    given = _Weights.of(found.shown)
 
     def over_samples(weights: Floats) -> Forces:
         return {storey: over_time(force, record, model) for storey, force in found.forces_of(weights).items()}
@@ -131,13 +127,13 @@ def _beside_building(posterior: Posterior, mode: Mode) -> Beside:
         # The record pins down the response: what the solved one differs by from the linear one, the force makes good.
         values = view.split(point[None])[0]
         expected = engine.simulate(model, values, record).values[0]
-        weights = given.drawn(over_noise(record.measured - expected), rng)
+        weights = given.drawn(found.scaled(record.measured - expected), rng)
         expected = expected + np.tensordot(weights, found.answers, axes=1)
         for _ in range(_N_CORRECTIONS):
             driven = pulled(record, model, over_samples(weights))
             shown = posterior.engine.simulate(model, values, driven).values[0]
             if np.all(np.isfinite(shown)):
-                weights = weights + given.taking(over_noise(expected - shown))
+                weights = weights + given.taking(found.scaled(expected - shown))
         return over_samples(weights)
 
     return Beside(posterior=view, modes=_optima(view, found.point[None]), drawn=drawn)

@@ -7,7 +7,7 @@ the parameters goes with what the force then has to be. Both are moved, and the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -73,7 +73,7 @@ class Together:
     def _at(self, point: Floats, weights: Floats) -> Neighbourhood:
         return Neighbourhood(posterior=self.posterior, point=point, share=1.0, forces=self.forces_of(weights))
 
-    def _scaled(self, rows: Floats) -> Floats:
+    def scaled(self, rows: Floats) -> Floats:
         """Rows ``(..., n_channels, n_times)`` over the noise, ``(..., n_channels * n_counted)``."""
         kept = rows[..., self.posterior.record.kept] / self.level[:, None]
         return np.asarray(kept.reshape(*rows.shape[:-2], -1))
@@ -103,7 +103,7 @@ class Together:
 
     @cached_property
     def _left(self) -> Floats:
-        return self._scaled(self.posterior.record.measured - self.response[0])
+        return self.scaled(self.posterior.record.measured - self.response[0])
 
     @cached_property
     def log_density(self) -> float:
@@ -115,37 +115,38 @@ class Together:
         return density if np.isfinite(density) else -np.inf
 
     @cached_property
-    def _shown(self) -> Floats:
-        return self._scaled(self.answers)
+    def shown(self) -> Floats:
+        """The same over the noise, ``(n_all, n_channels * n_counted)``."""
+        return self.scaled(self.answers)
 
     @cached_property
     def _factor(self) -> tuple[Floats, bool]:
-        factor, lower = cho_factor(self._shown @ self._shown.T + np.eye(len(self.weights)))
+        factor, lower = cho_factor(self.shown @ self.shown.T + np.eye(len(self.weights)))
         return factor, bool(lower)
 
     @cached_property
     def _taken(self) -> Floats:
         """By how much the expected weights fall with each parameter, ``(n_all, n_dim)``."""
-        return np.asarray(cho_solve(self._factor, self._shown @ self._slopes.T))
+        return np.asarray(cho_solve(self._factor, self.shown @ self._slopes.T))
 
     @cached_property
     def _slopes(self) -> Floats:
         scale = self.posterior.model.space.unit_scale(self.values[None])[0]
-        return np.asarray(self._scaled(self.response[1]) * scale[:, None])
+        return np.asarray(self.scaled(self.response[1]) * scale[:, None])
 
     @cached_property
     def _settled(self) -> Floats:
         """Weights expected at the point."""
-        return np.asarray(self.weights + cho_solve(self._factor, self._shown @ self._left - self.weights))
+        return np.asarray(self.weights + cho_solve(self._factor, self.shown @ self._left - self.weights))
 
     @cached_property
     def local(self) -> Linearisation:
         """Slope and information of the parameters, the weights integrated out."""
-        uncertain = self._shown @ self._left - self.weights
+        uncertain = self.shown @ self._left - self.weights
         return Linearisation(
             log_likelihood=np.array([self.log_density]),
             gradient=(self._slopes @ self._left - uncertain @ self._taken)[None],
-            information=(self._slopes @ self._slopes.T - (self._shown @ self._slopes.T).T @ self._taken)[None],
+            information=(self._slopes @ self._slopes.T - (self.shown @ self._slopes.T).T @ self._taken)[None],
         )
 
     def weights_at(self, point: Floats) -> Floats:
@@ -173,9 +174,7 @@ class Together:
         best, (point, weights) = max(found, key=lambda pair: pair[0])
         if not best > self.log_density + self._pull(self.point) + _GAIN:
             return None
-        return Together(
-            posterior=self.posterior, point=point, functions=self.functions, weights=weights, level=self.level
-        )
+        return replace(self, point=point, weights=weights)
 
     def _pull(self, point: Floats) -> float:
         return -0.5 * PRIOR_PRECISION * float(np.sum(np.square(point - 0.5)))
@@ -186,7 +185,7 @@ class Together:
             return -np.inf
         view = self._at(point, weights).view
         values = view.engine.simulate(view.model, view.split(point[None])[0], view.record).values[0]
-        left = self._scaled(view.record.measured - values)
+        left = self.scaled(view.record.measured - values)
         return self._density(left, weights) + self._pull(point)
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
-from bwbn_bayes.discovery.consistency import probability_of_being_better
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap
@@ -109,7 +108,7 @@ def _added(number: int, present: Explanation, believed: Beliefs, result: Result,
     """An effect of the improved model: how probable, what it competes with, its signature, its sizes."""
     hypothesis = present.added[number]
     places = believed.of_places(hypothesis.name)
-    factor, error = _bayes_factor(hypothesis, believed)
+    factor, error = _bayes_factor(hypothesis.name, believed)
     others = _others(hypothesis, present, believed)
     moments = {p.name: (p.mean, p.sd) for p in result.facts.parameters}
     fits = {fit.hypothesis.name: fit for fit in reversed(run.first_fits)}
@@ -125,7 +124,7 @@ def _added(number: int, present: Explanation, believed: Beliefs, result: Result,
             place for place, p in places.items() if place != hypothesis.storeys and p > _SHARES_PROBABILITY
         ),
         signature=signature_of(hypothesis, present, run.rng),
-        borne_out=_borne_out(hypothesis, present, believed),
+        borne_out=1.0 if present.is_noise else _borne_out(hypothesis.name, believed),
         moments={label: moments[label] for label in hypothesis.brought},
         separation=tuple(
             separating_experiment(fits[hypothesis.name], fits[one], hypothesis.scales.period) for one in apart
@@ -133,20 +132,28 @@ def _added(number: int, present: Explanation, believed: Beliefs, result: Result,
     )
 
 
-def _borne_out(hypothesis: Hypothesis, present: Explanation, believed: Beliefs) -> float:
-    """How far the whole record agrees on an effect, of a model that leaves more than noise."""
-    name, every = hypothesis.name, believed.explanations
-    with_it, without = ([one.evidence for one in every if (name in one.names) == has] for has in (True, False))
-    return 1.0 if present.is_noise or not without else probability_of_being_better(with_it[0], without[0])
+def _sides(name: str, explanations: Iterable[Explanation]) -> list[Explanation]:
+    """The first with an effect and the first without it, of explanations in the order of their probability."""
+    sides: dict[bool, Explanation] = {}
+    for one in explanations:
+        sides.setdefault(name in one.names, one)
+    return [sides[has] for has in (True, False) if has in sides]
 
 
-def _bayes_factor(hypothesis: Hypothesis, believed: Beliefs) -> tuple[float, float]:
-    """Best evidence with an effect over the best without it, and its error, in nat."""
-    sides = {True: (-np.inf, 0.0), False: (-np.inf, 0.0)}
-    for one in believed.explanations:
-        has, evidence = hypothesis.name in one.names, one.evidence
-        sides[has] = max(sides[has], (evidence.log_evidence, evidence.log_evidence_se))
-    return sides[True][0] - sides[False][0], float(np.hypot(sides[True][1], sides[False][1]))
+def _borne_out(name: str, believed: Beliefs) -> float:
+    """That the best with an effect predicts further stretches better than the best without it.
+
+    A building's unnamed force predicts nothing where it was not fitted: explanations with one are not asked.
+    """
+    scores = [one.cross_validation for one in _sides(name, (o for o in believed.explanations if o.estimate is None))]
+    return scores[0].probability_of_being_better(scores[1]) if len(scores) > 1 else 1.0
+
+
+def _bayes_factor(name: str, believed: Beliefs) -> tuple[float, float]:
+    """Evidence of the best with an effect over that of the best without it, and its error, in nat."""
+    own = [one.evidence for one in _sides(name, believed.explanations)]
+    gained = own[0].log_evidence - own[1].log_evidence if len(own) > 1 else np.inf
+    return gained, float(np.hypot.reduce([one.log_evidence_se for one in own]))
 
 
 def _others(hypothesis: Hypothesis, present: Explanation, believed: Beliefs) -> tuple[str, ...]:

@@ -125,7 +125,10 @@ class Explanation:
 
     @cached_property
     def cross_validation(self) -> CrossValidation:
-        """How well it predicts blocks of the training record; of one without an unnamed force."""
+        """How well it predicts blocks of the training record under its own account of the errors.
+
+        A building's unnamed force takes no part.
+        """
         return cross_validated(self.evidence.posterior, self.evidence.modes[0].point)
 
     @cached_property

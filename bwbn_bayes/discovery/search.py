@@ -38,6 +38,9 @@ REACH = 6.0
 """Explanations this far below the best are built upon. [nat]"""
 BEAM = 2
 """Explanations of one number of effects that are built upon at most."""
+_DEEPER_AFTER = 2
+"""Rounds after which the leading hypotheses of the first are searched from all over their priors, where what a
+building's best explanation leaves is not noise yet."""
 _N_KEPT = 40
 """Fits of a round that become explanations."""
 _N_UNNAMED = 8
@@ -64,10 +67,14 @@ def search(given: Explanation, run: Run) -> Pool:
     pool = Pool(run=run)
     pool.add([given])
     run.consider(hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED))
-    n_whole = 0
+    n_whole, deeper = 0, given.is_specimen  # there the first round looks deep: its laws never leave noise
     with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
-        for _ in range(run.settings.most_rounds):
+        for number in range(run.settings.most_rounds):
             parent = _next(pool, run)
+            if not deeper and (parent is None or number == _DEEPER_AFTER) and not pool.laws_alone.best.is_noise:
+                deeper = True
+                _look_deeper(given, pool, run)
+                parent = _next(pool, run)
             if parent is None:
                 break
             _round(parent, pool, run)
@@ -106,6 +113,16 @@ def _round(parent: Explanation, pool: Pool, run: Run) -> None:
         pool.add(_left_out(pool, run))
         pool.weigh()
     _tell(f"Built upon {parent.label}", parent.label, pool, run)
+
+
+def _look_deeper(given: Explanation, pool: Pool, run: Run) -> None:
+    """Search the first round's leading hypotheses from all over their priors."""
+    if run.must_stop() or not run.first_fits:
+        return
+    run.say("looking deeper at the leading hypotheses of the first round")
+    run.first_fits = searched(run.first_fits, run.rng, n_threads=run.settings.n_workers, pace=run.pace)
+    pool.add(_explained(given, fit, run) for fit in run.first_fits[:_N_KEPT])
+    pool.weigh()
 
 
 def _next(pool: Pool, run: Run) -> Explanation | None:
@@ -180,7 +197,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     run.say("looking closer at the leading hypotheses")
     if not parent.is_quiet:
         fits = rescanned(fits, n_threads=n_workers, pace=pace)
-    if first and not fits[0].leaves_noise:  # later laws start near the answer
+    if first and parent.is_specimen:
         fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
     return fits
 
@@ -257,7 +274,8 @@ def _in_free_shape(base: Explanation, every: Sequence[Hypothesis], run: Run) -> 
     if not fits:
         return []
     fits = widened(fits, n_threads=n_workers, pace=pace)
-    fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
+    if not fits[0].leaves_noise:
+        fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
     return [_explained(base, fit, run) for fit in fits]
 
 

@@ -1,5 +1,6 @@
 """The search on scripted evidences: what is built upon, in which order, how far; what is left out again."""
 
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from types import SimpleNamespace
@@ -99,6 +100,29 @@ def test_the_budget_bounds_rounds_and_effects(monkeypatch: pytest.MonkeyPatch) -
     parents, pool = searched(script, monkeypatch, most_effects=2)
     assert parents == ["the model as given", "a"]
     assert pool.ranked()[0].label == "a + b"
+
+
+@pytest.mark.parametrize("noise_from", [1, 2, 3])
+def test_a_building_is_looked_at_deeper_where_two_effects_leave_more_than_noise(
+    monkeypatch: pytest.MonkeyPatch, noise_from: int
+) -> None:
+    """The deeper look finds `d`, which the race had missed; it is not taken where the search has ended in noise."""
+    looked: list[int] = []
+
+    def look_deeper(_: Explanation, pool: Pool, run: Run) -> None:
+        looked.append(len(run.steps))
+        pool.add([explanation({"d": 180.0}, ALPHABET[3])])
+
+    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True)
+    monkeypatch.setattr(searching, "_look_deeper", look_deeper)
+    monkeypatch.setattr(searching, "_unnamed", lambda *_: None)
+    monkeypatch.setattr(Explanation, "is_noise", property(lambda one: len(one.added) >= noise_from))
+    monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
+    monkeypatch.setattr(sys.modules[__name__], "TEST", building)
+    parents, _ = searched({"a": 50.0, "ab": 100.0, "abc": 150.0}, monkeypatch)
+    assert looked == ([2] if noise_from == 3 else [])
+    later = ["d"] if looked else ["a + b", "a + b + c"]
+    assert parents[:-1] == ["the model as given", "a", *later]  # last, an unnamed force is asked for
 
 
 def test_what_is_built_upon_is_looked_around_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import eigh
 from scipy.special import logsumexp
 
 from bwbn_bayes.elements.law import Effect
@@ -191,8 +192,9 @@ def functions(states: Mapping[str, Floats], place: int, most: int = _MOST_FUNCTI
 def _eigenfunctions(parts: Sequence[Floats], most: int) -> Floats:
     """Of the covariance ``(n_knots, n_knots)`` in which each part has the same share of the variance."""
     covariance = sum(part / max(float(np.mean(np.diag(part))), 1e-300) for part in parts) / len(parts)
-    variance, turned = np.linalg.eigh(covariance)
-    kept = np.flatnonzero(variance > _NEGLIGIBLE * variance[-1])[-most:]
+    n = len(covariance)
+    variance, turned = eigh(covariance, subset_by_index=[max(n - most, 0), n - 1], driver="evr")
+    kept = np.flatnonzero(variance > _NEGLIGIBLE * variance[-1])
     return np.asarray((turned[:, kept] * np.sqrt(np.maximum(variance[kept], 0.0))).T)
 
 

@@ -69,7 +69,8 @@ def conclude(
         assumptions=assumptions,
         listener=lambda text, _: run.say(text),
     )
-    added = tuple(_added(number, present, believed, result, run) for number in range(len(present.added)))
+    borne_out = {} if present.is_noise else _borne_out(believed)
+    added = tuple(_added(one, borne_out.get(one.name, 1.0), present, believed, result, run) for one in present.added)
     unnamed = unnamed_facts(pool, believed)
     share = (
         0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given.disagreement, present.disagreement)
@@ -78,7 +79,7 @@ def conclude(
     return Discovery(
         verdict=believed.verdict,
         verdict_probabilities=believed.verdicts,
-        probabilities=believed.names,
+        probabilities=_of_names(believed, borne_out, added),
         sentences=(*told[:1], *run.cut_short, *told[1:], *binding, *run.notes, *badly_sampled(result.facts)),
         unexplained_share=share,
         unnamed=unnamed,
@@ -104,9 +105,10 @@ def conclude(
     )
 
 
-def _added(number: int, present: Explanation, believed: Beliefs, result: Result, run: Run) -> Added:
+def _added(
+    hypothesis: Hypothesis, borne_out: float, present: Explanation, believed: Beliefs, result: Result, run: Run
+) -> Added:
     """An effect of the improved model: how probable, what it competes with, its signature, its sizes."""
-    hypothesis = present.added[number]
     places = believed.of_places(hypothesis.name)
     factor, error = _bayes_factor(hypothesis.name, believed)
     others = _others(hypothesis, present, believed)
@@ -124,7 +126,7 @@ def _added(number: int, present: Explanation, believed: Beliefs, result: Result,
             place for place, p in places.items() if place != hypothesis.storeys and p > _SHARES_PROBABILITY
         ),
         signature=signature_of(hypothesis, present, run.rng),
-        borne_out=1.0 if present.is_noise else _borne_out(hypothesis.name, believed),
+        borne_out=borne_out,
         moments={label: moments[label] for label in hypothesis.brought},
         separation=tuple(
             separating_experiment(fits[hypothesis.name], fits[one], hypothesis.scales.period) for one in apart
@@ -140,13 +142,25 @@ def _sides(name: str, explanations: Iterable[Explanation]) -> list[Explanation]:
     return [sides[has] for has in (True, False) if has in sides]
 
 
-def _borne_out(name: str, believed: Beliefs) -> float:
-    """That the best with an effect predicts further stretches better than the best without it.
+def _borne_out(believed: Beliefs) -> dict[str, float]:
+    """That the best with an effect predicts further stretches better than the best without it, of each probable one.
 
     A building's unnamed force predicts nothing where it was not fitted: explanations with one are not asked.
     """
-    scores = [one.cross_validation for one in _sides(name, (o for o in believed.explanations if o.estimate is None))]
-    return scores[0].probability_of_being_better(scores[1]) if len(scores) > 1 else 1.0
+    asked = [one for one in believed.explanations if one.estimate is None]
+    found = {}
+    for name in (name for name, p in believed.names.items() if p > _SHARES_PROBABILITY):
+        scores = [one.cross_validation for one in _sides(name, asked)]
+        found[name] = scores[0].probability_of_being_better(scores[1]) if len(scores) > 1 else 1.0
+    return found
+
+
+def _of_names(believed: Beliefs, borne_out: Mapping[str, float], added: Sequence[Added]) -> dict[str, float]:
+    """Probability of each name, best first; of what was added, that it deserves its name, too."""
+    names = {name: p * borne_out.get(name, 1.0) for name, p in believed.names.items()}
+    for one in sorted(added, key=lambda own: own.name_probability):
+        names[one.hypothesis.name] = one.name_probability
+    return dict(sorted(names.items(), key=lambda item: -item[1]))
 
 
 def _bayes_factor(name: str, believed: Beliefs) -> tuple[float, float]:

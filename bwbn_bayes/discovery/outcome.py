@@ -103,16 +103,21 @@ class Added:
     separation: tuple[str, ...] = ()
 
     @property
+    def law_probability(self) -> float:
+        """That its law is part of the model, and borne out."""
+        return self.probability * self.borne_out
+
+    @property
     def name_probability(self) -> float:
         """That the effect is there and deserves its name."""
-        return self.probability * self.borne_out * (1.0 if self.signature is None else self.signature.deserved)
+        return self.law_probability * (1.0 if self.signature is None else self.signature.deserved)
 
     @property
     def grade(self) -> Grade:
         """How sure its name is."""
         if self.name_probability >= NAMED:
             return "named"
-        if self.probability * self.borne_out >= POSSIBLE and self.name_probability < 1.0 - POSSIBLE:
+        if self.law_probability >= POSSIBLE and self.name_probability < 1.0 - POSSIBLE:
             return "shape"
         return "possible" if self.name_probability >= POSSIBLE else "weak"
 
@@ -140,7 +145,7 @@ class Added:
             "storeys": list(self.hypothesis.storeys),
             "grade": self.grade,
             "probability": self.name_probability,
-            "law_probability": self.probability,
+            "law_probability": self.law_probability,
             "borne_out": self.borne_out,
             "place_probability": self.place_probability,
             "log_bayes_factor": self.log_bayes_factor,
@@ -237,7 +242,7 @@ class Discovery:
         ``effects_found``, ``partly_explained``, ``no_missing_effect`` or ``unexplained``: the most probable.
     verdict_probabilities : mapping of str to float
     probabilities : mapping of str to float
-        That each effect is part of the model, best first.
+        That each effect is part of the model under its own name, best first.
     sentences : tuple of str
         The verdict in words, the most important first.
     unexplained_share : float

@@ -62,7 +62,7 @@ def sentences(
 
 def _first(believed: Beliefs, added: tuple[Added, ...]) -> str:
     sure = f"probability {probability_in_words(believed.verdicts[believed.verdict])}"
-    certain = [one for one in added if one.grade == "named" or (one.grade == "shape" and one.probability >= NAMED)]
+    certain = [one for one in added if one.grade == "named" or (one.grade == "shape" and one.law_probability >= NAMED)]
     titles = " and ".join(one.title for one in certain)
     if believed.verdict == "no_missing_effect":
         return f"The model as given explains the record: nothing is missing ({sure})."

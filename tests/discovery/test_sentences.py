@@ -192,3 +192,10 @@ def test_a_gain_that_not_all_of_the_record_bears_out_is_told() -> None:
     assert doubted.startswith("Possibly slip-lock pinching in storey 2: overwhelming evidence")
     assert "; more than noise is left, and not all of the record bears it out (probability 0.6)" in doubted
     assert "bears it out" not in told(added())
+
+
+def test_a_shape_that_not_all_of_the_record_bears_out_is_not_what_the_model_lacks() -> None:
+    doubted = added(deserved=0.02, borne_out=0.6)
+    told = sentences(believed("partly_explained", 0.99), (doubted,), None, NOWHERE, gap(0.2, 0.1))
+    assert told[0].startswith("What the model lacks is only partly known")
+    assert told[1].startswith("The shape of the reloading branch in storey 2")

@@ -191,7 +191,7 @@ def functions(states: Mapping[str, Floats], place: int, most: int = _MOST_FUNCTI
 
 def _eigenfunctions(parts: Sequence[Floats], most: int) -> Floats:
     """Of the covariance ``(n_knots, n_knots)`` in which each part has the same share of the variance."""
-    covariance = sum(part / max(float(np.mean(np.diag(part))), 1e-300) for part in parts) / len(parts)
+    covariance = np.mean([part / max(float(np.mean(np.diag(part))), 1e-300) for part in parts], axis=0)
     n = len(covariance)
     variance, turned = eigh(covariance, subset_by_index=[max(n - most, 0), n - 1], driver="evr")
     kept = np.flatnonzero(variance > _NEGLIGIBLE * variance[-1])

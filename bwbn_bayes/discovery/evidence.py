@@ -128,9 +128,14 @@ def sampled(evidence: Evidence, rng: np.random.Generator, n: int) -> Evidence:
 
 
 def autoregressive_bound(posterior: Posterior, modes: tuple[Mode, ...]) -> float:
-    """What autoregressive errors add to the evidence at least, in nat: at the optimum for white ones."""
+    """What autoregressive errors add to the log likelihood at least, in nat: at the optimum for white ones."""
     residual = residual_of(posterior, modes[0].point)
-    return sum(autoregression(own)[1] for own in residual)
+    noise = _under(posterior, _autoregressive(residual)).noise
+    assert noise.correlation is not None
+    n_times, none = posterior.record.n_counted, np.empty((1, 0))
+    white, coloured = (np.sum(np.square(own), axis=1)[None] for own in (residual, noise.correlation.whitened(residual)))
+    gained = noise.log_likelihood(coloured, n_times, none) - posterior.noise.log_likelihood(white, n_times, none)
+    return float(gained[0])
 
 
 def autoregressive_outlook(posterior: Posterior, modes: tuple[Mode, ...]) -> float:

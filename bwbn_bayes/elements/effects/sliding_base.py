@@ -117,8 +117,9 @@ class SlidingBase(Effect):
                 R_s=LogNormal(_radius(5.0, scales), 1.5).truncated(_radius(1.0, scales), _radius(_SLOWEST, scales)),
                 m_s=Uniform(0.3 * scales.mass, 3.0 * scales.mass),
                 W_s=weight,
-                # Not known: other effects make up for a contact that is too soft or too stiff.
-                Y_s=LogNormal(0.005 * scales.drift, 1.2).truncated(0.001 * scales.drift, 0.05 * scales.drift),
+                # Not known: other effects make up for a contact that is too soft or too stiff. One that gives way by a
+                # quarter of a storey's drift is a spring.
+                Y_s=LogNormal(0.01 * scales.drift, 1.5).truncated(0.001 * scales.drift, 0.25 * scales.drift),
             ),
         )
 
@@ -129,7 +130,7 @@ class SlidingBase(Effect):
             "inv_mu": (1.3 * least, 2.5 * least, 6.0 * least),
             "R_s": (_radius(2.5, scales), _radius(8.0, scales)),
             "m_s": (scales.mass,),
-            "Y_s": (0.005 * scales.drift,),
+            "Y_s": (0.005 * scales.drift, 0.05 * scales.drift),
         }
 
     @override

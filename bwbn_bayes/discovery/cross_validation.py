@@ -1,8 +1,8 @@
 """How well a fitted model predicts stretches of the training record that it has not seen, and which of two does better.
 
-The record is parted into blocks. What the parameters would be without a block follows to first order from the fit to
-all of it (the step that takes the block's residuals and derivatives out of the normal equations); the model is then
-solved in full with these parameters and compared with the block. Nothing is fitted again.
+The record is parted into blocks. Without each the model is fitted again, from its fit to all of the record: the first
+step takes the block's residuals and derivatives out of the normal equations, a few more follow the model where it is
+bent. All are solved beside each other, in the lanes. What the fit to the others predicts is compared with the block.
 
 References
 ----------
@@ -24,15 +24,21 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
-from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
-from bwbn_bayes.inference.residuals import residual_of
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Linearisation, Posterior
+from bwbn_bayes.inference.modes import steps
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
 
 N_BLOCKS = 16
 """Stretches that are left out in turn: what one solve of the lanes holds, each longer than noise remembers."""
+_N_STEPS = 4
+"""Steps of each fit: the first is exact for a linear model."""
+_LEAST_DAMPING, _DAMPED = 0.01, 10.0
+"""Share of the curvature by which a step is held back after one that fitted worse, and the factor by which it grows."""
 _EDGE = 1e-6
 """Distance from a prior's bound, in prior probability, within which a parameter stays where it is."""
+_MOST_NUMBERS = 2e7
+"""In the derivatives of all fits at a time: memory bounds them in long records."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +48,8 @@ class CrossValidation:
     Attributes
     ----------
     of_blocks : tuple of float
-        Log density of each block, normal with the noise level that the others show. [nat]
+        Log density of each block, normal with the noise level that the others show; of errors that share functions its
+        own part of the density of all. [nat]
     nrmse : float
         Root mean square over the channels of each one's rms error over its rms.
     """
@@ -85,11 +92,8 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
     """
     record, slopes = posterior.record, Slopes.at(posterior, point)
     blocks = np.array_split(np.arange(record.n_counted), N_BLOCKS)
-    points = _without_each(slopes, slopes.scaled(residual_of(posterior, point)), point, blocks)
-    posterior.solves.add(len(points))
-    predicted = posterior.engine.simulate(posterior.model, posterior.split(points)[0], record).values
     with np.errstate(over="ignore", invalid="ignore"):
-        error = record.measured - predicted
+        error = record.measured - _predicted(posterior, slopes, point, blocks)
         squared, scaled = np.square(error[..., record.kept]), np.square(slopes.scaled(error))
     of_blocks, missed = np.zeros(len(blocks)), np.zeros(len(record.channels))
     for number, block in enumerate(blocks):
@@ -101,19 +105,59 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
     if not np.all(np.isfinite(of_blocks)):
         return CrossValidation(of_blocks=(-np.inf,) * N_BLOCKS, nrmse=np.inf)
     shares = missed / np.sum(np.square(record.measured[:, record.kept]), axis=1)
-    as_one = float(posterior.noise.as_one) if isinstance(posterior.noise, IntegratedNoise) else 1.0
-    return CrossValidation(of_blocks=tuple((of_blocks / as_one).tolist()), nrmse=float(np.sqrt(np.mean(shares))))
+    of_blocks /= float(posterior.noise.as_one) if isinstance(posterior.noise, IntegratedNoise) else 1.0
+    if slopes.correlation is not None and slopes.correlation.shared is not None:
+        volumes = slopes.correlation.shared.log_volumes.reshape(-1, record.n_counted)
+        of_blocks += [np.sum(volumes[:, block]) for block in blocks]
+    return CrossValidation(of_blocks=tuple(of_blocks.tolist()), nrmse=float(np.sqrt(np.mean(shares))))
 
 
-def _without_each(slopes: Slopes, scaled: Floats, point: Floats, blocks: Sequence[NDArray[np.int64]]) -> Floats:
-    """Optima ``(n_blocks, n_dim)`` without each block, to first order and within the priors' bounds."""
-    free = (point > _EDGE) & (point < 1.0 - _EDGE)
-    together = slopes.base[:, free]
-    whole = together.T @ together + PRIOR_PRECISION * np.eye(together.shape[1])
-    base = together.reshape(*scaled.shape, -1)
-    points = np.tile(point, (len(blocks), 1))
-    for number, block in enumerate(blocks):
-        own = base[:, block].reshape(-1, base.shape[2])
-        step = np.linalg.solve(whole - own.T @ own, own.T @ scaled[:, block].ravel())
-        points[number, free] = np.clip(point[free] - step, _EDGE, 1.0 - _EDGE)
-    return points
+def _predicted(posterior: Posterior, slopes: Slopes, point: Floats, blocks: Sequence[NDArray[np.int64]]) -> Floats:
+    """Channels ``(n_blocks, n_channels, n_times)`` by the fits to what each block leaves, at their last good steps."""
+    free = np.tile((point > _EDGE) & (point < 1.0 - _EDGE), (len(blocks), 1))
+    points, counts = np.tile(point, (len(blocks), 1)), np.ones((len(blocks), 1, posterior.record.n_counted))
+    for own, block in zip(counts, blocks, strict=True):
+        own[:, block] = 0.0
+    values, local = _expanded(posterior, slopes, points, counts)
+    damping = np.zeros(len(blocks))
+    for _ in range(_N_STEPS):
+        trials = steps(points, local, damping, free)
+        found, there = _expanded(posterior, slopes, trials, counts)
+        better = np.flatnonzero(there.log_likelihood > local.log_likelihood)
+        points[better], values[better] = trials[better], found[better]
+        local = local.with_rows(better, there[better])
+        worse = np.setdiff1d(np.arange(len(blocks)), better)
+        damping /= _DAMPED
+        damping[worse] = np.maximum(_DAMPED**2 * damping[worse], _LEAST_DAMPING)
+    return values
+
+
+def _expanded(posterior: Posterior, slopes: Slopes, points: Floats, counts: Floats) -> tuple[Floats, Linearisation]:
+    """Channels ``(n, n_channels, n_times)`` at points, and the log likelihood of what counts, to second order there.
+
+    Parameters
+    ----------
+    slopes : Slopes
+        Of the fit to all: its noise and correlation are those of every fit.
+    points : (n, n_dim) array
+    counts : (n, 1, n_counted) array
+        One, or zero for a block's samples.
+    """
+    record, (n, n_dim) = posterior.record, points.shape
+    values = np.empty((n, *record.measured.shape))
+    reached, gradient, information = np.empty(n), np.empty((n, n_dim)), np.empty((n, n_dim, n_dim))
+    posterior.solves.add(n)
+    for some in np.array_split(np.arange(n), min(n, int(np.ceil(n * n_dim * record.measured.size / _MOST_NUMBERS)))):
+        own = posterior.split(points[some])[0]
+        response, by_value = posterior.engine.sensitivities(posterior.model, own, record)
+        values[some] = response.values
+        with np.errstate(over="ignore", invalid="ignore"):
+            left = (slopes.scaled(record.measured - response.values) * counts[some]).reshape(len(some), -1, 1)
+            unit = posterior.space.unit_scale(own)[:, :, None, None]
+            base = (slopes.scaled(by_value) * unit * counts[some, None]).reshape(len(some), n_dim, -1)
+            reached[some] = -0.5 * np.sum(np.square(left), axis=(1, 2))
+            gradient[some] = (base @ left)[:, :, 0]
+            information[some] = base @ np.swapaxes(base, 1, 2) + PRIOR_PRECISION * np.eye(n_dim)
+    failed = ~(np.isfinite(reached) & np.all(np.isfinite(information), axis=(1, 2)))
+    reached[failed], gradient[failed], information[failed] = -np.inf, 0.0, np.eye(n_dim)
+    return values, Linearisation(log_likelihood=reached, gradient=gradient, information=information)

@@ -58,6 +58,11 @@ class SharedFunctions(NamedTuple):
         whole = (flat + ((flat @ self.functions) * (factor - 1.0)) @ self.functions.T).reshape(rows.shape)
         return np.asarray(whole if self.level is None else whole * self.level[:, None])
 
+    @property
+    def log_volumes(self) -> Floats:
+        """What each sample has of minus half the log determinant of ``I + Phi V Phi'``, ``(n_channels * n_times,)``."""
+        return np.asarray(-0.5 * np.square(self.functions) @ np.log1p(self.variance))
+
     def until(self, n_times: int) -> SharedFunctions:
         """Those of the first samples."""
         n_channels = 1 if self.level is None else len(self.level)

@@ -107,3 +107,14 @@ def test_what_is_shared_elsewhere_is_the_conditional_of_the_normal() -> None:
     np.testing.assert_allclose(mean, residual @ gain.T, atol=1e-9)
     left = process[np.ix_(wanted, wanted)] - gain @ process[np.ix_(fitted, wanted)]
     np.testing.assert_allclose(variance, np.diag(left), atol=1e-9)
+
+
+def test_each_sample_has_its_part_of_the_volume() -> None:
+    """Functions that live in one block each: a block's samples have the determinant of its own covariance."""
+    rng, lengths = np.random.default_rng(7), (20, 30)
+    own = [rng.standard_normal((n, 4)) for n in lengths]
+    basis = np.concatenate([np.hstack([own[0], 0.0 * own[0]]), np.hstack([0.0 * own[1], own[1]])])
+    volumes = np.split(SharedFunctions.of(basis).times(2.0).log_volumes, [lengths[0]])
+    for volume, functions in zip(volumes, own, strict=True):
+        covariance = np.eye(len(functions)) + 4.0 * functions @ functions.T
+        assert np.sum(volume) == pytest.approx(-0.5 * np.linalg.slogdet(covariance)[1])

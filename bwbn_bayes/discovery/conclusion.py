@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -134,25 +134,30 @@ def _added(
     )
 
 
-def _sides(name: str, explanations: Iterable[Explanation]) -> list[Explanation]:
-    """The first with an effect and the first without it, of explanations in the order of their probability."""
+def _sides(explanations: Iterable[Explanation], has: Callable[[Explanation], bool]) -> list[Explanation]:
+    """The first that has something and the first that has not, of explanations in the order of their probability."""
     sides: dict[bool, Explanation] = {}
     for one in explanations:
-        sides.setdefault(name in one.names, one)
-    return [sides[has] for has in (True, False) if has in sides]
+        sides.setdefault(has(one), one)
+    return [sides[own] for own in (True, False) if own in sides]
 
 
 def _borne_out(believed: Beliefs) -> dict[str, float]:
-    """That the best with an effect predicts further stretches better than the best without it, of each probable one.
+    """Of each probable name whether what it gains is there; which law of its mechanism has it, the evidence tells.
 
     A building's unnamed force predicts nothing where it was not fitted: explanations with one are not asked.
     """
     asked = [one for one in believed.explanations if one.estimate is None]
-    found = {}
-    for name in (name for name, p in believed.names.items() if p > _SHARES_PROBABILITY):
-        scores = [one.cross_validation for one in _sides(name, asked)]
-        found[name] = scores[0].probability_of_being_better(scores[1]) if len(scores) > 1 else 1.0
-    return found
+    return {name: _predicts_better(name, asked) for name, p in believed.names.items() if p > _SHARES_PROBABILITY}
+
+
+def _predicts_better(name: str, explanations: Sequence[Explanation]) -> float:
+    """That the best with an effect predicts further stretches better than the best without any of its mechanism."""
+    mechanisms = {h.name: h.effect.mechanism for one in explanations for h in one.added}
+    alike = {other for other, mechanism in mechanisms.items() if mechanism == mechanisms[name]}
+    compared = [one for one in explanations if name in one.names or not alike & one.names]
+    scores = [one.cross_validation for one in _sides(compared, lambda one: name in one.names)]
+    return scores[0].probability_of_being_better(scores[1]) if len(scores) > 1 else 1.0
 
 
 def _of_names(believed: Beliefs, borne_out: Mapping[str, float], added: Sequence[Added]) -> dict[str, float]:
@@ -165,7 +170,7 @@ def _of_names(believed: Beliefs, borne_out: Mapping[str, float], added: Sequence
 
 def _bayes_factor(name: str, believed: Beliefs) -> tuple[float, float]:
     """Evidence of the best with an effect over that of the best without it, and its error, in nat."""
-    own = [one.evidence for one in _sides(name, believed.explanations)]
+    own = [one.evidence for one in _sides(believed.explanations, lambda one: name in one.names)]
     gained = own[0].log_evidence - own[1].log_evidence if len(own) > 1 else np.inf
     return gained, float(np.hypot.reduce([one.log_evidence_se for one in own]))
 

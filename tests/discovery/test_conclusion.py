@@ -11,6 +11,7 @@ from bwbn_bayes.discovery import conclusion
 from bwbn_bayes.discovery.cross_validation import N_BLOCKS, CrossValidation
 from bwbn_bayes.discovery.probability import Beliefs
 
+MECHANISMS = {"a": "wear", "b": "play", "c": "wear"}
 PER_BLOCK = np.cos(np.arange(N_BLOCKS))
 
 
@@ -19,7 +20,7 @@ def explanation(names: str, log_evidence: float, *, gained: float = 0.0, estimat
     blocks = -50.0 + gained + (1.0 + 0.1 * len(names)) * PER_BLOCK
     return SimpleNamespace(
         names=frozenset(names),
-        added=tuple(SimpleNamespace(name=name) for name in names),
+        added=tuple(SimpleNamespace(name=name, effect=SimpleNamespace(mechanism=MECHANISMS[name])) for name in names),
         evidence=SimpleNamespace(log_evidence=log_evidence, log_evidence_se=0.1 * len(names)),
         cross_validation=CrossValidation(of_blocks=tuple(blocks.tolist()), nrmse=0.1),
         estimate=estimate,
@@ -41,6 +42,13 @@ def test_a_name_is_borne_out_by_the_best_with_it_against_the_best_without_it() -
     assert found["a"] == pytest.approx(expected)
     assert 0.9 < found["a"] < 1.0
     assert found["b"] > 0.999  # against the model as given
+
+
+def test_another_law_of_the_same_mechanism_is_no_rival() -> None:
+    """Which of two laws of wear it is, the evidence tells; that there is wear, the record."""
+    every = (explanation("a", 50.0, gained=3.0), explanation("c", 30.0, gained=3.0), explanation("", 0.0))
+    found = conclusion._borne_out(believed(*every))
+    assert found["a"] > 0.999
 
 
 def test_improbable_names_are_not_asked() -> None:

@@ -375,6 +375,7 @@ def where_as_json(before: Disagreement) -> list[dict[str, Any]]:
     return [
         {
             "channel": spot.channel,
+            **({"record": spot.record} if spot.record else {}),
             "start_s": spot.start_s if spot.cycles is None else None,
             "end_s": spot.end_s if spot.cycles is None else None,
             "cycles": None if spot.cycles is None else list(spot.cycles),

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from bwbn_bayes.discovery.binding import binding_sentences, with_wider_priors
-from bwbn_bayes.discovery.candidates import hypotheses, sharing_laws
+from bwbn_bayes.discovery.candidates import hypotheses, moment_of_share, sharing_laws
 from bwbn_bayes.discovery.conclusion import conclude
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
@@ -135,12 +135,13 @@ def _with_noise(record: Record, run: Run) -> Record:
             f"The record has no noise to speak of: white noise of {100.0 * LEAST_NOISE:g} % of the rms was added, "
             "since the error of solving and rounding would be taken for a missing effect."
         )
-    band = noise_band(record)
-    if band is not None:
-        run.note(
-            f"The noise ends at {0.5 * band.share / record.time_step:.3g} Hz, as behind a filter: "
-            f"{band.correlation_samples:.2g} samples count as one."
-        )
+    for number, part in enumerate(record.parts):
+        band = noise_band(part) if part.channels else None
+        if band is not None:
+            run.note(
+                f"The noise{record.of_part(number)} ends at {0.5 * band.share / part.time_step:.3g} Hz, as behind a "
+                f"filter: {band.correlation_samples:.2g} samples count as one."
+            )
     return record
 
 
@@ -173,9 +174,9 @@ def _refitted(
 def _explained(posterior: Posterior, modes: tuple[Mode, ...]) -> Explanation:
     """The model as given, with starts from its fit to the record's beginning, where damage has yet to come."""
     record = posterior.record
-    energy = np.cumsum(np.sum(np.square(list(record.drivers.values())), axis=0))
-    early = float(np.searchsorted(energy, 0.35 * energy[-1])) * record.time_step
-    beginning = posterior.until(max(early, 0.2 * record.duration, MIN_TIMES * record.time_step))
+    early = moment_of_share(record, 0.35)
+    first = int(np.arange(record.n_times)[record.kept][0])
+    beginning = posterior.until(max(early, 0.2 * record.duration, float(record.times[first + MIN_TIMES])))
     points, local = polish(beginning, _points(modes), n_iterations=20)
     return Explanation(
         added=(),
@@ -219,6 +220,7 @@ def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
             (sizes,) * model.n_links,
             measured=tuple(record.channels),
             has_time=record.has_time,
+            in_one_go=len(record.runs) == 1,
             effects=run.settings.effects,
         )
     except UserError:

@@ -65,10 +65,9 @@ class JoinedRecord(Record):
         return sum(member.n_counted for member in self.members if member.channels)
 
     @override
-    def of_part(self, number: int) -> str:
+    def part_name(self, number: int) -> str:
         names = [member.name for member in self.members]
-        unique = len(set(names)) == len(names)
-        return f" of {names[number] if unique else f'record {number + 1}'}"
+        return names[number] if len(set(names)) == len(names) else f"record {number + 1}"
 
     @cached_property
     @override

@@ -270,9 +270,14 @@ class Record:
         """Position of the part that holds a sample."""
         return next(i for i, stretch in enumerate(self.stretches) if sample < stretch.stop)
 
-    def of_part(self, number: int) -> str:
-        """Which of several parts, in words behind what it is said of: `` of first``; nothing where there is one."""
+    def part_name(self, number: int) -> str:
+        """What one of several parts is called; nothing where there is one."""
         return ""
+
+    def of_part(self, number: int) -> str:
+        """The same behind what is said of it: `` of first``."""
+        name = self.part_name(number)
+        return f" of {name}" if name else ""
 
     @cached_property
     def stretches(self) -> tuple[slice, ...]:

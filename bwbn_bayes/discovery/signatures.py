@@ -13,6 +13,7 @@ from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.inference.importance import laplace_mixture
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
 
 N_DRAWS = 32
 """Draws of Laplace's approximation of the posterior over which a signature is told."""
@@ -41,8 +42,9 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
     points = laplace_mixture(present.modes[:1]).sample(rng, N_DRAWS)
     points = np.concatenate([present.best[None], points[np.isfinite(present.posterior.log_prior(points))]])
     values, _ = present.posterior.split(points)
-    responses = _responses(hypothesis, present, values)
-    without = _responses(hypothesis, present, _without(hypothesis, present, values[:1]))
+    run = _strongest(present, values[:1])
+    responses = _responses(hypothesis, present, values, run)
+    without = _responses(hypothesis, present, _without(hypothesis, present, values[:1]), run)
     if not responses or not without:
         return None
     found = np.array([signature.of_response(one) for one in responses])
@@ -52,20 +54,26 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
     return SignatureFacts(
         measure=signature.measure,
         unit=signature.unit,
-        measured=_measured(signature, hypothesis, present, responses[0]),
+        measured=_measured(signature, hypothesis, present, responses[0], run[0]),
         mean=float(np.nanmean(found)),
         low=float(low),
         high=float(high),
         without=signature.of_response(without[0]),
-        deserved=_deserved(signature, present, responses),
+        deserved=_deserved(signature, responses, run[0]),
     )
 
 
-def _deserved(signature: Signature, present: Explanation, responses: list[PlaceResponse]) -> float:
-    """Share of the responses in which an effect has its size; none where the loop that a test measured has it not."""
+def _strongest(present: Explanation, values: Floats) -> tuple[Record, slice]:
+    """Of records that each find the structure virgin the one that moves it most; a measure reads one in one go."""
     record = present.posterior.record
+    drift = observe(present.posterior.engine, present.model, values, record)["drift"][0]
+    return max((run for run in record.runs if run[0].channels), key=lambda run: np.max(np.abs(drift[:, run[1]])))
+
+
+def _deserved(signature: Signature, responses: list[PlaceResponse], record: Record) -> float:
+    """Share of the responses in which an effect has its size; none where the loop that a test measured has it not."""
     # A measure reads whole cycles, one after the other.
-    is_measured = present.is_specimen and "force" in record.channels and record.counted is None
+    is_measured = record.excitation_kind == "displacement" and "force" in record.channels and record.counted is None
     if is_measured and not signature.is_in_loop(record.excitation, record.channels["force"]):
         return 0.0
     return float(np.mean([signature.is_engineering(one) for one in responses]))
@@ -78,14 +86,16 @@ def place_of(hypothesis: Hypothesis, histories: Mapping[str, Floats]) -> int | N
     return max((s - 1 for s in hypothesis.storeys), key=lambda i: float(np.max(np.abs(histories["drift"][i]))))
 
 
-def _responses(hypothesis: Hypothesis, present: Explanation, values: Floats) -> list[PlaceResponse]:
+def _responses(
+    hypothesis: Hypothesis, present: Explanation, values: Floats, run: tuple[Record, slice]
+) -> list[PlaceResponse]:
     """Responses ``(n_draws,)`` as they are at the place of an effect; those that cannot be solved are left out."""
     model, record = present.model, present.posterior.record
     rows = observe(present.posterior.engine, model, values, record)
     local = model.table.local(values)
     result = []
     for draw in range(len(values)):
-        histories = {kind: history[draw] for kind, history in rows.items()}
+        histories = {kind: history[draw][:, run[1]] for kind, history in rows.items()}
         if not np.all(np.isfinite(histories["drift"])):
             continue
         place = place_of(hypothesis, histories)
@@ -105,10 +115,10 @@ def _without(hypothesis: Hypothesis, present: Explanation, values: Floats) -> Fl
 
 
 def _measured(
-    signature: Signature, hypothesis: Hypothesis, present: Explanation, response: PlaceResponse
+    signature: Signature, hypothesis: Hypothesis, present: Explanation, response: PlaceResponse, record: Record
 ) -> float | None:
     """The measure of the record: of a specimen's loop, or of the measured storey force against the identified drift."""
-    model, record = present.model, present.posterior.record
+    model = present.model
     if record.counted is not None:  # a measure reads whole cycles, one after the other
         return None
     if model.is_driven:
@@ -118,6 +128,6 @@ def _measured(
     if drift.ndim > 1 or not hypothesis.storeys:
         return None
     storey = hypothesis.storeys[0] if len(hypothesis.storeys) == 1 else None
-    if storey is None or any(f"acceleration_{s}" not in record.channels for s in range(storey, model.n_floors + 1)):
+    if storey is None or not {*range(storey, model.n_floors + 1)} <= {*record.floors}:
         return None
     return signature.of_measured(drift, np.asarray(record.storey_forces(model.masses, lowest_storey=storey)[0]))

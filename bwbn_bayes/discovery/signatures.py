@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from bwbn_bayes.inference.importance import laplace_mixture
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
 
 N_DRAWS = 32
 """Draws of Laplace's approximation of the posterior over which a signature is told."""
@@ -42,41 +44,53 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
     points = laplace_mixture(present.modes[:1]).sample(rng, N_DRAWS)
     points = np.concatenate([present.best[None], points[np.isfinite(present.posterior.log_prior(points))]])
     values, _ = present.posterior.split(points)
-    run = _strongest(present, values[:1])
-    responses = _responses(hypothesis, present, values, run)
-    without = _responses(hypothesis, present, _without(hypothesis, present, values[:1]), run)
-    if not responses or not without:
+    of_runs = _responses(hypothesis, present, values)
+    without_it = _responses(hypothesis, present, _without(hypothesis, present, values[:1]))
+    found = [
+        _Told(run, responses, without[0])
+        for (run, _), responses, without in zip(present.posterior.record.runs, of_runs, without_it, strict=True)
+        if run.channels and responses and without and np.isfinite(signature.of_response(responses[0]))
+    ]
+    if not found:
         return None
-    found = np.array([signature.of_response(one) for one in responses])
-    if not np.isfinite(found[0]):
-        return None
-    low, high = np.nanpercentile(found, [5.0, 95.0])
+    # Of records that each find the structure virgin the one in which the effect does most.
+    told = max(found, key=lambda one: one.difference(signature))
+    sizes = np.array([signature.of_response(one) for one in told.responses])
+    low, high = np.nanpercentile(sizes, [5.0, 95.0])
     return SignatureFacts(
         measure=signature.measure,
         unit=signature.unit,
-        measured=_measured(signature, hypothesis, present, responses[0], run[0]),
-        mean=float(np.nanmean(found)),
+        measured=_measured(signature, hypothesis, present.model, told),
+        mean=float(np.nanmean(sizes)),
         low=float(low),
         high=float(high),
-        without=signature.of_response(without[0]),
-        deserved=_deserved(signature, responses, run[0]),
+        without=signature.of_response(told.without),
+        deserved=_deserved(signature, told),
     )
 
 
-def _strongest(present: Explanation, values: Floats) -> tuple[Record, slice]:
-    """Of records that each find the structure virgin the one that moves it most; a measure reads one in one go."""
-    record = present.posterior.record
-    drift = observe(present.posterior.engine, present.model, values, record)["drift"][0]
-    return max((run for run in record.runs if run[0].channels), key=lambda run: np.max(np.abs(drift[:, run[1]])))
+@dataclass(frozen=True)
+class _Told:
+    """A record in one go, responses of draws under it, and that without the effect at the best fit."""
+
+    record: Record
+    responses: list[PlaceResponse]
+    without: PlaceResponse
+
+    def difference(self, signature: Signature) -> float:
+        """What the effect makes of the measure."""
+        change = signature.of_response(self.responses[0]) - signature.of_response(self.without)
+        return abs(change) if np.isfinite(change) else 0.0
 
 
-def _deserved(signature: Signature, responses: list[PlaceResponse], record: Record) -> float:
+def _deserved(signature: Signature, told: _Told) -> float:
     """Share of the responses in which an effect has its size; none where the loop that a test measured has it not."""
+    record = told.record
     # A measure reads whole cycles, one after the other.
     is_measured = record.excitation_kind == "displacement" and "force" in record.channels and record.counted is None
     if is_measured and not signature.is_in_loop(record.excitation, record.channels["force"]):
         return 0.0
-    return float(np.mean([signature.is_engineering(one) for one in responses]))
+    return float(np.mean([signature.is_engineering(one) for one in told.responses]))
 
 
 def place_of(hypothesis: Hypothesis, histories: Mapping[str, Floats]) -> int | None:
@@ -86,23 +100,24 @@ def place_of(hypothesis: Hypothesis, histories: Mapping[str, Floats]) -> int | N
     return max((s - 1 for s in hypothesis.storeys), key=lambda i: float(np.max(np.abs(histories["drift"][i]))))
 
 
-def _responses(
-    hypothesis: Hypothesis, present: Explanation, values: Floats, run: tuple[Record, slice]
-) -> list[PlaceResponse]:
-    """Responses ``(n_draws,)`` as they are at the place of an effect; those that cannot be solved are left out."""
+def _responses(hypothesis: Hypothesis, present: Explanation, values: Floats) -> list[list[PlaceResponse]]:
+    """Responses as they are at the place of an effect, of each run those that can be solved."""
     model, record = present.model, present.posterior.record
     rows = observe(present.posterior.engine, model, values, record)
     local = model.table.local(values)
     result = []
-    for draw in range(len(values)):
-        histories = {kind: history[draw][:, run[1]] for kind, history in rows.items()}
-        if not np.all(np.isfinite(histories["drift"])):
-            continue
-        place = place_of(hypothesis, histories)
-        own = {p.symbol: float(v) for p, v in zip(model.parameters, local[draw, place or 0], strict=True)}
-        own |= {name: float(value) for name, value in model.law.derived_from(own).items()}
-        at = {kind: h if place is None or len(h) <= place else h[place] for kind, h in histories.items()}
-        result.append(PlaceResponse(histories=at, parameters=own, scales=hypothesis.scales))
+    for _, stretch in record.runs:
+        found = []
+        for draw in range(len(values)):
+            histories = {kind: history[draw][:, stretch] for kind, history in rows.items()}
+            if not np.all(np.isfinite(histories["drift"])):
+                continue
+            place = place_of(hypothesis, histories)
+            own = {p.symbol: float(v) for p, v in zip(model.parameters, local[draw, place or 0], strict=True)}
+            own |= {name: float(value) for name, value in model.law.derived_from(own).items()}
+            at = {kind: h if place is None or len(h) <= place else h[place] for kind, h in histories.items()}
+            found.append(PlaceResponse(histories=at, parameters=own, scales=hypothesis.scales))
+        result.append(found)
     return result
 
 
@@ -114,17 +129,15 @@ def _without(hypothesis: Hypothesis, present: Explanation, values: Floats) -> Fl
     return result
 
 
-def _measured(
-    signature: Signature, hypothesis: Hypothesis, present: Explanation, response: PlaceResponse, record: Record
-) -> float | None:
+def _measured(signature: Signature, hypothesis: Hypothesis, model: Structure, told: _Told) -> float | None:
     """The measure of the record: of a specimen's loop, or of the measured storey force against the identified drift."""
-    model = present.model
+    record = told.record
     if record.counted is not None:  # a measure reads whole cycles, one after the other
         return None
     if model.is_driven:
         force = record.channels.get("force")
         return None if force is None else signature.of_measured(record.excitation, force)
-    drift = response.histories["drift"]
+    drift = told.responses[0].histories["drift"]
     if drift.ndim > 1 or not hypothesis.storeys:
         return None
     storey = hypothesis.storeys[0] if len(hypothesis.storeys) == 1 else None

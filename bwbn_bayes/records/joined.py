@@ -67,6 +67,8 @@ class JoinedRecord(Record):
     @override
     def part_name(self, number: int) -> str:
         names = [member.name for member in self.members]
+        if len(names) == 1:
+            return ""
         return names[number] if len(set(names)) == len(names) else f"record {number + 1}"
 
     @cached_property

@@ -98,14 +98,14 @@ def is_ours(path: Path) -> bool:
         return False
 
 
-def mark_parts(axis: Axes, begins: Sequence[tuple[float, str]]) -> None:
-    """Where each of several joined records begins, by its name; those outside the axis are left out."""
+def mark_parts(axis: Axes, begins: Sequence[tuple[float, str]], *, named: bool = True) -> None:
+    """Where each of several joined records begins, with its name; those outside the axis are left out."""
     first, last = axis.get_xlim()
     for place, name in begins if len(begins) > 1 else ():
         if first <= place < last:
             axis.axvline(place, color=INK, linewidth=0.8, linestyle=":")
             axis.annotate(
-                name,
+                name if named else "",
                 (place, 1.0),
                 xycoords=("data", "axes fraction"),
                 xytext=(3, -2),

@@ -151,7 +151,7 @@ def _by_time(maps: tuple[HeatMap, ...]) -> Drawing:
         axis.pcolormesh(seen.edges, rows, seen.values, norm=norm, cmap=RESIDUAL_MAP, edgecolors="white", linewidth=0.6)
         axis.set_yticks(rows[:-1] + 0.5, seen.places)
         axis.set_title(seen.title)
-        mark_parts(axis, seen.begins)
+        mark_parts(axis, seen.begins, named=False)
         axis.grid(visible=False)
         axis.tick_params(length=0, axis="y")
     axes[-1].set_xlabel(maps[0].axis)
@@ -160,7 +160,7 @@ def _by_time(maps: tuple[HeatMap, ...]) -> Drawing:
         figure,
         "where_time.png",
         f"Where they disagreed: residual of the {maps[0].what} over the noise level, by window; at 1 only noise is "
-        "left.",
+        f"left.{' Dotted: where each record begins.' if len(maps[0].begins) > 1 else ''}",
         f"Heat map of residual over noise by place and window; largest {float(np.nanmax(maps[0].values)):.1f} times.",
     )
 

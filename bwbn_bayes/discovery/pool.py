@@ -115,9 +115,9 @@ class Pool:
 
     @property
     def _has_time(self) -> bool:
-        """Whether errors can have a past: a filter in time means nothing without time, across gaps or records."""
+        """Whether errors can have a past: a filter in time means nothing without time, or across gaps."""
         record = next(iter(self.plain.values())).posterior.record
-        return record.has_time and record.counted is None and len(record.parts) == 1
+        return record.has_time and all(part.counted is None for part in record.parts)
 
     def _colour(self) -> None:
         """Refit under autoregressive errors what could gain by them."""

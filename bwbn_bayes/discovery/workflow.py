@@ -64,11 +64,12 @@ def discover(
     model : Structure
         With priors on the parameters to identify.
     record : Record
-        Fit and selection see this one alone.
+        Fit and selection see this one alone, or several of the structure
+        (:func:`~bwbn_bayes.records.joined.join_records`), which they see together.
     held_out : Record, "end" or "repeats", optional
-        Predicted once, at the end, by the model as given and as improved: another measurement, the end of this one,
+        Predicted once, at the end, by the model as given and as improved: another measurement; the end of this one,
         of which fit and selection then see what comes before
-        (:func:`~bwbn_bayes.discovery.held_out.parting_time`), or the half cycles of a cyclic test that repeat an
+        (:func:`~bwbn_bayes.discovery.held_out.parting_time`), or the last of several; or the half cycles of a cyclic test that repeat an
         amplitude (:func:`~bwbn_bayes.discovery.held_out.repeat_cycles`).
     settings : DiscoverySettings, optional
     name : str
@@ -94,6 +95,7 @@ def discover(
     run = Run(settings, np.random.default_rng(settings.seed), listener, name)
     if apart is not None:
         run.say(f"keeping apart the {apart.label}")
+    _tell_limits(model, record, run)
     record = _with_noise(_thinned(record, run), run)
     with nullcontext() if settings.checkpoint is None else Journal.opened(settings.checkpoint) as journal:
         pool = search(_given(model, record, journal, run), run)
@@ -116,6 +118,14 @@ def _given(model: Structure, record: Record, journal: Journal | None, run: Run) 
         run.say("waiting for the law of all effects to be compiled, once for all specimens")
         compiling.join()
     return given
+
+
+def _tell_limits(model: Structure, record: Record, run: Run) -> None:
+    """What is not asked of several records."""
+    if len(record.runs) > 1:
+        run.note("Nothing that happens at an instant was tried: in virgin records it would happen in each of them.")
+    if model.is_driven and len(record.parts) > 1:
+        run.note("No force of no known law was tried beside the laws: of a specimen it is known of one test alone.")
 
 
 def _thinned(record: Record, run: Run) -> Record:

@@ -27,7 +27,8 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference import modes
-from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.inference.correlation import Correlation
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior, default_noise
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.unnamed.pulses import Knots, answers
 from bwbn_bayes.inference.unnamed.storey import functions, over_time
@@ -89,6 +90,31 @@ def test_slopes_are_those_of_the_likelihood() -> None:
     pause, lacking = UNLIKE.stretches[1], list(UNLIKE.channels).index("drift_1")
     assert not np.any(slopes.residual[:, pause])
     assert not np.any(slopes.residual[lacking, UNLIKE.stretches[0]])
+
+
+@pytest.mark.parametrize("in_sequence", [False, True])
+def test_errors_have_the_past_of_their_own_record(in_sequence: bool) -> None:
+    """Log likelihood, slope and information by block are those of each record under its own filters."""
+    record = join_records(UNLIKE.parts, in_sequence=in_sequence)
+    filters = (np.array([0.5]), np.empty(0), np.array([0.9, -0.3]), np.array([0.2]))
+    noise, points = default_noise(record), np.array([[0.4], [0.55]])
+    correlation = Correlation(coefficients=filters, blocks=record.blocks)
+    posterior = posterior_of(record).with_noise(replace(noise, correlation=correlation))
+    values = posterior.split(points)[0]
+    left = record.measured - ENGINE.simulate(TWO, values, record).values
+    expected = np.zeros(2)
+    assert noise.correlation_samples == 1.0
+    for own, block, scale in zip(filters, record.blocks, noise.scale, strict=True):
+        part, place = record.parts[block.part], record.stretches[block.part]
+        alone = IntegratedNoise(shape=1.0, scale=(scale,), correlation=Correlation(coefficients=(own,)))
+        white = Correlation(coefficients=(own,)).whitened(left[:, block.channel, None, place])
+        misfit = np.sum(np.square(white), axis=2)
+        expected += alone.log_likelihood(misfit, float(part.n_times), np.empty((2, 0)))
+    local = posterior.linearise(points)
+    np.testing.assert_allclose(local.log_likelihood, expected, rtol=1e-9)
+    slopes = Slopes.at(posterior, points[0])
+    np.testing.assert_allclose(slopes.base.T @ slopes.base, local.information[0], rtol=1e-9)
+    np.testing.assert_allclose(slopes.base.T @ slopes.residual.ravel(), local.gradient[0], rtol=1e-9)
 
 
 def test_stretches_that_are_left_out_lie_in_one_record_each() -> None:
@@ -378,4 +404,5 @@ def test_two_tests_of_a_type_of_specimen_are_searched_together() -> None:
     (added,) = found.added
     assert added.hypothesis.name == CubicStiffness.name
     assert added.grade == "named"
+    assert any("of a specimen it is known of one test" in sentence for sentence in found.sentences)
     assert abs(added.moments[added.hypothesis.brought[0]][0] - 3e8) < 4.0 * added.moments["k3"][1]

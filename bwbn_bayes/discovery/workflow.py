@@ -42,7 +42,7 @@ from bwbn_bayes.records.record import MIN_TIMES, Record
 from bwbn_bayes.structures.structure import Structure
 
 MOST_POINTS = 3000
-"""Points of a cyclic test that are fitted: some hundred in each of thirty cycles."""
+"""Points of one cyclic test that are fitted: some hundred in each of thirty cycles."""
 _LAWS_AHEAD = 2
 """Laws of the first round that another process compiles, the last ones; the others are needed too soon."""
 
@@ -69,8 +69,8 @@ def discover(
     held_out : Record, "end" or "repeats", optional
         Predicted once, at the end, by the model as given and as improved: another measurement; the end of this one,
         of which fit and selection then see what comes before
-        (:func:`~bwbn_bayes.discovery.held_out.parting_time`), or the last of several; or the half cycles of a cyclic test that repeat an
-        amplitude (:func:`~bwbn_bayes.discovery.held_out.repeat_cycles`).
+        (:func:`~bwbn_bayes.discovery.held_out.parting_time`), or the last of several; or the half cycles of a
+        cyclic test that repeat an amplitude (:func:`~bwbn_bayes.discovery.held_out.repeat_cycles`).
     settings : DiscoverySettings, optional
     name : str
         The model's name in reports.
@@ -130,7 +130,7 @@ def _tell_limits(model: Structure, record: Record, run: Run) -> None:
 
 def _thinned(record: Record, run: Run) -> Record:
     """A cyclic test's record with fewer points, where they lie far closer together than anything that a loop does."""
-    step = int(np.ceil(record.n_times / MOST_POINTS))
+    step = int(np.ceil(max(part.n_times for part in record.parts) / MOST_POINTS))
     if record.excitation_kind != "displacement" or step == 1:
         return record
     run.note(f"Of the {record.n_times:,} points one in {step} was fitted: no feature of a loop is as short as that.")

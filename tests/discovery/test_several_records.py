@@ -37,6 +37,7 @@ from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.joined import JoinedRecord, join_records
 from bwbn_bayes.records.readers import write_record
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.report import write_discovery
 from bwbn_bayes.structures.model_file import load_model_file
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
@@ -391,7 +392,7 @@ def cyclic(name: str, amplitudes: tuple[float, ...]) -> Record:
     return Record(name=name, time_step=0.1, excitation=excitation, excitation_kind="displacement")
 
 
-def test_two_tests_of_a_type_of_specimen_are_searched_together() -> None:
+def test_two_tests_of_a_type_of_specimen_are_searched_together(tmp_path: Path) -> None:
     spring = BoucWen(
         k=Uniform(2e6, 2e7), c=0.0, alpha=Uniform(0.01, 0.3), A=1.0, beta=Uniform(20, 400), gamma=50.0, n=1.0
     )
@@ -405,4 +406,9 @@ def test_two_tests_of_a_type_of_specimen_are_searched_together() -> None:
     assert added.hypothesis.name == CubicStiffness.name
     assert added.grade == "named"
     assert any("of a specimen it is known of one test" in sentence for sentence in found.sentences)
-    assert abs(added.moments[added.hypothesis.brought[0]][0] - 3e8) < 4.0 * added.moments["k3"][1]
+    mean, sd = added.moments["k3"]
+    assert abs(mean - 3e8) < 4.0 * sd
+    write_discovery(found, tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "cycle 1 of A" in page
+    assert "2 records, " in page

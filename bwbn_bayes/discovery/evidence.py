@@ -132,7 +132,6 @@ def sampled(evidence: Evidence, rng: np.random.Generator, n: int) -> Evidence:
 
 def autoregressive_bound(posterior: Posterior, modes: tuple[Mode, ...]) -> float:
     """What autoregressive errors add to the log likelihood at least, in nat: at the optimum for white ones."""
-    residual = residual_of(posterior, modes[0].point)
     record, residual = posterior.record, residual_of(posterior, modes[0].point)
     noise = _under(posterior, _autoregressive(record, residual)).noise
     assert noise.correlation is not None

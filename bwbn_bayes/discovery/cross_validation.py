@@ -1,8 +1,9 @@
 """How well a fitted model predicts stretches of the training record that it has not seen, and which of two does better.
 
-The record is parted into blocks, several joined records each by itself. Without each block the model is fitted again, from its fit to all of the record: the first
-step takes the block's residuals and derivatives out of the normal equations, a few more follow the model where it is
-bent. All are solved beside each other, in the lanes. What the fit to the others predicts is compared with the block.
+The record is parted into blocks, several joined records each by itself. Without each block the model is fitted again,
+from its fit to all of the record: the first step takes the block's residuals and derivatives out of the normal
+equations, a few more follow the model where it is bent. All are solved beside each other, in the lanes. What the fit to
+the others predicts is compared with the block.
 
 References
 ----------

@@ -35,8 +35,7 @@ def identify(
         With priors on the parameters to identify. IPV uses its masses only.
     record : Record
         Measured channels under one excitation, or several records of the structure
-        (:func:`~bwbn_bayes.records.joined.join_records`), of which the catalogue is not asked what else would explain
-        them.
+        (:func:`~bwbn_bayes.records.joined.join_records`).
     settings : Settings, optional
         Method, engine, seed, number of draws.
     noise : Noise, optional
@@ -77,6 +76,6 @@ def identify(
         name=name,
         assumptions=assumptions,
         listener=listener,
-        beside=alternatives_check if settings.alternatives and len(record.parts) == 1 else None,
+        beside=alternatives_check if settings.alternatives else None,
     )
     return method(settings.method).identify(task)

@@ -307,9 +307,8 @@ def test_records_of_one_building_are_identified_together(run: Run, simulated: Pa
     facts = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
     assert facts["record"] == "first, then second"
     assert list(facts["fit"]["nrmse"]) == ["acceleration_1 of first", "acceleration_1 of second"]
-    for command, method in (("identify", ("--method", "ga")), ("discover", ())):
-        refused = run(command, SDOF, *several, *method, "--out", tmp_path / "refused")
-        _is_one_sentence(refused, "'first and second' joins 2 records", "give one of them")
+    refused = run("identify", SDOF, *several, "--method", "ga", "--out", tmp_path / "refused")
+    _is_one_sentence(refused, "'first and second' joins 2 records", "give one of them")
     cyclic = tmp_path / "cyclic.csv"
     cyclic.write_text("displacement [m],force [N]\n" + "".join(f"{x},{x}\n" for x in range(40)), encoding="utf-8")
     mixed = run("identify", SDOF, *several, "--record", cyclic, "--out", tmp_path / "refused")

@@ -65,6 +65,17 @@ ColumnsOption = Annotated[
         show_default=False,
     ),
 ]
+RecordsOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--record",
+        help="Measured record: CSV, netCDF, MATLAB ...; several of one structure allowed; the model file's by default.",
+    ),
+]
+SequenceOption = Annotated[
+    bool,
+    typer.Option("--sequence", help="The structure comes to each record as the one before left it, not virgin."),
+]
 EngineOption = Annotated[EngineName, typer.Option("--engine", help="What solves the model; see `bwbn engines`.")]
 
 
@@ -86,15 +97,9 @@ def about(
 @app.command()
 def identify(
     model: ModelArgument,
-    record: Annotated[
-        list[Path] | None,
-        typer.Option("--record", help="Measured record: CSV, netCDF, MATLAB ...; several of one structure allowed."),
-    ] = None,
+    record: RecordsOption = None,
     columns: ColumnsOption = None,
-    sequence: Annotated[
-        bool,
-        typer.Option("--sequence", help="The structure comes to each record as the one before left it, not virgin."),
-    ] = False,
+    sequence: SequenceOption = False,
     method: Annotated[
         str,
         typer.Option(
@@ -186,19 +191,17 @@ def identify(
 @app.command()
 def discover(
     model: ModelArgument,
-    record: Annotated[
-        list[Path] | None,
-        typer.Option("--record", help="Measured record: CSV, netCDF, MATLAB ...; the model file's by default."),
-    ] = None,
+    record: RecordsOption = None,
     columns: ColumnsOption = None,
+    sequence: SequenceOption = False,
     held_out: Annotated[
         str | None,
         typer.Option(
             "--held-out",
             metavar="FILE|end|repeats",
-            help="A second measurement, `end` for the end of this one, or `repeats` for the cycles of a cyclic test "
-            "that repeat an amplitude. Fit, selection and names never see it: it is predicted once, at the end, and "
-            "shown.",
+            help="A second measurement, `end` for the end of this one or the last of several, or `repeats` for the "
+            "cycles of a cyclic test that repeat an amplitude. Fit, selection and names never see it: it is predicted "
+            "once, at the end, and shown.",
         ),
     ] = None,
     out: Annotated[
@@ -249,7 +252,7 @@ def discover(
         apart = _held_out(file, held_out, record)
         discovery = discover_missing(
             file.model,
-            _record(file, record or (), seed, lambda text, _: tell(text, None)),
+            _record(file, record or (), seed, lambda text, _: tell(text, None), in_sequence=sequence),
             held_out=apart,
             settings=settings,
             name=file.name,

@@ -112,13 +112,17 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
         write_discovery(discovery, partial)
         save_result(discovery.result, partial / "identify")
         _save_discovery(discovery, partial)
-        write_record(discovery.measurement, partial / "record.csv")
+        parts = discovery.measurement.parts
+        names = ["record.csv"] if len(parts) == 1 else [f"record_{number}.csv" for number in range(1, len(parts) + 1)]
+        for part, file in zip(parts, names, strict=True):
+            write_record(part, partial / file)
         source = improved_model_source(
             discovery.improved,
             discovery.added,
             name=discovery.name,
             origin=model.resolve(),
-            record_file="record.csv",
+            record_files=names,
+            in_sequence=discovery.measurement.is_sequence,
             assumptions=discovery.assumptions,
         )
         (partial / "improved_model.py").write_text(source, encoding="utf-8")

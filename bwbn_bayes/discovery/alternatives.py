@@ -51,6 +51,7 @@ def alternatives_check(posterior: Posterior, point: Floats) -> tuple[Check, ...]
         scales_of(posterior, point),
         measured=tuple(record.channels),
         has_time=record.has_time,
+        in_one_go=len(record.runs) == 1,
         most_carried=np.inf,
     )
     limit = float(np.log(max(len(found), 1) / _CHANCE))

@@ -19,6 +19,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, PerStorey, Prior, Truncated
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.quantities import modes, parameters_at
 from bwbn_bayes.structures.structure import PlacedEffect, Structure
 
@@ -174,6 +175,7 @@ def hypotheses(
     *,
     measured: Sequence[str],
     has_time: bool = True,
+    in_one_go: bool = True,
     effects: Sequence[type[Effect]] | None = None,
     most_carried: float = MOST_CARRIED,
 ) -> tuple[Hypothesis, ...]:
@@ -189,6 +191,9 @@ def hypotheses(
         Channels of the record: a sensor that does not exist cannot be wrong.
     has_time : bool
         Whether the record has time; without, effects that depend on rate or time take no part.
+    in_one_go : bool
+        Whether there is one beginning; where several records find the structure virgin, what happens at an instant
+        takes no part: it would happen in each of them.
     effects : sequence of Effect classes, optional
         The whole catalogue by default. An effect that does not say what sizes to expect takes no part.
     most_carried : float
@@ -201,7 +206,7 @@ def hypotheses(
         for storeys in _places(effect_class, base, measured):
             own = mean_scales([scales[storey - 1] for storey in storeys] or scales[:1])
             for effect in effect_class.default_prior(own):
-                if not has_time and effect.needs_time:
+                if (not has_time and effect.needs_time) or (not in_one_go and effect.is_an_event):
                     continue
                 hypothesis = Hypothesis(base=base, effect=effect, storeys=storeys, scales=own)
                 if hypothesis.symbols not in addable:
@@ -296,8 +301,8 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
     columns = zip((p.symbol for p in model.parameters), np.moveaxis(model.table.local(values)[0], 1, 0), strict=True)
     at_start = parameters_at(model.law, xr.Dataset({name: ("storey", column) for name, column in columns}), 0.0)
     parameters = {name: at_start[name].values for name in ("A", *_PARAMETER_SCALES.values())}
-    energy = np.cumsum(np.sum(np.square(list(record.drivers.values())), axis=0))
-    onset = float(np.searchsorted(energy, ONSET_SHARE * energy[-1])) * record.time_step
+    onset = moment_of_share(record, ONSET_SHARE)
+    energy = np.max([rows["hysteretic_energy"][:, stretch.stop - 1] for _, stretch in record.runs], axis=0)
     ways = [np.array(model.links_below(model.joints[i][1])) - 1 for i in range(model.n_links)]
     floor_rate = [np.max(np.abs(np.sum(rows["drift_rate"][way], axis=0))) for way in ways]
     period = _period(model, parameters, rows)
@@ -306,7 +311,7 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
             drift=_peak(rows["drift"][i]),
             drift_rate=_peak(rows["drift_rate"][i]),
             hysteretic_displacement=_peak(rows["hysteretic_displacement"][i]),
-            energy=max(float(rows["hysteretic_energy"][i][-1]), 1e-12),
+            energy=max(float(energy[i]), 1e-12),
             force=_peak(rows["restoring_force"][i]),
             **{name: float(parameters[symbol][i]) for name, symbol in _PARAMETER_SCALES.items()},
             mass=float(masses(model)[i]),
@@ -321,6 +326,12 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
         )
         for i in range(model.n_links)
     )
+
+
+def moment_of_share(record: Record, share: float) -> float:
+    """Time by which such a share of what drives has arrived, in energy [s]."""
+    energy = np.cumsum(np.sum(np.square(list(record.drivers.values())), axis=0))
+    return float(record.times[min(int(np.searchsorted(energy, share * energy[-1])), record.n_times - 1)])
 
 
 def _period(model: Structure, parameters: Mapping[str, Floats], rows: Mapping[str, Floats]) -> float:

@@ -1,8 +1,9 @@
 """How well a fitted model predicts stretches of the training record that it has not seen, and which of two does better.
 
-The record is parted into blocks. Without each the model is fitted again, from its fit to all of the record: the first
-step takes the block's residuals and derivatives out of the normal equations, a few more follow the model where it is
-bent. All are solved beside each other, in the lanes. What the fit to the others predicts is compared with the block.
+The record is parted into blocks, several joined records each by itself. Without each block the model is fitted again,
+from its fit to all of the record: the first step takes the block's residuals and derivatives out of the normal
+equations, a few more follow the model where it is bent. All are solved beside each other, in the lanes. What the fit to
+the others predicts is compared with the block.
 
 References
 ----------
@@ -28,9 +29,13 @@ from bwbn_bayes.inference.likelihood import IntegratedNoise, Linearisation, Post
 from bwbn_bayes.inference.modes import steps
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.blocks import by_block
+from bwbn_bayes.records.record import Record
 
 N_BLOCKS = 16
 """Stretches that are left out in turn: what one solve of the lanes holds, each longer than noise remembers."""
+_FEWEST = 2
+"""Of each of several records."""
 _N_STEPS = 4
 """Steps of each fit: the first is exact for a linear model."""
 _LEAST_DAMPING, _DAMPED = 0.01, 10.0
@@ -91,31 +96,51 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
         Minus infinity and infinity where the model cannot be solved without a block.
     """
     record, slopes = posterior.record, Slopes.at(posterior, point)
-    blocks = np.array_split(np.arange(record.n_counted), N_BLOCKS)
+    stretches = _stretches(record)
     with np.errstate(over="ignore", invalid="ignore"):
-        error = record.measured - _predicted(posterior, slopes, point, blocks)
-        squared, scaled = np.square(error[..., record.kept]), np.square(slopes.scaled(error))
-    of_blocks, missed = np.zeros(len(blocks)), np.zeros(len(record.channels))
-    for number, block in enumerate(blocks):
-        inside = np.sum(scaled[number][:, block], axis=1)
-        level = (np.sum(scaled[number], axis=1) - inside) / (record.n_counted - len(block))
-        density = inside / level + len(block) * np.log(2.0 * np.pi * level * slopes.noise[:, 0] ** 2)
-        of_blocks[number] = -0.5 * np.sum(density)
-        missed += np.sum(squared[number][:, block], axis=1)
-    if not np.all(np.isfinite(of_blocks)):
-        return CrossValidation(of_blocks=(-np.inf,) * N_BLOCKS, nrmse=np.inf)
-    shares = missed / np.sum(np.square(record.measured[:, record.kept]), axis=1)
-    of_blocks /= float(posterior.noise.as_one) if isinstance(posterior.noise, IntegratedNoise) else 1.0
+        error = record.measured - _predicted(posterior, slopes, point, [own for _, own in stretches])
+        squared, scaled = np.square(error), np.square(slopes.scaled(error))
+    n_blocks = len(record.blocks)
+    as_one = posterior.noise.as_one if isinstance(posterior.noise, IntegratedNoise) else np.ones(n_blocks)
+    as_one = np.broadcast_to(as_one, n_blocks)
+    log_density, missed = np.zeros(len(stretches)), np.zeros(n_blocks)
+    for number, (part, own) in enumerate(stretches):
+        for position, block in enumerate(record.blocks):
+            if block.part == part:
+                inside = float(np.sum(scaled[number, block.channel, own]))
+                every = scaled[number, block.channel, block.samples]
+                level = (float(np.sum(every)) - inside) / (len(every) - len(own))
+                density = inside / level + len(own) * np.log(2.0 * np.pi * level * slopes.noise[position] ** 2)
+                log_density[number] -= 0.5 * density / as_one[position]
+                missed[position] += np.sum(squared[number, block.channel, own])
+    if not np.all(np.isfinite(log_density)):
+        return CrossValidation(of_blocks=(-np.inf,) * len(stretches), nrmse=np.inf)
+    shares = missed / [np.sum(np.square(own)) for own in by_block(record, record.measured)]
     if slopes.correlation is not None and slopes.correlation.shared is not None:
-        volumes = slopes.correlation.shared.log_volumes.reshape(-1, record.n_counted)
-        of_blocks += [np.sum(volumes[:, block]) for block in blocks]
-    return CrossValidation(of_blocks=tuple(of_blocks.tolist()), nrmse=float(np.sqrt(np.mean(shares))))
+        volumes = slopes.correlation.shared.log_volumes.reshape(-1, record.n_times)
+        log_density += [np.sum(volumes[:, own]) for _, own in stretches]
+    return CrossValidation(of_blocks=tuple(log_density.tolist()), nrmse=float(np.sqrt(np.mean(shares))))
+
+
+def _stretches(record: Record) -> list[tuple[int, NDArray[np.int64]]]:
+    """Samples that are left out in turn, and the part that they lie in: by its share of what counts, two at least.
+
+    What one leaves of its channels, the others of the same part say the noise level of.
+    """
+    found = []
+    samples = np.arange(record.n_times)
+    for number, (part, stretch) in enumerate(zip(record.parts, record.stretches, strict=True)):
+        if part.channels:
+            own = samples[stretch][part.kept]
+            n = max(round(N_BLOCKS * len(own) / record.n_counted), _FEWEST)
+            found += [(number, one) for one in np.array_split(own, n)]
+    return found
 
 
 def _predicted(posterior: Posterior, slopes: Slopes, point: Floats, blocks: Sequence[NDArray[np.int64]]) -> Floats:
     """Channels ``(n_blocks, n_channels, n_times)`` by the fits to what each block leaves, at their last good steps."""
     free = np.tile((point > _EDGE) & (point < 1.0 - _EDGE), (len(blocks), 1))
-    points, counts = np.tile(point, (len(blocks), 1)), np.ones((len(blocks), 1, posterior.record.n_counted))
+    points, counts = np.tile(point, (len(blocks), 1)), np.ones((len(blocks), 1, posterior.record.n_times))
     for own, block in zip(counts, blocks, strict=True):
         own[:, block] = 0.0
     values, local = _expanded(posterior, slopes, points, counts)
@@ -140,7 +165,7 @@ def _expanded(posterior: Posterior, slopes: Slopes, points: Floats, counts: Floa
     slopes : Slopes
         Of the fit to all: its noise and correlation are those of every fit.
     points : (n, n_dim) array
-    counts : (n, 1, n_counted) array
+    counts : (n, 1, n_times) array
         One, or zero for a block's samples.
     """
     record, (n, n_dim) = posterior.record, points.shape

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -24,6 +25,8 @@ from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, outlook, polish
 from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.blocks import by_block, counts, mean_squares
+from bwbn_bayes.records.record import Record
 
 LAPLACE_SE = 2.0
 """Error allowed for Laplace's approximation where it was not checked by sampling. [nat]"""
@@ -129,11 +132,12 @@ def sampled(evidence: Evidence, rng: np.random.Generator, n: int) -> Evidence:
 
 def autoregressive_bound(posterior: Posterior, modes: tuple[Mode, ...]) -> float:
     """What autoregressive errors add to the log likelihood at least, in nat: at the optimum for white ones."""
-    residual = residual_of(posterior, modes[0].point)
-    noise = _under(posterior, _autoregressive(residual)).noise
+    record, residual = posterior.record, residual_of(posterior, modes[0].point)
+    noise = _under(posterior, _autoregressive(record, residual)).noise
     assert noise.correlation is not None
-    n_times, none = posterior.record.n_counted, np.empty((1, 0))
-    white, coloured = (np.sum(np.square(own), axis=1)[None] for own in (residual, noise.correlation.whitened(residual)))
+    n_times, none = counts(record), np.empty((1, 0))
+    rows = residual, noise.correlation.whitened(residual)
+    white, coloured = ((mean_squares(record, own) * n_times)[None] for own in rows)
     gained = noise.log_likelihood(coloured, n_times, none) - posterior.noise.log_likelihood(white, n_times, none)
     return float(gained[0])
 
@@ -141,20 +145,21 @@ def autoregressive_bound(posterior: Posterior, modes: tuple[Mode, ...]) -> float
 def autoregressive_outlook(posterior: Posterior, modes: tuple[Mode, ...]) -> float:
     """What autoregressive errors may add to the evidence at most, in nat: by the expansion at that optimum."""
     best = modes[0]
-    view = _under(posterior, _autoregressive(residual_of(posterior, best.point)))
+    view = _under(posterior, _autoregressive(posterior.record, residual_of(posterior, best.point)))
     return float(outlook(view, best.point[None], view.linearise(best.point[None]))[0] - best.log_likelihood)
 
 
 def autoregressive(posterior: Posterior, modes: tuple[Mode, ...]) -> Evidence:
-    """Evidence under autoregressive errors, each channel's order by evidence."""
-    return _in_turns(posterior, modes, _autoregressive)
+    """Evidence under autoregressive errors, each block's order by evidence."""
+    return _in_turns(posterior, modes, partial(_autoregressive, posterior.record))
 
 
-def _autoregressive(residual: Floats) -> Correlation:
+def _autoregressive(record: Record, residual: Floats) -> Correlation:
     """That which leaves of a residual ``(n_channels, n_times)`` the least."""
-    coefficients = tuple(autoregression(own)[0] for own in residual)
-    cost = sum(order_cost(len(own), residual.shape[1]) for own in coefficients)
-    return Correlation(coefficients=coefficients, log_prior=cost)
+    rests = by_block(record, residual)
+    coefficients = tuple(autoregression(own)[0] for own in rests)
+    cost = sum(order_cost(len(own), len(rest)) for own, rest in zip(coefficients, rests, strict=True))
+    return Correlation(coefficients=coefficients, blocks=record.blocks, log_prior=cost)
 
 
 def _under(posterior: Posterior, correlation: Correlation) -> Posterior:

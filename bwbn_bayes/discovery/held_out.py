@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -14,8 +15,10 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.blocks import counts
 from bwbn_bayes.records.cycles import half_cycles, repeated_samples, repeats
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.joined import join_records
+from bwbn_bayes.records.record import Record, require_single
 from bwbn_bayes.structures.structure import Structure
 
 N_BLOCKS = 30
@@ -60,7 +63,8 @@ class HeldOut:
     @property
     def first(self) -> int:
         """Index of the first sample that counts."""
-        return 0 if self.after_s == 0.0 else int(np.floor(self.after_s / self.record.time_step + 1e-6)) + 1
+        slack = 1e-6 * self.record.time_step
+        return 0 if self.after_s == 0.0 else int(np.searchsorted(self.record.times, self.after_s + slack, side="right"))
 
     @property
     def label(self) -> str:
@@ -69,6 +73,8 @@ class HeldOut:
             return "held-out repeat cycles"
         if self.after_s == 0.0:
             return "held-out record"
+        if len(self.record.parts) > 1:
+            return f"held-out end, {self.record.part_name(self.record.part_at(self.first))}"
         instant = f"{self.after_s:.3g} s" if self.record.has_time else moment_in_words(self.record, self.first)
         return f"held-out end, after {instant}"
 
@@ -85,7 +91,8 @@ def set_apart(
     record : Record
         The measurement.
     held_out : Record, "end", "repeats" or None
-        Another measurement, the end of this one or its repeat cycles, or nothing.
+        Another measurement, the end of this one or its repeat cycles, or nothing. The end of several joined records is
+        the last of them.
 
     Returns
     -------
@@ -102,7 +109,10 @@ def set_apart(
         return record, HeldOut(record=held_out)
     if held_out is None:
         return record, None
+    if held_out == "end" and len(record.parts) > 1:
+        return _without_last(record)
     if held_out == "repeats":
+        require_single(record, "repeat cycles are held out of one:")
         apart = repeat_cycles(record)
         return replace(record, counted=~repeated_samples(record.excitation)), apart
     if held_out != "end":
@@ -111,6 +121,19 @@ def set_apart(
         )
     time = parting_time(model, record)
     return record.until(time), HeldOut(record=record, after_s=time)
+
+
+def _without_last(record: Record) -> tuple[Record, HeldOut]:
+    """Several records without the last one that measures anything, which follows them where they are a sequence."""
+    last = max(number for number, part in enumerate(record.parts) if part.channels)
+    before = record.parts[:last]
+    if not any(part.channels for part in before):
+        raise UserError(f"{record.name!r} has no end to hold out: one record alone measures anything")
+    kept = join_records(before, in_sequence=record.is_sequence) if len(before) > 1 else before[0]
+    if not record.is_sequence:
+        return kept, HeldOut(record=record.parts[last])
+    whole = join_records(record.parts[: last + 1], in_sequence=True)
+    return kept, HeldOut(record=whole, after_s=float(whole.times[whole.stretches[last].start - 1]))
 
 
 def repeat_cycles(record: Record) -> HeldOut:
@@ -246,30 +269,66 @@ def predict(
     if not channels:
         raise UserError(f"record {record.name!r} measures nothing: held-out data need a channel such as acceleration_1")
     values, _ = posterior.split(point[None])
-    predicted = posterior.engine.simulate(posterior.model, values, record).values[0][:, counted]
-    measured = record.measured[:, counted]
-    trained = np.sqrt(posterior.misfit(point[None])[0] / posterior.record.n_counted)
-    level = dict(zip(posterior.record.channels, trained, strict=True))
-    sd = np.array([level.get(name, floor) for name, floor in zip(channels, noise_floors(record), strict=True)])
-    error = (measured - predicted) ** 2
-    mean_square = np.mean(np.square(measured), axis=1)
-    n_counted = error.shape[1]
-    n_blocks = min(max(2, round(N_BLOCKS * n_counted / record.n_times)), n_counted)
-    blocks = np.array([np.mean(part, axis=1) for part in np.array_split(error, n_blocks, axis=1)]) / mean_square
-    resampled = blocks[rng.integers(0, len(blocks), (N_BOOTSTRAP, len(blocks)))]
-    nrmse = float(np.sqrt(np.mean(np.mean(error, axis=1) / mean_square)))
-    lost = runaway_sample(measured, predicted) if not nrmse < RUNAWAY else None
+    predicted = posterior.engine.simulate(posterior.model, values, record).values[0]
+    shares: list[Floats] = []
+    resampled: list[Floats] = []
+    log_density: list[Floats] = []
+    lost = ""
+    for rows, samples, sd in _by_part(record, counted, _levels(posterior, point, record)):
+        measured, own = record.measured[np.ix_(rows, samples)], predicted[np.ix_(rows, samples)]
+        error, mean_square = np.square(measured - own), np.mean(np.square(measured), axis=1)
+        n_stretches = min(max(2, round(N_BLOCKS * len(samples) / record.n_times)), len(samples))
+        stretches = np.array([np.mean(one, axis=1) for one in np.array_split(error, n_stretches, axis=1)]) / mean_square
+        resampled.append(np.mean(stretches[rng.integers(0, n_stretches, (N_BOOTSTRAP, n_stretches))], axis=1))
+        shares.append(np.mean(error, axis=1) / mean_square)
+        per_sample = -0.5 * error / sd[:, None] ** 2 - np.log(sd)[:, None] - 0.5 * np.log(2.0 * np.pi)
+        log_density.append(per_sample.ravel())
+        away = runaway_sample(measured, own) if not np.sqrt(np.mean(shares[-1])) < RUNAWAY else None
+        lost = lost or ("" if away is None else moment_in_words(record, int(samples[away])))
     return Prediction(
         channels=channels,
-        values=predicted,
-        nrmse=nrmse,
-        runs_away_after="" if lost is None else moment_in_words(record, int(np.arange(record.n_times)[counted][lost])),
-        nrmse_se=float(np.std(np.sqrt(np.mean(resampled, axis=(1, 2))))),
-        log_density=float(np.mean(-0.5 * error / sd[:, None] ** 2 - np.log(sd)[:, None] - 0.5 * np.log(2.0 * np.pi))),
+        values=predicted[:, counted],
+        nrmse=float(np.sqrt(np.mean(np.concatenate(shares)))),
+        runs_away_after=lost,
+        nrmse_se=float(np.std(np.sqrt(np.mean(np.concatenate(resampled, axis=1), axis=1)))),
+        log_density=float(np.mean(np.concatenate(log_density))),
     )
+
+
+def _levels(posterior: Posterior, point: Floats, record: Record) -> Floats:
+    """Noise level of each block ``(n_blocks,)``: the channel's in the fit, else that of the block by itself."""
+    trained, misfit = posterior.record, posterior.misfit(point[None])[0]
+    level: dict[int, float] = {}
+    for row in {block.channel for block in trained.blocks}:
+        own = np.array([block.channel == row for block in trained.blocks])
+        level[row] = float(np.sqrt(np.sum(misfit[own]) / np.sum(counts(trained)[own])))
+    by_name = {name: level[row] for row, name in enumerate(trained.channels)}
+    names = list(record.channels)
+    floors = zip(record.blocks, noise_floors(record).tolist(), strict=True)
+    return np.array([by_name.get(names[block.channel], floor) for block, floor in floors])
+
+
+def _by_part(
+    record: Record, counted: slice | Indices, of_blocks: Floats
+) -> Iterator[tuple[list[int], Indices, Floats]]:
+    """Of each part with samples that are asked for: its rows, those samples, and what belongs to each row."""
+    every = np.arange(record.n_times)
+    asked = np.zeros(record.n_times, dtype=np.bool_)
+    asked[counted] = True
+    for number in range(len(record.parts)):
+        own = [position for position, block in enumerate(record.blocks) if block.part == number]
+        if not own:
+            continue
+        samples = every[record.blocks[own[0]].samples]
+        samples = samples[asked[samples]]
+        if samples.size:
+            yield [record.blocks[position].channel for position in own], samples, of_blocks[own]
 
 
 def floor_of(record: Record, *, counted: slice | Indices = _ALL) -> float:
     """The same error for a perfect model: each channel's model-free noise level over its rms where it counts."""
-    mean_square = np.mean(np.square(record.measured[:, counted]), axis=1)
-    return float(np.sqrt(np.mean(np.square(noise_floors(record)) / mean_square)))
+    shares = [
+        np.square(floor) / np.mean(np.square(record.measured[np.ix_(rows, samples)]), axis=1)
+        for rows, samples, floor in _by_part(record, counted, noise_floors(record))
+    ]
+    return float(np.sqrt(np.mean(np.concatenate(shares))))

@@ -16,7 +16,8 @@ def improved_model_source(
     *,
     name: str = "model",
     origin: Path | None = None,
-    record_file: str | None = None,
+    record_files: Sequence[str] = (),
+    in_sequence: bool = False,
     assumptions: Sequence[str] = (),
 ) -> str:
     """Write a model as a model file.
@@ -31,8 +32,11 @@ def improved_model_source(
         What the given model is called.
     origin : Path, optional
         The given model's file, from which effects and priors of the user's own are taken.
-    record_file : str, optional
-        Name of the record's file beside the model file; without it ``bwbn identify`` asks for ``--record``.
+    record_files : sequence of str
+        Names of the record's file beside the model file, or of several records'; without them ``bwbn identify`` asks
+        for ``--record``.
+    in_sequence : bool
+        Whether the structure comes to each of several as the one before left it.
     assumptions : sequence of str
         What the given model takes for granted.
 
@@ -48,11 +52,20 @@ def improved_model_source(
     """
     writer = ModelWriter()
     blocks = [writer.structure(model), *(_placed(writer, one, added) for one in model.effects)]
-    if record_file is not None:
-        blocks.append(f"\nrecord = {writer.function('read_record')}(Path(__file__).with_name({quoted(record_file)}))")
+    if record_files:
+        blocks.append(f"\nrecord = {_records(writer, record_files, in_sequence=in_sequence)}")
     if assumptions:
         blocks += ["", assignment("assumptions", assumptions)]
     return "\n".join([_docstring(name, added), "", *writer.header(origin), "", *blocks, ""])
+
+
+def _records(writer: ModelWriter, files: Sequence[str], *, in_sequence: bool) -> str:
+    """The record beside the file, or several as one."""
+    each = [f"{writer.function('read_record')}(Path(__file__).with_name({quoted(file)}))" for file in files]
+    if len(each) == 1:
+        return each[0]
+    lines = [f"{writer.function('join_records')}(", "    [", *(f"        {one}," for one in each), "    ],"]
+    return "\n".join([*lines, *(["    in_sequence=True,"] if in_sequence else []), ")"])
 
 
 def _docstring(name: str, added: Sequence[Added]) -> str:

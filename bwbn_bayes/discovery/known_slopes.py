@@ -50,8 +50,8 @@ def suited(
     n, rows = len(points), np.arange(len(points))
     others = points[:0] if beside is None else beside[1]
     response = view.engine.simulate(view.model, view.split(np.concatenate([points, others]))[0], view.record).values
-    residual = slopes.scaled(slopes.measured - response[:n])
-    misfit = np.sum(np.square(residual), axis=2) * np.square(slopes.noise[:, 0])
+    residual = slopes.scaled(slopes.record.measured - response[:n])
+    misfit = slopes.misfit(residual)
     misfit = np.where(np.isfinite(misfit), misfit, np.inf)
     left = np.nan_to_num(residual.reshape(n, -1), posinf=0.0, neginf=0.0)
     gradient, information = np.zeros(points.shape), np.zeros((n, points.shape[1], points.shape[1]))

@@ -305,8 +305,9 @@ class Discovery:
 
     @property
     def measurement(self) -> Record:
-        """The record as a file can hold it: what fit and selection saw, or all of it where not every sample counted."""
-        return self.record if self.held_out is None or self.record.counted is None else self.held_out.record
+        """What fit and selection saw, as files can hold it: of one record all, where not every sample counted."""
+        apart = self.held_out
+        return apart.record if apart is not None and apart.repeats else self.record
 
     def as_json(self) -> dict[str, Any]:
         """``discovery.json``, schema 2; a number that is not finite becomes None, which JSON can hold."""
@@ -375,6 +376,7 @@ def where_as_json(before: Disagreement) -> list[dict[str, Any]]:
     return [
         {
             "channel": spot.channel,
+            **({"record": spot.record} if spot.record else {}),
             "start_s": spot.start_s if spot.cycles is None else None,
             "end_s": spot.end_s if spot.cycles is None else None,
             "cycles": None if spot.cycles is None else list(spot.cycles),

@@ -83,7 +83,7 @@ class Pool:
     def shared(self) -> SharedFunctions | None:
         """Functions of a specimen's unnamed force."""
         record = next(iter(self.plain.values())).posterior.record
-        is_specimen = record.excitation_kind == "displacement" and "force" in record.channels
+        is_specimen = record.excitation_kind == "displacement" and len(record.parts) == 1 and "force" in record.channels
         return SharedFunctions.of(fitted_basis(record)) if is_specimen else None
 
     @property
@@ -117,7 +117,7 @@ class Pool:
     def _has_time(self) -> bool:
         """Whether errors can have a past: a filter in time means nothing without time, or across gaps."""
         record = next(iter(self.plain.values())).posterior.record
-        return record.has_time and record.counted is None
+        return record.has_time and all(part.counted is None for part in record.parts)
 
     def _colour(self) -> None:
         """Refit under autoregressive errors what could gain by them."""

@@ -166,6 +166,7 @@ def hypotheses_of(present: Explanation, run: Run, most_carried: float) -> tuple[
         scales_of(present.posterior, present.best),
         measured=tuple(present.posterior.record.channels),
         has_time=present.posterior.record.has_time,
+        in_one_go=len(present.posterior.record.runs) == 1,
         effects=run.settings.effects,
         most_carried=most_carried,
     )

@@ -40,10 +40,14 @@ def runaway_sample(measured: Floats, predicted: Floats) -> int | None:
 
 
 def moment_in_words(record: Record, sample: int) -> str:
-    """``t = 12.3 s`` in a building's record, ``cycle 9`` in a specimen's: where a sample of it lies.
+    """``t = 12.3 s`` in a building's record, ``cycle 9`` in a specimen's: where a sample of it lies, and in which part.
 
     Of a specimen it is the last cycle that was whole by then.
     """
-    if record.excitation_kind == "displacement":
-        return f"cycle {max(int(cycle_numbers(record.excitation)[sample]) - 1, 0)}"
-    return f"t = {record.times[sample]:.3g} s"
+    number = record.part_at(sample)
+    part, place = record.parts[number], sample - record.stretches[number].start
+    if part.excitation_kind == "displacement":
+        moment = f"cycle {max(int(cycle_numbers(part.excitation)[place]) - 1, 0)}"
+    else:
+        moment = f"t = {part.times[place]:.3g} s"
+    return f"{moment}{record.of_part(number)}"

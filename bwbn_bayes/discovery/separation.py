@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.blocks import mean_squares
 from bwbn_bayes.records.record import Record
 
 STRENGTHS = (0.3, 1.5, 2.0)
@@ -29,12 +29,11 @@ def separating_experiment(first: Fit, second: Fit, period: float) -> str:
         First period of a building. [s]
     """
     record = first.posterior.record
-    noise = noise_floors(record)[:, None]
     names = first.hypothesis.name, second.hypothesis.name
     best, ratio = "", 0.0
     for description, experiment in _experiments(record, period).items():
-        difference = (_predict(first, experiment) - _predict(second, experiment)) / noise
-        size = float(np.sqrt(np.mean(np.square(difference))))
+        difference = mean_squares(experiment, _predict(first, experiment) - _predict(second, experiment))
+        size = float(np.sqrt(np.mean(difference / np.square(noise_floors(experiment)))))
         if np.isfinite(size) and size > ratio:
             best, ratio = description, size
     if ratio < LEAST_RATIO:
@@ -43,24 +42,26 @@ def separating_experiment(first: Fit, second: Fit, period: float) -> str:
 
 
 def _experiments(record: Record, period: float) -> Mapping[str, Record]:
-    """The same motion weaker and stronger; for a building a sine at the first period that grows to its peak too."""
+    """The same motion weaker and stronger; for a building a sine at the first period that grows to its peak too.
+
+    Of several records all are made weaker or stronger, and the longest is taken for the sine.
+    """
     of_building = record.excitation_kind == "ground_acceleration"
     motion = "The same ground motion" if of_building else "The same displacement history"
     motion = "The same forces" if record.forces else motion
     scaled = {
-        f"{motion} at {strength:g} times its {'strength' if of_building else 'size'}": replace(
-            record,
-            excitation=strength * record.excitation,
-            forces={name: strength * force for name, force in record.forces.items()},
+        f"{motion} at {strength:g} times its {'strength' if of_building else 'size'}": record.driven_by(
+            strength * record.excitation, {name: strength * force for name, force in record.forces.items()}
         )
         for strength in STRENGTHS
     }
     if not of_building or record.forces:
         return scaled
-    time = record.times
+    longest = max((part for part in record.parts if part.channels), key=lambda part: part.duration)
+    time = longest.times
     growth = np.minimum(time / (N_CYCLES * period), 1.0)
     peak = 0.5 * float(np.max(np.abs(record.excitation)))
-    sine = replace(record, excitation=peak * growth * np.sin(2.0 * np.pi * time / period))
+    sine = longest.driven_by(peak * growth * np.sin(2.0 * np.pi * time / period), {})
     return {**scaled, f"A sine at the first period of {period:.2f} s that grows to {peak:.2g} m/s^2": sine}
 
 

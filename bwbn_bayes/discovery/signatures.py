@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.inference.importance import laplace_mixture
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.structure import Structure
 
 N_DRAWS = 32
 """Draws of Laplace's approximation of the posterior over which a signature is told."""
@@ -41,34 +44,53 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
     points = laplace_mixture(present.modes[:1]).sample(rng, N_DRAWS)
     points = np.concatenate([present.best[None], points[np.isfinite(present.posterior.log_prior(points))]])
     values, _ = present.posterior.split(points)
-    responses = _responses(hypothesis, present, values)
-    without = _responses(hypothesis, present, _without(hypothesis, present, values[:1]))
-    if not responses or not without:
+    of_runs = _responses(hypothesis, present, values)
+    without_it = _responses(hypothesis, present, _without(hypothesis, present, values[:1]))
+    found = [
+        _Told(run, responses, without[0])
+        for (run, _), responses, without in zip(present.posterior.record.runs, of_runs, without_it, strict=True)
+        if run.channels and responses and without and np.isfinite(signature.of_response(responses[0]))
+    ]
+    if not found:
         return None
-    found = np.array([signature.of_response(one) for one in responses])
-    if not np.isfinite(found[0]):
-        return None
-    low, high = np.nanpercentile(found, [5.0, 95.0])
+    # Of records that each find the structure virgin the one in which the effect does most.
+    told = max(found, key=lambda one: one.difference(signature))
+    sizes = np.array([signature.of_response(one) for one in told.responses])
+    low, high = np.nanpercentile(sizes, [5.0, 95.0])
     return SignatureFacts(
         measure=signature.measure,
         unit=signature.unit,
-        measured=_measured(signature, hypothesis, present, responses[0]),
-        mean=float(np.nanmean(found)),
+        measured=_measured(signature, hypothesis, present.model, told),
+        mean=float(np.nanmean(sizes)),
         low=float(low),
         high=float(high),
-        without=signature.of_response(without[0]),
-        deserved=_deserved(signature, present, responses),
+        without=signature.of_response(told.without),
+        deserved=_deserved(signature, told),
     )
 
 
-def _deserved(signature: Signature, present: Explanation, responses: list[PlaceResponse]) -> float:
+@dataclass(frozen=True)
+class _Told:
+    """A record in one go, responses of draws under it, and that without the effect at the best fit."""
+
+    record: Record
+    responses: list[PlaceResponse]
+    without: PlaceResponse
+
+    def difference(self, signature: Signature) -> float:
+        """What the effect makes of the measure."""
+        change = signature.of_response(self.responses[0]) - signature.of_response(self.without)
+        return abs(change) if np.isfinite(change) else 0.0
+
+
+def _deserved(signature: Signature, told: _Told) -> float:
     """Share of the responses in which an effect has its size; none where the loop that a test measured has it not."""
-    record = present.posterior.record
+    record = told.record
     # A measure reads whole cycles, one after the other.
-    is_measured = present.is_specimen and "force" in record.channels and record.counted is None
+    is_measured = record.excitation_kind == "displacement" and "force" in record.channels and record.counted is None
     if is_measured and not signature.is_in_loop(record.excitation, record.channels["force"]):
         return 0.0
-    return float(np.mean([signature.is_engineering(one) for one in responses]))
+    return float(np.mean([signature.is_engineering(one) for one in told.responses]))
 
 
 def place_of(hypothesis: Hypothesis, histories: Mapping[str, Floats]) -> int | None:
@@ -78,21 +100,24 @@ def place_of(hypothesis: Hypothesis, histories: Mapping[str, Floats]) -> int | N
     return max((s - 1 for s in hypothesis.storeys), key=lambda i: float(np.max(np.abs(histories["drift"][i]))))
 
 
-def _responses(hypothesis: Hypothesis, present: Explanation, values: Floats) -> list[PlaceResponse]:
-    """Responses ``(n_draws,)`` as they are at the place of an effect; those that cannot be solved are left out."""
+def _responses(hypothesis: Hypothesis, present: Explanation, values: Floats) -> list[list[PlaceResponse]]:
+    """Responses as they are at the place of an effect, of each run those that can be solved."""
     model, record = present.model, present.posterior.record
     rows = observe(present.posterior.engine, model, values, record)
     local = model.table.local(values)
     result = []
-    for draw in range(len(values)):
-        histories = {kind: history[draw] for kind, history in rows.items()}
-        if not np.all(np.isfinite(histories["drift"])):
-            continue
-        place = place_of(hypothesis, histories)
-        own = {p.symbol: float(v) for p, v in zip(model.parameters, local[draw, place or 0], strict=True)}
-        own |= {name: float(value) for name, value in model.law.derived_from(own).items()}
-        at = {kind: h if place is None or len(h) <= place else h[place] for kind, h in histories.items()}
-        result.append(PlaceResponse(histories=at, parameters=own, scales=hypothesis.scales))
+    for _, stretch in record.runs:
+        found = []
+        for draw in range(len(values)):
+            histories = {kind: history[draw][:, stretch] for kind, history in rows.items()}
+            if not np.all(np.isfinite(histories["drift"])):
+                continue
+            place = place_of(hypothesis, histories)
+            own = {p.symbol: float(v) for p, v in zip(model.parameters, local[draw, place or 0], strict=True)}
+            own |= {name: float(value) for name, value in model.law.derived_from(own).items()}
+            at = {kind: h if place is None or len(h) <= place else h[place] for kind, h in histories.items()}
+            found.append(PlaceResponse(histories=at, parameters=own, scales=hypothesis.scales))
+        result.append(found)
     return result
 
 
@@ -104,20 +129,18 @@ def _without(hypothesis: Hypothesis, present: Explanation, values: Floats) -> Fl
     return result
 
 
-def _measured(
-    signature: Signature, hypothesis: Hypothesis, present: Explanation, response: PlaceResponse
-) -> float | None:
+def _measured(signature: Signature, hypothesis: Hypothesis, model: Structure, told: _Told) -> float | None:
     """The measure of the record: of a specimen's loop, or of the measured storey force against the identified drift."""
-    model, record = present.model, present.posterior.record
+    record = told.record
     if record.counted is not None:  # a measure reads whole cycles, one after the other
         return None
     if model.is_driven:
         force = record.channels.get("force")
         return None if force is None else signature.of_measured(record.excitation, force)
-    drift = response.histories["drift"]
+    drift = told.responses[0].histories["drift"]
     if drift.ndim > 1 or not hypothesis.storeys:
         return None
     storey = hypothesis.storeys[0] if len(hypothesis.storeys) == 1 else None
-    if storey is None or any(f"acceleration_{s}" not in record.channels for s in range(storey, model.n_floors + 1)):
+    if storey is None or not {*range(storey, model.n_floors + 1)} <= {*record.floors}:
         return None
     return signature.of_measured(drift, np.asarray(record.storey_forces(model.masses, lowest_storey=storey)[0]))

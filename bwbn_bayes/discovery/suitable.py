@@ -6,7 +6,7 @@ import numpy as np
 
 from bwbn_bayes.engines.base import require_parameters, require_usable
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.records.record import Record, require_single
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
 
@@ -30,7 +30,6 @@ def require_suitable(model: Structure, record: Record, held_out: Record | None, 
         to another building; if the held-out record is the training record or shares no channel with it.
     """
     require_parameters(model, name)
-    require_single(record, "discover searches one at a time:")
     require_usable(model, record)
     if held_out is None:
         return
@@ -41,10 +40,17 @@ def require_suitable(model: Structure, record: Record, held_out: Record | None, 
             f"held-out record {held_out.name!r} measures {', '.join(held_out.channels)}, none of which record "
             f"{record.name!r} measures: give one with a channel in common"
         )
-    same = np.array_equal(record.excitation, held_out.excitation) and all(
-        np.array_equal(record.channels[channel], held_out.channels[channel]) for channel in shared
-    )
-    if same:
+    if all(any(_is_same(part, own) for part in record.parts) for own in held_out.parts if own.channels):
         raise UserError(
             f"held-out record {held_out.name!r} is the record that the model is fitted to: give another measurement"
         )
+
+
+def _is_same(record: Record, other: Record) -> bool:
+    """Whether two records are one measurement, in the channels that both have."""
+    shared = set(record.channels) & set(other.channels)
+    return (
+        bool(shared)
+        and np.array_equal(record.excitation, other.excitation)
+        and all(np.array_equal(record.channels[channel], other.channels[channel]) for channel in shared)
+    )

@@ -12,6 +12,7 @@ from bwbn_bayes.discovery.held_out import floor_of
 from bwbn_bayes.discovery.outcome import LEAST_SHOWN, SCHEMA, Step, steps_as_json, where_as_json
 from bwbn_bayes.discovery.probability import Beliefs
 from bwbn_bayes.inference.residuals import residual_of
+from bwbn_bayes.records.blocks import mean_squares
 from bwbn_bayes.results import finite
 
 
@@ -84,5 +85,6 @@ class Unfinished:
 
 def _nrmse(one: Explanation) -> float:
     """Root mean square over the channels of each one's rms error over its rms, at the best fit."""
-    left, measured = residual_of(one.posterior, one.best), one.posterior.record.measured
-    return float(np.sqrt(np.mean(np.sum(np.square(left), axis=1) / np.sum(np.square(measured), axis=1))))
+    record = one.posterior.record
+    left, measured = (mean_squares(record, rows) for rows in (residual_of(one.posterior, one.best), record.measured))
+    return float(np.sqrt(np.mean(left / measured)))

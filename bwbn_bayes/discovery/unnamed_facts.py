@@ -54,6 +54,6 @@ def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
         probability=probability,
         share=shares[storey],
         function=found.kind,
-        drift=here.rows["drift"][storey - 1],
-        force=over_time(found.forces[storey], record, one.model),
+        drift=here.rows["drift"][storey - 1][record.kept],
+        force=over_time(found.forces[storey], record, one.model)[record.kept],
     )

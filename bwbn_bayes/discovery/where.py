@@ -6,7 +6,7 @@ measured, ``V_i = -sum_{j>=i} m_j a_j``, so that a residual force exists at ever
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import counted, noise_floors, residual_of
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.records.blocks import by_part, over_time
 from bwbn_bayes.records.cycles import cycle_numbers, half_cycles
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
@@ -24,7 +25,8 @@ from bwbn_bayes.structures.structure import Structure
 SPECIMEN = "the specimen"
 """The one place in a testing machine, in words."""
 
-N_WINDOWS = 24
+N_WINDOWS, _FEWEST_WINDOWS = 24, 4
+"""Windows of a record, by their shares of what counts those of several, and of each of these at least."""
 N_PLANE = 12
 """Bins of drift and of drift rate."""
 NOTEWORTHY = 1.3
@@ -48,12 +50,14 @@ class Spot:
     ----------
     channel : str
     start_s, end_s : float
-        [s]
+        Since the record began. [s]
     cycles : (int, int) or None
         The cycles in which it begins and ends, from 1, of a record that has no time: its seconds mean nothing.
     residual_to_noise : float
         Root mean square of the residual over the noise level.
     sentence : str
+    record : str
+        Which of several records it lies in, empty where there is one.
     """
 
     channel: str
@@ -62,11 +66,15 @@ class Spot:
     residual_to_noise: float
     sentence: str
     cycles: tuple[int, int] | None = None
+    record: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """Residual to noise ``(n_windows,)`` of a storey's force, storeys counted from 0, or of a channel (None)."""
+    """Residual to noise ``(n_windows,)`` of a storey's force, storeys counted from 0, or of a channel (None).
+
+    NaN where it is not measured.
+    """
 
     channel: str
     place: str
@@ -81,12 +89,14 @@ class Disagreement:
     Attributes
     ----------
     channels : tuple of str
-    noise : (n_channels,) array
-        Model-free noise level. [unit of the channel]
+    noise : (n_blocks,) array
+        Model-free noise level of each channel of each record. [unit of the channel]
     edges : (n_windows + 1,) array
-        Of the time windows. [s]
+        Of the time windows, which lie in one record each. [s]
+    parts : (n_windows,) array of int
+        Position of the record that each window lies in.
     by_window : (n_channels, n_windows) array
-        Residual to noise.
+        Residual to noise; NaN where a record lacks a channel.
     by_storey : (n_storeys, n_windows) array
         Residual storey force to noise; NaN where a sensor above is missing.
     by_state : (n_storeys, n_plane, n_plane) array
@@ -101,6 +111,7 @@ class Disagreement:
     channels: tuple[str, ...]
     noise: Floats
     edges: Floats
+    parts: NDArray[np.int64]
     by_window: Floats
     by_storey: Floats
     by_state: Floats
@@ -110,7 +121,7 @@ class Disagreement:
     @property
     def residual_to_noise(self) -> Floats:
         """Each channel's residual over its noise level, ``(n_channels,)``."""
-        return np.asarray(np.sqrt(np.mean(np.square(self.by_window), axis=1)))
+        return np.asarray(np.sqrt(np.nanmean(np.square(self.by_window), axis=1)))
 
     def rows(self, model: Structure) -> tuple[Row, ...]:
         """Storey forces where they are measured, and the channels that these leave out.
@@ -118,9 +129,11 @@ class Disagreement:
         A storey's force goes by the channel of the floor above it, a specimen's by its own.
         """
         rows = []
+        measured = dict(zip(self.channels, np.isfinite(self.by_window), strict=True))
         for i, ratios in enumerate(self.by_storey):
-            if np.all(np.isfinite(ratios)):
-                own = next(name for name in (f"acceleration_{i + 1}", "force") if name in self.channels)
+            own = next((name for name in (f"acceleration_{i + 1}", "force") if name in self.channels), None)
+            # Where a record lacks a sensor above, the channel itself tells more.
+            if own is not None and np.all(np.isfinite(ratios[measured[own]])):
                 rows.append(Row(channel=own, place=storey_in_words(model, i + 1), storey=i, ratios=ratios))
         told = {row.channel for row in rows}
         for name, ratios in zip(self.channels, self.by_window, strict=True):
@@ -131,48 +144,50 @@ class Disagreement:
 
 def disagreement(posterior: Posterior, point: Floats) -> Disagreement:
     """Compare a fit with its record at a point ``(n_dim,)`` of the unit cube."""
-    record = posterior.record
-    channels = tuple(record.channels)
-    residual = residual_of(posterior, point)
-    n_white = counted(record, residual).shape[1]
-    residual = residual[:, record.kept]
-    noise = noise_floors(record)
-    edges = _edges(record.times[record.kept])
-    by_window = _windowed(residual / noise[:, None])
+    record, model = posterior.record, posterior.model
+    residual, noise = residual_of(posterior, point), noise_floors(record)
+    weight = over_time(record, 1.0 / noise)
+    scaled = np.where(weight > 0.0, residual * weight, np.nan)
+    force, n_white = np.full((model.n_links, record.n_times), np.nan), np.zeros(len(record.parts))
+    for number, (part, own) in zip(_measuring(record), by_part(record, residual), strict=True):
+        n_white[number] = counted(part, own).shape[1]
+        samples = np.arange(record.n_times)[record.stretches[number]][part.kept]
+        for storey, missing, sd in missing_forces(model, tuple(part.channels), own[:, part.kept], noise_floors(part)):
+            force[storey - 1, samples] = missing / sd
     values, _ = posterior.split(point[None])
-    rows = {k: h[0] for k, h in observe(posterior.engine, posterior.model, values, record).items()}
-    force = np.full((posterior.model.n_links, record.n_counted), np.nan)
-    for storey, missing, sd in missing_forces(posterior, residual, noise):
-        force[storey - 1] = missing / sd
-    by_storey = _windowed(force)
+    rows = {k: h[0] for k, h in observe(posterior.engine, model, values, record).items()}
+    windows = _windows(record)
     conditions = _conditions(rows, record)
-    by_condition = {name: _concentration(force, mask[:, record.kept]) for name, mask in conditions.items()}
-    rows = {kind: history[:, record.kept] for kind, history in rows.items()}
+    known = force[:, record.kept]
     seen = Disagreement(
-        channels=channels,
+        channels=tuple(record.channels),
         noise=noise,
-        edges=edges,
-        by_window=by_window,
-        by_storey=by_storey,
-        by_state=_plane(force, rows),
-        by_condition=by_condition,
+        edges=_edges(record, windows),
+        parts=np.array([part for part, _ in windows]),
+        by_window=_windowed(scaled, windows),
+        by_storey=_windowed(force, windows),
+        by_state=_plane(known, {kind: history[:, record.kept] for kind, history in rows.items()}),
+        by_condition={name: _concentration(known, mask[:, record.kept]) for name, mask in conditions.items()},
         spots=(),
     )
-    return replace(seen, spots=_spots(seen, posterior, n_white // N_WINDOWS))
+    return replace(seen, spots=_spots(seen, posterior, n_white))
 
 
-def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> list[tuple[int, Floats, float]]:
+def missing_forces(
+    model: Structure, channels: Sequence[str], residual: Floats, noise: Floats
+) -> list[tuple[int, Floats, float]]:
     """Storey, measured minus modelled force [N] and its noise level, where the floors above have sensors.
 
     Parameters
     ----------
-    posterior : Posterior
+    model : Structure
+    channels : sequence of str
+        Of one record.
     residual : (n_channels, n_counted) array
-        Of its record's channels.
+        Of each.
     noise : (n_channels,) array
         Noise level of each.
     """
-    model, channels = posterior.model, list(posterior.record.channels)
     if model.is_driven:
         return [(1, residual[i], float(noise[i])) for i, name in enumerate(channels) if name == "force"]
     found: list[tuple[int, Floats, float]] = []
@@ -189,19 +204,43 @@ def missing_forces(posterior: Posterior, residual: Floats, noise: Floats) -> lis
     return found
 
 
+def _measuring(record: Record) -> list[int]:
+    """Positions of the parts that measure anything."""
+    return [number for number, part in enumerate(record.parts) if part.channels]
+
+
+def _windows(record: Record) -> list[tuple[int, NDArray[np.int64]]]:
+    """Windows of equally many samples that count, each with the part it lies in; what measures nothing is one."""
+    found = []
+    for number, (part, stretch) in enumerate(zip(record.parts, record.stretches, strict=True)):
+        samples = np.arange(record.n_times)[stretch]
+        if not part.channels:
+            found.append((number, samples))
+            continue
+        own = samples[part.kept]
+        n = max(round(N_WINDOWS * len(own) / record.n_counted), _FEWEST_WINDOWS)
+        window = (np.arange(len(own)) * n) // len(own)
+        found += [(number, own[window == one]) for one in range(n)]
+    return found
+
+
 def _conditions(rows: Mapping[str, Floats], record: Record) -> dict[str, Booleans]:
     """States in which missing effects show, ``(n_storeys, n_times)`` each; no rates where there is no time."""
     z, v, u = (np.abs(rows[kind]) for kind in ("hysteretic_displacement", "drift_rate", "drift"))
     energy = rows["hysteretic_energy"]
-    last = np.maximum(energy[:, -1:], 1e-300)
+    last = np.max([energy[:, stretch.stop - 1] for _, stretch in record.runs], axis=0)[:, None]
+    turned = [
+        _after_reversals(rows["drift_rate"][:, stretch], part.time_step)
+        if record.has_time
+        else _after_turns(rows["drift"][:, stretch])
+        for part, stretch in zip(record.parts, record.stretches, strict=True)
+    ]
     return {
         "at small hysteretic displacement": z < 0.25 * np.max(z, axis=1, keepdims=True),
         "at large drift": u > 0.6 * np.max(u, axis=1, keepdims=True),
         **({"at high drift rate": v > 0.6 * np.max(v, axis=1, keepdims=True)} if record.has_time else {}),
-        "just after reversals": (
-            _after_reversals(rows["drift_rate"], record.time_step) if record.has_time else _after_turns(rows["drift"])
-        ),
-        "once much work is done": energy > 0.6 * last,
+        "just after reversals": np.concatenate(turned, axis=1),
+        "once much work is done": energy > 0.6 * np.maximum(last, 1e-300),
         "in one direction, positive drift": rows["drift"] > 0.15 * np.max(u, axis=1, keepdims=True),
         "in one direction, negative drift": rows["drift"] < -0.15 * np.max(u, axis=1, keepdims=True),
     }
@@ -230,18 +269,22 @@ def _after_turns(drift: Floats) -> Booleans:
 
 
 def _concentration(force: Floats, mask: Booleans) -> Floats:
-    energy = np.square(force)
+    """Share of a known force's energy under a mask over the share of the time; NaN where it is known nowhere."""
+    known = np.isfinite(force)
+    energy, n_known = np.where(known, np.square(force), 0.0), np.sum(known, axis=1)
     share = np.sum(energy * mask, axis=1) / np.maximum(np.sum(energy, axis=1), 1e-300)
-    return np.asarray(share / np.maximum(np.mean(mask, axis=1), 1e-12))
+    of_time = np.sum(mask & known, axis=1) / np.maximum(n_known, 1)
+    return np.where(n_known > 0, share / np.maximum(of_time, 1e-12), np.nan)
 
 
 def _plane(force: Floats, rows: Mapping[str, Floats]) -> Floats:
     result = np.full((len(force), N_PLANE, N_PLANE), np.nan)
     for storey, energy in enumerate(np.square(force)):
-        place = [_bins(rows[kind][storey]) for kind in ("drift", "drift_rate")]
+        known = np.isfinite(energy)
+        place = tuple(_bins(rows[kind][storey])[known] for kind in ("drift", "drift_rate"))
         count, total = np.zeros((N_PLANE, N_PLANE)), np.zeros((N_PLANE, N_PLANE))
-        np.add.at(count, tuple(place), 1.0)
-        np.add.at(total, tuple(place), energy)
+        np.add.at(count, place, 1.0)
+        np.add.at(total, place, energy[known])
         with np.errstate(invalid="ignore"):
             result[storey] = np.sqrt(total / np.where(count > 2, count, np.nan))
     return result
@@ -252,29 +295,37 @@ def _bins(history: Floats) -> NDArray[np.int64]:
     return np.clip(((history / peak + 1.0) * 0.5 * N_PLANE).astype(np.int64), 0, N_PLANE - 1)
 
 
-def _spots(seen: Disagreement, posterior: Posterior, n_samples: int) -> tuple[Spot, ...]:
-    """Runs of windows, of so many independent samples each, that stand above the noise."""
+def _spots(seen: Disagreement, posterior: Posterior, n_white: Floats) -> tuple[Spot, ...]:
+    """Runs of windows that stand above the noise, of which each part has so many independent samples."""
     rows, record = seen.rows(posterior.model), posterior.record
-    largest = max(float(np.max(row.ratios)) for row in rows)
-    chance = float(np.sqrt(chi2.isf(_CHANCE / (len(rows) * N_WINDOWS), n_samples) / n_samples))
+    largest = max(float(np.nanmax(row.ratios)) for row in rows)
     spots = []
-    for row in rows:
-        for first, last in _runs(row.ratios > max(NOTEWORTHY, chance, 0.4 * largest)):
-            ratio = float(np.sqrt(np.mean(np.square(row.ratios[first:last]))))
-            start, end = float(seen.edges[first]), float(seen.edges[last])
-            words = _words(seen.by_condition, row.storey) if row.storey is not None else ""
-            cycles = None if record.has_time else _cycles(record, start, end)
-            stretch = f"{start:.0f} to {end:.0f} s" if cycles is None else cycles_in_words(*cycles)
-            spots.append(
-                Spot(
-                    channel=row.channel,
-                    start_s=start,
-                    end_s=end,
-                    residual_to_noise=ratio,
-                    sentence=f"{row.place}, {stretch}{words}: residual {ratio:.1f} times the noise",
-                    cycles=cycles,
+    for number in _measuring(record):
+        inside = seen.parts == number
+        n_samples = n_white[number] // np.count_nonzero(inside)
+        chance = float(np.sqrt(chi2.isf(_CHANCE / (len(rows) * len(inside)), n_samples) / n_samples))
+        part, begin = record.parts[number], float(record.times[record.stretches[number].start])
+        for row in rows:
+            stands_out = inside & (row.ratios > max(NOTEWORTHY, chance, 0.4 * largest))
+            for first, last in _runs(stands_out):
+                ratio = float(np.sqrt(np.mean(np.square(row.ratios[first:last]))))
+                start, end = (float(edge) - begin for edge in seen.edges[[first, last]])
+                end = min(end, part.duration)
+                words = _words(seen.by_condition, row.storey) if row.storey is not None else ""
+                cycles = None if record.has_time else _cycles(part, start, end)
+                stretch = f"{start:.0f} to {end:.0f} s" if cycles is None else cycles_in_words(*cycles)
+                where = f"{row.place}, {stretch}{record.of_part(number)}"
+                spots.append(
+                    Spot(
+                        channel=row.channel,
+                        start_s=start,
+                        end_s=end,
+                        residual_to_noise=ratio,
+                        sentence=f"{where}{words}: residual {ratio:.1f} times the noise",
+                        cycles=cycles,
+                        record=record.part_name(number),
+                    )
                 )
-            )
     return tuple(sorted(spots, key=lambda spot: -spot.residual_to_noise))
 
 
@@ -289,18 +340,21 @@ def cycles_in_words(first: int, last: int) -> str:
     return f"cycle {first}" if first == last else f"cycles {first} to {last}"
 
 
-def _edges(times: Floats) -> Floats:
-    """Of windows of equally many samples that count, which lie at ``times (n_counted,)`` [s]."""
-    places = np.linspace(0.0, len(times) - 1.0, N_WINDOWS + 1)
-    return np.asarray(np.interp(places, np.arange(len(times)), times))
+def _edges(record: Record, windows: Sequence[tuple[int, NDArray[np.int64]]]) -> Floats:
+    """Of the windows, on the time of all records [s]."""
+    edges: list[float] = []
+    for number in range(len(record.parts)):
+        own = [samples for part, samples in windows if part == number]
+        times = record.times[np.concatenate(own)]
+        places = np.linspace(0.0, len(times) - 1.0, len(own) + 1)
+        edges = [*edges[: len(edges) - (number > 0)], *np.interp(places, np.arange(len(times)), times).tolist()]
+    return np.array(edges)
 
 
-def _windowed(scaled: Floats) -> Floats:
+def _windowed(scaled: Floats, windows: Sequence[tuple[int, NDArray[np.int64]]]) -> Floats:
     """Root mean square of each row in each window."""
-    n = scaled.shape[1]
-    window = np.minimum((np.arange(n) * N_WINDOWS) // n, N_WINDOWS - 1)
-    squares = np.array([[np.mean(np.square(row[window == w])) for w in range(N_WINDOWS)] for row in scaled])
-    return np.asarray(np.sqrt(squares))
+    squares = np.square(scaled)
+    return np.array([[np.sqrt(np.mean(row[samples])) for _, samples in windows] for row in squares])
 
 
 def _place(channel: str) -> str:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from bwbn_bayes.discovery.binding import binding_sentences, with_wider_priors
-from bwbn_bayes.discovery.candidates import hypotheses, sharing_laws
+from bwbn_bayes.discovery.candidates import hypotheses, moment_of_share, sharing_laws
 from bwbn_bayes.discovery.conclusion import conclude
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
@@ -42,7 +42,7 @@ from bwbn_bayes.records.record import MIN_TIMES, Record
 from bwbn_bayes.structures.structure import Structure
 
 MOST_POINTS = 3000
-"""Points of a cyclic test that are fitted: some hundred in each of thirty cycles."""
+"""Points of one cyclic test that are fitted: some hundred in each of thirty cycles."""
 _LAWS_AHEAD = 2
 """Laws of the first round that another process compiles, the last ones; the others are needed too soon."""
 
@@ -64,12 +64,13 @@ def discover(
     model : Structure
         With priors on the parameters to identify.
     record : Record
-        Fit and selection see this one alone.
+        Fit and selection see this one alone, or several of the structure
+        (:func:`~bwbn_bayes.records.joined.join_records`), which they see together.
     held_out : Record, "end" or "repeats", optional
-        Predicted once, at the end, by the model as given and as improved: another measurement, the end of this one,
+        Predicted once, at the end, by the model as given and as improved: another measurement; the end of this one,
         of which fit and selection then see what comes before
-        (:func:`~bwbn_bayes.discovery.held_out.parting_time`), or the half cycles of a cyclic test that repeat an
-        amplitude (:func:`~bwbn_bayes.discovery.held_out.repeat_cycles`).
+        (:func:`~bwbn_bayes.discovery.held_out.parting_time`), or the last of several; or the half cycles of a
+        cyclic test that repeat an amplitude (:func:`~bwbn_bayes.discovery.held_out.repeat_cycles`).
     settings : DiscoverySettings, optional
     name : str
         The model's name in reports.
@@ -94,6 +95,7 @@ def discover(
     run = Run(settings, np.random.default_rng(settings.seed), listener, name)
     if apart is not None:
         run.say(f"keeping apart the {apart.label}")
+    _tell_limits(model, record, run)
     record = _with_noise(_thinned(record, run), run)
     with nullcontext() if settings.checkpoint is None else Journal.opened(settings.checkpoint) as journal:
         pool = search(_given(model, record, journal, run), run)
@@ -118,9 +120,17 @@ def _given(model: Structure, record: Record, journal: Journal | None, run: Run) 
     return given
 
 
+def _tell_limits(model: Structure, record: Record, run: Run) -> None:
+    """What is not asked of several records."""
+    if len(record.runs) > 1:
+        run.note("Nothing that happens at an instant was tried: in virgin records it would happen in each of them.")
+    if model.is_driven and len(record.parts) > 1:
+        run.note("No force of no known law was tried beside the laws: of a specimen it is known of one test alone.")
+
+
 def _thinned(record: Record, run: Run) -> Record:
     """A cyclic test's record with fewer points, where they lie far closer together than anything that a loop does."""
-    step = int(np.ceil(record.n_times / MOST_POINTS))
+    step = int(np.ceil(max(part.n_times for part in record.parts) / MOST_POINTS))
     if record.excitation_kind != "displacement" or step == 1:
         return record
     run.note(f"Of the {record.n_times:,} points one in {step} was fitted: no feature of a loop is as short as that.")
@@ -135,12 +145,13 @@ def _with_noise(record: Record, run: Run) -> Record:
             f"The record has no noise to speak of: white noise of {100.0 * LEAST_NOISE:g} % of the rms was added, "
             "since the error of solving and rounding would be taken for a missing effect."
         )
-    band = noise_band(record)
-    if band is not None:
-        run.note(
-            f"The noise ends at {0.5 * band.share / record.time_step:.3g} Hz, as behind a filter: "
-            f"{band.correlation_samples:.2g} samples count as one."
-        )
+    for number, part in enumerate(record.parts):
+        band = noise_band(part) if part.channels else None
+        if band is not None:
+            run.note(
+                f"The noise{record.of_part(number)} ends at {0.5 * band.share / part.time_step:.3g} Hz, as behind a "
+                f"filter: {band.correlation_samples:.2g} samples count as one."
+            )
     return record
 
 
@@ -173,9 +184,9 @@ def _refitted(
 def _explained(posterior: Posterior, modes: tuple[Mode, ...]) -> Explanation:
     """The model as given, with starts from its fit to the record's beginning, where damage has yet to come."""
     record = posterior.record
-    energy = np.cumsum(np.sum(np.square(list(record.drivers.values())), axis=0))
-    early = float(np.searchsorted(energy, 0.35 * energy[-1])) * record.time_step
-    beginning = posterior.until(max(early, 0.2 * record.duration, MIN_TIMES * record.time_step))
+    early = moment_of_share(record, 0.35)
+    first = int(np.arange(record.n_times)[record.kept][0])
+    beginning = posterior.until(max(early, 0.2 * record.duration, float(record.times[first + MIN_TIMES])))
     points, local = polish(beginning, _points(modes), n_iterations=20)
     return Explanation(
         added=(),
@@ -219,6 +230,7 @@ def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
             (sizes,) * model.n_links,
             measured=tuple(record.channels),
             has_time=record.has_time,
+            in_one_go=len(record.runs) == 1,
             effects=run.settings.effects,
         )
     except UserError:

@@ -271,6 +271,11 @@ class Effect(Addition, Protocol):
         return self.level != "link" or self.fill(Slots()).depends_on_pace
 
     @property
+    def is_an_event(self) -> bool:
+        """Whether it happens at an instant, which a record counts from its beginning."""
+        return bool(self.fill(Slots()).events)
+
+    @property
     def moves_base(self) -> bool:
         """Whether it puts the building on something that moves; a law has one such effect."""
         return self.level == "structure" and bool(self.fill(Slots()).base_states)

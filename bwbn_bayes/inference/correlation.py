@@ -1,9 +1,9 @@
 """How the errors of a record's samples hang together: by the past of each channel, and by functions that they share.
 
-Errors are autoregressive, each channel's what a filter makes of white noise; or they are ``e + Phi w`` with white ``e``
-and a finite basis ``Phi`` whose weights ``w`` are independent normals (a Gaussian process: a force of no known law).
-A residual is whitened by the same matrix that whitens derivatives, so that optimum, evidence, posterior and checks see
-one likelihood.
+Errors are autoregressive, each channel's of each record what a filter makes of white noise; or they are ``e + Phi w``
+with white ``e`` and a finite basis ``Phi`` whose weights ``w`` are independent normals (a Gaussian process: a force of
+no known law). A residual is whitened by the same matrix that whitens derivatives, so that optimum, evidence, posterior
+and checks see one likelihood.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_discrete_lyapunov, solve_t
 from scipy.signal import lfilter
 
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Block, Record
 
 MAX_ORDER = 4
 """Of autoregressive noise."""
@@ -81,7 +82,9 @@ class Correlation:
     Parameters
     ----------
     coefficients : tuple of (order,) arrays, optional
-        Of the autoregression of each channel, empty for white noise.
+        Of the autoregression of each block, empty for white noise.
+    blocks : tuple of Block, optional
+        Where these hold, a channel of one record each; each a whole channel where left out.
     shared : SharedFunctions, optional
         What the errors of a record's channels share.
     log_prior : float
@@ -89,14 +92,23 @@ class Correlation:
     """
 
     coefficients: tuple[Floats, ...] = ()
+    blocks: tuple[Block, ...] = ()
     shared: SharedFunctions | None = None
     log_prior: float = 0.0
 
-    def until(self, n_times: int) -> Correlation:
-        """That of the first samples."""
-        if self.shared is None:
-            return self
-        return replace(self, shared=self.shared.until(n_times))
+    def until(self, record: Record) -> Correlation:
+        """That of the first samples, which are a record's."""
+        if self.shared is not None:
+            return replace(self, shared=self.shared.until(record.n_times))
+        blocks = record.blocks if self.blocks else ()
+        return replace(self, coefficients=self.coefficients[: len(record.blocks)], blocks=blocks)
+
+    @property
+    def _places(self) -> list[tuple[int, slice | NDArray[np.int64]]]:
+        """Channel and samples of each block."""
+        if self.blocks:
+            return [(block.channel, block.samples) for block in self.blocks]
+        return [(channel, slice(None)) for channel in range(len(self.coefficients))]
 
     @property
     def arrays(self) -> tuple[Floats, ...]:
@@ -114,7 +126,7 @@ class Correlation:
 
     @cached_property
     def beginnings(self) -> tuple[Floats, ...]:
-        """Lower Cholesky factor ``(order, order)`` of each channel's first samples, which have no past to be told by.
+        """Lower Cholesky factor ``(order, order)`` of each block's first samples, which have no past to be told by.
 
         Their covariance is that of the stationary process, in the variance of what is new in each sample.
         """
@@ -124,21 +136,27 @@ class Correlation:
         """Rows ``(..., n_channels, n_times)`` times the inverse root of the correlation matrix."""
         if self.shared is not None:
             return self.shared.turned(rows, 1.0 / np.sqrt(1.0 + self.shared.variance))
-        filtered = [_filtered(own, rows[..., c, :]) for c, own in enumerate(self.coefficients)]
-        for c, first in enumerate(self.beginnings):
+        result = np.zeros(rows.shape)
+        for coefficients, first, (c, samples) in zip(self.coefficients, self.beginnings, self._places, strict=True):
+            own = rows[..., c, samples]
+            white = _filtered(coefficients, own)
             if len(first):
-                own = rows[..., c, : len(first)]
-                filtered[c][..., : len(first)] = own @ np.linalg.inv(first).T
-        return np.stack(filtered, axis=-2)
+                white[..., : len(first)] = own[..., : len(first)] @ np.linalg.inv(first).T
+            result[..., c, samples] = white
+        return result
 
     def products(self, rows: Floats) -> Floats:
         """Products under the inverse correlation matrix of rows ``(n, k, n_channels, n_times)`` with each other.
 
         Returns
         -------
-        (n, n_channels, k, k) array
+        (n, n_blocks, k, k) array
         """
-        if self.shared is None or self.shared.level is not None:
+        if self.shared is None:
+            white = self.whitened(rows)
+            by_block = [white[:, :, c, samples] for c, samples in self._places]
+            return np.stack([np.matmul(own, np.swapaxes(own, 1, 2)) for own in by_block], axis=1)
+        if self.shared.level is not None:
             by_channel = np.moveaxis(self.whitened(rows), 1, 2)
             return np.asarray(np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)))
         # (I + Phi V Phi')^-1 = I - Phi V / (1 + V) Phi': half the work of whitening.

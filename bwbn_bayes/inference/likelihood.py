@@ -234,8 +234,8 @@ def require_noise(noise: Noise, record: Record) -> None:
                 f"{kind}: correlation_samples is {noise.correlation_samples}: it must be a number from 1 up, "
                 "or one for each channel"
             )
-        if noise.correlation is not None:
-            require_single(record, "correlated errors are known of one:")
+        if noise.correlation is not None and noise.correlation.shared is not None:
+            require_single(record, "errors that share functions are known of one:")
 
 
 def default_noise(record: Record) -> IntegratedNoise:
@@ -341,7 +341,7 @@ class Posterior:
         """The posterior given the record's first seconds only."""
         record, noise = self.record.until(time), self.noise
         if isinstance(noise, IntegratedNoise) and noise.correlation is not None:
-            noise = replace(noise, correlation=noise.correlation.until(record.n_times))
+            noise = replace(noise, correlation=noise.correlation.until(record))
         return replace(self, record=record, noise=noise)
 
     def with_noise(self, noise: Noise) -> Posterior:

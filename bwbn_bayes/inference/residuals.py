@@ -208,8 +208,14 @@ def _level(residual: Floats) -> float:
 
 
 def noise_floors(record: Record) -> Floats:
-    """Model-free noise level of each channel of one record ``(n_channels,)``; at least a thousandth of its rms."""
-    return np.maximum(noise_sds(record), LEAST_NOISE * np.std(record.measured[:, record.kept], axis=1))
+    """Model-free noise level of each block ``(n_blocks,)``; at least a thousandth of its rms."""
+    return np.concatenate(
+        [
+            np.maximum(noise_sds(part), LEAST_NOISE * np.std(part.measured[:, part.kept], axis=1))
+            for part in record.parts
+            if part.channels
+        ]
+    )
 
 
 def _rests(record: Record, residual: Floats) -> list[Floats]:
@@ -219,7 +225,7 @@ def _rests(record: Record, residual: Floats) -> list[Floats]:
 
 def _to_noise(record: Record, residual: Floats) -> list[float]:
     """Level of each block's residual, of ``(n_channels, n_times)``, over its model-free noise level."""
-    floors = [floor for part in record.parts if part.channels for floor in noise_floors(part).tolist()]
+    floors = noise_floors(record).tolist()
     return [_level(rest) / floor for rest, floor in zip(by_block(record, residual), floors, strict=True)]
 
 

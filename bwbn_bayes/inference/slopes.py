@@ -13,57 +13,62 @@ from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.blocks import counts, mean_squares, over_time
+from bwbn_bayes.records.record import Record
 
 
 @dataclass(frozen=True, kw_only=True)
 class Slopes:
     """The response's derivatives by the present model's parameters, in posterior units.
 
+    Rows over time hold zeros where nothing counts.
+
     Attributes
     ----------
-    noise : (n_channels, 1) array
-        Noise standard deviation of each channel.
-    base : (n_channels * n_counted, n_dim) array
+    record : Record
+        What was measured.
+    noise : (n_blocks,) array
+        Noise standard deviation of each channel of each record. [units of the channels]
+    base : (n_channels * n_times, n_dim) array
         Derivatives in unit coordinates, whitened, over the noise.
-    measured : (n_channels, n_times) array
-    residual : (n_channels, n_counted) array
-        What the response leaves of it, whitened, over the noise.
-    kept : slice or (n_counted,) array
-        Index of the samples that count.
+    residual : (n_channels, n_times) array
+        What the response leaves of the measurement, whitened, over the noise.
     correlation : Correlation, optional
         Of the errors.
     """
 
+    record: Record
     noise: Floats
     base: Floats
-    measured: Floats
     residual: Floats
-    kept: slice | NDArray[np.int64] = slice(None)
     correlation: Correlation | None = None
 
     @classmethod
     def at(cls, posterior: Posterior, point: Floats) -> Slopes:
         """At a point ``(n_dim,)`` of the unit cube."""
         record, (values, noise_values) = posterior.record, posterior.split(point[None])
-        correlation, measured = posterior.noise.correlation, record.measured
+        correlation = posterior.noise.correlation
         response, slopes = posterior.engine.sensitivities(posterior.model, values, record)
-        left = _whitened(correlation, (measured - response.values)[..., record.kept])
-        misfit = np.sum(np.square(left), axis=2)
-        noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, record.n_counted, noise_values)[0][:, None])
+        left = _whitened(record, correlation, record.measured - response.values)
+        misfit = mean_squares(record, left) * counts(record)
+        noise = 1.0 / np.sqrt(posterior.noise.precision(misfit, counts(record), noise_values)[0])
         scale = posterior.model.space.unit_scale(values)[0]
-        base = (_whitened(correlation, slopes[0][..., record.kept]) / noise).reshape(len(scale), -1).T * scale
-        return cls(
-            noise=noise,
-            base=base,
-            measured=measured,
-            residual=left[0] / noise,
-            kept=record.kept,
-            correlation=correlation,
-        )
+        weight = over_time(record, 1.0 / noise)
+        base = (_whitened(record, correlation, slopes[0]) * weight).reshape(len(scale), -1).T * scale
+        return cls(record=record, noise=noise, base=base, residual=left[0] * weight, correlation=correlation)
+
+    @cached_property
+    def _weight(self) -> Floats:
+        """One over the noise where a channel counts, ``(n_channels, n_times)``."""
+        return over_time(self.record, 1.0 / self.noise)
 
     def scaled(self, rows: Floats) -> Floats:
-        """Rows ``(..., n_channels, n_times)`` as the likelihood sees them, ``n_counted`` long: whitened, over noise."""
-        return _whitened(self.correlation, rows[..., self.kept]) / self.noise
+        """Rows ``(..., n_channels, n_times)`` as the likelihood sees them: whitened, over the noise."""
+        return _whitened(self.record, self.correlation, rows) * self._weight
+
+    def misfit(self, scaled: Floats) -> Floats:
+        """Sums ``(..., n_blocks)`` of the squares of rows that were scaled, in units of the channels."""
+        return mean_squares(self.record, scaled) * counts(self.record) * np.square(self.noise)
 
     def by(self, columns: NDArray[np.int64]) -> Slopes:
         """By some of the parameters."""
@@ -93,7 +98,7 @@ class Slopes:
     def projected_together(self, values: Floats, slopes: Floats) -> tuple[Floats, Floats]:
         """The same in several directions ``(n, n_channels, n_times)`` at once: ``(n,)`` and ``(n, n)`` arrays."""
         n = len(slopes)
-        residual, own = self.scaled(self.measured - values).ravel(), self.scaled(slopes).reshape(n, -1)
+        residual, own = self.scaled(self.record.measured - values).ravel(), self.scaled(slopes).reshape(n, -1)
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(own))):  # it cannot be solved there
             return np.zeros(n), np.zeros((n, n))
         weights = cho_solve((self.factor, True), self.base.T @ own.T)
@@ -101,5 +106,6 @@ class Slopes:
         return own @ residual - weights.T @ (self.base.T @ residual), left
 
 
-def _whitened(correlation: Correlation | None, rows: Floats) -> Floats:
+def _whitened(record: Record, correlation: Correlation | None, rows: Floats) -> Floats:
+    rows = record.where_counted(rows)
     return rows if correlation is None else correlation.whitened(rows)

@@ -64,15 +64,21 @@ class JoinedRecord(Record):
     def n_counted(self) -> int:
         return sum(member.n_counted for member in self.members if member.channels)
 
+    @override
+    def part_name(self, number: int) -> str:
+        names = [member.name for member in self.members]
+        if len(names) == 1:
+            return ""
+        return names[number] if len(set(names)) == len(names) else f"record {number + 1}"
+
     @cached_property
     @override
     def blocks(self) -> tuple[Block, ...]:
-        rows, names = list(self.channels), [member.name for member in self.members]
-        unique = len(set(names)) == len(names)
+        rows = list(self.channels)
         whole = np.arange(self.n_times)
         return tuple(
             Block(
-                label=f"{channel} of {member.name if unique else f'record {part + 1}'}",
+                label=f"{channel}{self.of_part(part)}",
                 part=part,
                 channel=rows.index(channel),
                 samples=stretch if member.counted is None else whole[stretch][member.kept],
@@ -138,6 +144,15 @@ class JoinedRecord(Record):
             return member.with_channels(measured, truth=truth)
 
         return self._of(list(map(own, self.members, self.stretches)))
+
+    @override
+    def driven_by(self, excitation: Floats, forces: Mapping[str, Floats]) -> Record:
+        return self._of(
+            [
+                member.driven_by(excitation[stretch], {name: force[stretch] for name, force in forces.items()})
+                for member, stretch in zip(self.members, self.stretches, strict=True)
+            ]
+        )
 
     def with_each(self, change: Callable[[Record], Record]) -> Record:
         """The same with every record changed."""

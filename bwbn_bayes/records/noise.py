@@ -11,7 +11,7 @@ from scipy import stats
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.band import noise_band
-from bwbn_bayes.records.joined import JoinedRecord
+from bwbn_bayes.records.joined import JoinedRecord, join_records
 from bwbn_bayes.records.record import Record
 
 MAX_DIFFERENCE_ORDER = 16
@@ -91,6 +91,10 @@ def with_least_noise(record: Record, rng: np.random.Generator) -> Record:
     Record
         The same record where no channel needs it.
     """
+    if isinstance(record, JoinedRecord):
+        quiet = [with_least_noise(part, rng) for part in record.members]
+        same = all(one is part for one, part in zip(quiet, record.members, strict=True))
+        return record if same else join_records(quiet, in_sequence=record.is_sequence)
     sizes = np.sqrt(np.mean(np.square(record.measured[:, record.kept]), axis=1)).tolist()
     least = {name: LEAST_NOISE * size for name, size in zip(record.channels, sizes, strict=True)}
     silent = [name for name, sd in zip(record.channels, noise_sds(record), strict=True) if sd < least[name]]

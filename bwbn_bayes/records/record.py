@@ -256,6 +256,29 @@ class Record:
         """Whether each part begins in the state in which the one before it ended."""
         return False
 
+    @property
+    def runs(self) -> tuple[tuple[Record, slice], ...]:
+        """What the structure goes through in one go, and where it stands along time.
+
+        A sequence of joined records is one; of records that each find it virgin each is one.
+        """
+        if self.is_sequence:
+            return ((self, slice(0, self.n_times)),)
+        return tuple(zip(self.parts, self.stretches, strict=True))
+
+    def part_at(self, sample: int) -> int:
+        """Position of the part that holds a sample."""
+        return next(i for i, stretch in enumerate(self.stretches) if sample < stretch.stop)
+
+    def part_name(self, number: int) -> str:
+        """What one of several parts is called; nothing where there is one."""
+        return ""
+
+    def of_part(self, number: int) -> str:
+        """The same behind what is said of it: `` of first``."""
+        name = self.part_name(number)
+        return f" of {name}" if name else ""
+
     @cached_property
     def stretches(self) -> tuple[slice, ...]:
         """Samples of each part, along time."""
@@ -415,6 +438,10 @@ class Record:
             noise_sd={} if noise_sd is None else noise_sd,
             truth=self.truth if truth is None else truth,
         )
+
+    def driven_by(self, excitation: Floats, forces: Mapping[str, Floats]) -> Record:
+        """The same under another excitation ``(n_times,)`` and other forces from outside, by name; channels stay."""
+        return replace(self, excitation=excitation, forces=forces)
 
     def select(self, channel_names: Sequence[str]) -> Record:
         """The same record with these channels only, in the given order.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -95,6 +96,24 @@ def is_ours(path: Path) -> bool:
             return image.info.get(_MARK[0]) == _MARK[1]
     except OSError:
         return False
+
+
+def mark_parts(axis: Axes, begins: Sequence[tuple[float, str]], *, named: bool = True) -> None:
+    """Where each of several joined records begins, with its name; those outside the axis are left out."""
+    first, last = axis.get_xlim()
+    for place, name in begins if len(begins) > 1 else ():
+        if first <= place < last:
+            axis.axvline(place, color=INK, linewidth=0.8, linestyle=":")
+            axis.annotate(
+                name if named else "",
+                (place, 1.0),
+                xycoords=("data", "axes fraction"),
+                xytext=(3, -2),
+                textcoords="offset points",
+                va="top",
+                fontsize=8.0,
+                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.8},
+            )
 
 
 def legend(figure: Figure, labelled: Axes, empty: Axes | None = None) -> None:

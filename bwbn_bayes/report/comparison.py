@@ -15,6 +15,7 @@ from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Discovery
 from bwbn_bayes.discovery.predictive import PredictiveInterval
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.blocks import measured_or_nan
 from bwbn_bayes.records.cycles import cycle_numbers
 from bwbn_bayes.records.record import Record
 
@@ -42,7 +43,7 @@ class Part:
         Indices of the samples, in order.
     channels : tuple of str
     measured, given : (n_channels, n_counted) array
-        [unit of the channel]
+        [unit of the channel] Not a number where one of several records lacks a channel.
     improved : (n_channels, n_counted) array or None
     interval : PredictiveInterval or None
         Of held-out samples among the fitted ones.
@@ -65,14 +66,19 @@ class Part:
         return given if self.improved is None else (*given, ("improved", self.improved))
 
     @property
+    def begins(self) -> tuple[tuple[float, str], ...]:
+        """Time [s] at which each of several joined records begins, and its name."""
+        return begins_of(self.record, self.record.times)
+
+    @property
     def time(self) -> Floats:
         """``(n_counted,)`` [s]."""
         return self.record.times[self.counted]
 
     def worst_first(self) -> list[int]:
         """Rows of the channels, the largest relative error of the model as given first."""
-        signal = np.sqrt(np.mean(np.square(self.measured), axis=1))
-        error = np.median(np.abs(self.given - self.measured), axis=1) / np.maximum(signal, 1e-300)
+        signal = np.sqrt(np.nanmean(np.square(self.measured), axis=1))
+        error = np.nanmedian(np.abs(self.given - self.measured), axis=1) / np.maximum(signal, 1e-300)
         return [int(i) for i in np.argsort(-error, kind="stable")]
 
 
@@ -80,10 +86,10 @@ class Part:
 class CycleLoop:
     """One cycle of a specimen: displacement [m] and forces [N], ``(n_samples,)`` each; in which part it lies.
 
-    ``band`` holds the ends of the predictive intervals, where there are some.
+    ``name`` is what it is called, ``band`` holds the ends of the predictive intervals, where there are some.
     """
 
-    number: int
+    name: str
     part: Part
     displacement: Floats
     measured: Floats
@@ -95,12 +101,20 @@ class CycleLoop:
 class CycleErrors:
     """Error of each model by cycle of a part, over the rms of the whole record's force.
 
-    ``numbers (n_cycles,)``, and for each model in turn ``errors (n_cycles,)``.
+    ``numbers (n_cycles,)``, which go on from one of several records to the next, and for each model in turn
+    ``errors (n_cycles,)``; ``begins`` says where these records begin.
     """
 
     part: Part
     numbers: NDArray[np.int64]
     errors: tuple[Floats, ...]
+    begins: tuple[tuple[float, str], ...]
+
+
+def begins_of(record: Record, axis: Floats) -> tuple[tuple[float, str], ...]:
+    """Where each of several joined records begins on an axis ``(n_times,)``, and its name."""
+    starts = enumerate(float(axis[stretch.start]) for stretch in record.stretches)
+    return tuple((start, record.part_name(number)) for number, start in starts)
 
 
 def parts_of(discovery: Discovery) -> tuple[Part, ...]:
@@ -126,7 +140,7 @@ def _part(
         record=record,
         counted=counted,
         channels=given.channels,
-        measured=np.array([record.channels[channel] for channel in given.channels])[:, counted],
+        measured=measured_or_nan(record)[:, counted],
         given=given.values,
         improved=None if improved is None else improved.values,
     )
@@ -145,7 +159,7 @@ def loops_by_cycle(parts: Sequence[Part]) -> tuple[CycleLoop, ...]:
             own = numbers == number
             found.append(
                 CycleLoop(
-                    number=number,
+                    name=_cycle_name(part.record, int(part.counted[np.flatnonzero(own)[0]]), number),
                     part=part,
                     displacement=moved[own],
                     measured=part.measured[0, own],
@@ -167,7 +181,8 @@ def errors_by_cycle(parts: Sequence[Part]) -> tuple[CycleErrors, ...]:
             with np.errstate(over="ignore", invalid="ignore"):
                 square = np.square(values[0] - part.measured[0])
                 errors.append(np.array([np.sqrt(np.mean(square[numbers == c])) for c in cycles]) / signal)
-        found.append(CycleErrors(part=part, numbers=cycles, errors=tuple(errors)))
+        begins = begins_of(part.record, np.asarray(_running_cycles(part.record) - 0.5, dtype=np.float64))
+        found.append(CycleErrors(part=part, numbers=cycles, errors=tuple(errors), begins=begins))
     return tuple(found)
 
 
@@ -176,10 +191,26 @@ def _cycles_of(part: Part) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
     A turning point counts with the half cycle that it ends, but has the number of the cycle that it begins.
     """
-    every = cycle_numbers(part.record.excitation)
+    every = _running_cycles(part.record)
     numbers = every[part.counted]
     cycles, n_own = np.unique(numbers, return_counts=True)
     return numbers, cycles[n_own >= LEAST_LENGTH * np.bincount(every)[cycles]]
+
+
+def _running_cycles(record: Record) -> NDArray[np.int64]:
+    """The cycle of every sample ``(n_times,)``; they go on from one of several records to the next."""
+    numbers: list[NDArray[np.int64]] = []
+    for part in record.parts:
+        numbers.append(cycle_numbers(part.excitation) + (numbers[-1][-1] if numbers else 0))
+    return np.concatenate(numbers)
+
+
+def _cycle_name(record: Record, sample: int, number: int) -> str:
+    """``cycle 3``, or ``cycle 3 of first``."""
+    part = record.part_at(sample)
+    start = record.stretches[part].start
+    before = int(_running_cycles(record)[start - 1]) if start else 0
+    return f"cycle {number - before}{record.of_part(part)}"
 
 
 def _evenly(numbers: Sequence[int], most: int) -> list[int]:

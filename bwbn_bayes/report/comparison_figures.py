@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.report.canvas import IDENTIFIED, INK, SERIES, Drawing, canvas, finished, legend
+from bwbn_bayes.report.canvas import IDENTIFIED, INK, SERIES, Drawing, canvas, finished, legend, mark_parts
 from bwbn_bayes.report.comparison import CycleErrors, CycleLoop, Part, errors_by_cycle, loops_by_cycle
 from bwbn_bayes.report.content import strongest_window, thinned
 from bwbn_bayes.report.numbers import Scale, display_scale
@@ -47,7 +47,7 @@ def _histories(part: Part) -> Drawing:
     rows = part.worst_first()[:MAX_CHANNELS]
     worst = rows[0]
     error = np.nan_to_num(np.abs(part.given[worst] - part.measured[worst]), nan=0.0, posinf=0.0)
-    start, end = strongest_window(part.time, [np.minimum(error, 10.0 * np.max(np.abs(part.measured[worst])))])
+    start, end = strongest_window(part.time, [np.minimum(error, 10.0 * np.nanmax(np.abs(part.measured[worst])))])
     figure, axes = canvas(1 + len(rows), 0.6 + 1.25 * (1 + len(rows)), share_x=False)
     _history(axes[0], part, worst, (float(part.time[0]), float(part.time[-1])))
     axes[0].axvspan(start, end, color="#f1eee7", zorder=0)
@@ -56,11 +56,12 @@ def _histories(part: Part) -> Drawing:
     axes[-1].set_xlabel("time [s]")
     legend(figure, axes[0])
     names = ", ".join(_title(part.channels[row]) for row in rows)
+    apart = " Dotted: where each record begins." if len(part.begins) > 1 else ""
     return finished(
         figure,
         f"history_{part.name}.png",
         f"{part.label.capitalize()}: measured and predicted. Top, {_title(part.channels[worst])}, which the model as "
-        f"given misses most; below, enlarged, the shaded {end - start:.0f} s in which it errs most.",
+        f"given misses most; below, enlarged, the shaded {end - start:.0f} s in which it errs most.{apart}",
         f"Time histories of {names}, measured, {' and '.join(name for name, _ in part.models)}.",
     )
 
@@ -74,6 +75,7 @@ def _history(axis: Axes, part: Part, row: int, window: tuple[float, float]) -> N
         axis.plot(time[drawn], values[row, inside][drawn], color=colour, linewidth=0.9, label=name)
     _bounded(axis, measured)
     axis.set_xlim(window)
+    mark_parts(axis, part.begins)
     axis.yaxis.set_major_locator(MaxNLocator(3))
     axis.set_title(f"{_title(part.channels[row])} [{_unit(part.channels[row])}]".capitalize())
 
@@ -125,7 +127,7 @@ def _band(axis: Axes, x: Floats, low: Floats, high: Floats) -> None:
 
 
 def _cycle_title(loop: CycleLoop) -> str:
-    return f"cycle {loop.number}" + (", held out" if loop.part.name != "fitted" else "")
+    return loop.name + (", held out" if loop.part.name != "fitted" else "")
 
 
 def _errors(found: tuple[CycleErrors, ...]) -> Drawing:
@@ -138,7 +140,9 @@ def _errors(found: tuple[CycleErrors, ...]) -> Drawing:
         for (name, _), errors, colour in zip(one.part.models, one.errors, _COLOURS, strict=False):
             drawn = np.minimum(np.nan_to_num(errors, nan=np.inf), _MOST_ERROR)
             label = name if one.part.name == "fitted" else None
-            for run in np.split(np.arange(len(drawn)), np.flatnonzero(np.diff(one.numbers) > 1) + 1):
+            record_of = np.searchsorted([place for place, _ in one.begins], one.numbers)
+            apart = (np.diff(one.numbers) > 1) | (np.diff(record_of) > 0)
+            for run in np.split(np.arange(len(drawn)), np.flatnonzero(apart) + 1):
                 axis.plot(one.numbers[run], 100.0 * drawn[run], "o-", color=colour, markersize=3.0, linewidth=1.0,
                           label=label if run[0] == 0 else None)  # fmt: skip
             top = max(top, float(np.max(drawn)))
@@ -147,6 +151,7 @@ def _errors(found: tuple[CycleErrors, ...]) -> Drawing:
     axis.set_xlabel("cycle")
     axis.set_ylabel("error [% of the rms force]")
     legend(figure, axis)
+    mark_parts(axis, found[0].begins)
     held_out = " Shaded: held out." if len(found) > 1 else ""
     lost = f" Errors above {100.0 * _MOST_ERROR:.0f} % are drawn there." if top >= _MOST_ERROR else ""
     return finished(
@@ -159,7 +164,8 @@ def _errors(found: tuple[CycleErrors, ...]) -> Drawing:
 
 def _bounded(axis: Axes, measured: Floats) -> None:
     """Limits of the force that the measured values set, whatever a model does."""
-    low, high = float(np.min(measured)), float(np.max(measured))
+    known = measured[np.isfinite(measured)]
+    low, high = (float(np.min(known)), float(np.max(known))) if known.size else (0.0, 0.0)
     middle, reach = 0.5 * (low + high), 0.5 * _MARGIN * max(high - low, 1e-300)
     axis.set_ylim(middle - reach, middle + reach)
 

@@ -16,7 +16,7 @@ from bwbn_bayes.discovery.where import Disagreement, storey_in_words
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.cycles import path_length
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.report.comparison import Part, parts_of
+from bwbn_bayes.report.comparison import Part, begins_of, parts_of
 from bwbn_bayes.report.content import DRIFT_RATIO, Marginal, Quantity, gather, shown
 from bwbn_bayes.results import Equation
 from bwbn_bayes.structures.equations import structure_equations
@@ -58,6 +58,8 @@ class HeatMap:
     places: tuple[str, ...]
     edges: Floats
     values: Floats
+    begins: tuple[tuple[float, str], ...] = ()
+    """Where each of several joined records begins on the axis, and its name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +80,8 @@ class LoopPair:
     measured: Floats | None
     drifts: tuple[Floats, ...]
     forces: tuple[Floats, ...]
+    runs: tuple[slice, ...]
+    """Samples that hang together: of several records that find the structure virgin those of each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,6 +185,7 @@ def _heat_map(discovery: Discovery, title: str, seen: Disagreement) -> HeatMap:
         places=tuple(row.place if row.storey is not None else row.channel.replace("_", " ") for row in rows),
         edges=seen.edges if record.has_time else _path_at(seen.edges, record),
         values=np.array([row.ratios for row in rows]),
+        begins=begins_of(record, record.times if record.has_time else path_length(record.excitation)),
     )
 
 
@@ -211,6 +216,7 @@ def _loops(discovery: Discovery) -> tuple[LoopPair, ...]:
             measured=_measured_force(discovery.model, discovery.record, storey),
             drifts=tuple(rows["drift"][storey - 1] for rows in stages),
             forces=tuple(rows["restoring_force"][storey - 1] for rows in stages),
+            runs=tuple(stretch for _, stretch in discovery.record.runs),
         )
         for storey in shown(places, MAX_STOREYS)
     )
@@ -220,9 +226,9 @@ def _measured_force(model: Structure, record: Record, storey: int) -> Floats | N
     if model.is_driven:
         force = record.channels.get("force")
         return None if force is None else record.where_counted(force, otherwise=np.nan)
-    if any(f"acceleration_{floor}" not in record.channels for floor in range(storey, model.n_floors + 1)):
+    if not {*range(storey, model.n_floors + 1)} <= {*record.floors}:
         return None
-    return np.asarray(record.storey_forces(model.masses, lowest_storey=storey)[0])
+    return record.where_counted(record.storey_forces(model.masses, lowest_storey=storey)[0], otherwise=np.nan)
 
 
 def _explanations(step: Step, added: Sequence[Added]) -> tuple[ExplanationBar, ...]:

@@ -26,6 +26,7 @@ from bwbn_bayes.report.canvas import (
     canvas,
     finished,
     legend,
+    mark_parts,
 )
 from bwbn_bayes.report.comparison_figures import draw_comparison
 from bwbn_bayes.report.discovery_content import (
@@ -150,6 +151,7 @@ def _by_time(maps: tuple[HeatMap, ...]) -> Drawing:
         axis.pcolormesh(seen.edges, rows, seen.values, norm=norm, cmap=RESIDUAL_MAP, edgecolors="white", linewidth=0.6)
         axis.set_yticks(rows[:-1] + 0.5, seen.places)
         axis.set_title(seen.title)
+        mark_parts(axis, seen.begins, named=False)
         axis.grid(visible=False)
         axis.tick_params(length=0, axis="y")
     axes[-1].set_xlabel(maps[0].axis)
@@ -158,7 +160,7 @@ def _by_time(maps: tuple[HeatMap, ...]) -> Drawing:
         figure,
         "where_time.png",
         f"Where they disagreed: residual of the {maps[0].what} over the noise level, by window; at 1 only noise is "
-        "left.",
+        f"left.{' Dotted: where each record begins.' if len(maps[0].begins) > 1 else ''}",
         f"Heat map of residual over noise by place and window; largest {float(np.nanmax(maps[0].values)):.1f} times.",
     )
 
@@ -200,7 +202,7 @@ def _loops(loops: tuple[LoopPair, ...]) -> Drawing:
     for row, loop in enumerate(reversed(loops)):
         pair = axes[row * n_columns : (row + 1) * n_columns]
         for axis, word, drift, force in zip(pair, words, loop.drifts, loop.forces, strict=False):
-            _loop(axis, loop.measured, drift, force, length, strength)
+            _loop(axis, loop, drift, force, length, strength)
             axis.set_title(f"{loop.title}, {word}")
         for axis in pair[1:]:
             axis.sharey(pair[0])
@@ -219,13 +221,17 @@ def _loops(loops: tuple[LoopPair, ...]) -> Drawing:
     )
 
 
-def _loop(
-    axis: Axes, measured: np.ndarray | None, drift: np.ndarray, force: np.ndarray, length: Scale, strength: Scale
-) -> None:
+def _loop(axis: Axes, loop: LoopPair, drift: np.ndarray, force: np.ndarray, length: Scale, strength: Scale) -> None:
     x, y = length.factor, strength.factor
-    if measured is not None:
-        axis.plot(x * drift, y * measured, color="#bdbdbd", linewidth=1.6, label="measured")
-    axis.plot(x * drift, y * force, color=IDENTIFIED, linewidth=1.0, label="model")
+    for values, colour, width, label in (
+        (loop.measured, "#bdbdbd", 1.6, "measured"),
+        (force, IDENTIFIED, 1.0, "model"),
+    ):
+        if values is None:
+            continue
+        for number, run in enumerate(loop.runs):
+            told = None if number else label
+            axis.plot(x * drift[run], y * values[run], color=colour, linewidth=width, label=told)
     axis.xaxis.set_major_locator(MaxNLocator(4))
     axis.yaxis.set_major_locator(MaxNLocator(5))
 

@@ -85,8 +85,10 @@ def _written(equations: tuple[Equation, ...]) -> list[tuple[str, str]]:
 
 
 def _extent(record: Record) -> str:
-    """How long the record is: in seconds, or in points where it has no time."""
-    return f"{record.duration:.3g} s" if record.has_time else f"{record.n_times} points without time"
+    """How long the record is: in seconds, or in points where it has no time; of several together."""
+    extent = f"{record.duration:.3g} s" if record.has_time else f"{record.n_times} points without time"
+    several = f"{len(record.parts)} records{' in sequence' if record.is_sequence else ''}, " if record.parts[1:] else ""
+    return f"{several}{extent}"
 
 
 def _counted(discovery: Discovery) -> str:

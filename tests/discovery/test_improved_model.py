@@ -140,7 +140,7 @@ def test_the_comment_says_what_and_how_much() -> None:
 
 
 def test_the_record_is_read_from_beside_the_file() -> None:
-    source = improved_model_source(BASE, record_file="record.csv")
+    source = improved_model_source(BASE, record_files=["record.csv"])
     assert 'record = read_record(Path(__file__).with_name("record.csv"))' in source
     assert "from pathlib import Path" in source
 
@@ -194,7 +194,7 @@ def test_what_a_file_may_need_is_public() -> None:
 )
 def test_what_a_user_calls_things_stays_text(hostile: str, tmp_path: Path) -> None:
     """A newline or quotes in an assumption or a name made a file that was no Python, or other Python."""
-    source = improved_model_source(BASE, name=hostile, record_file=hostile, assumptions=[hostile])
+    source = improved_model_source(BASE, name=hostile, record_files=[hostile], assumptions=[hostile])
     path = tmp_path / "improved_model.py"
     path.write_text(source, encoding="utf-8")
     names: dict[str, object] = {}

@@ -242,9 +242,11 @@ def test_directions_together_are_those_of_the_normal_equations_without_the_base(
     """Base parameters of prior precision 12 widen the noise to ``I + B B^T / 12``: its inverse weighs directions."""
     rng = np.random.default_rng(8)
     shape, n_base, n = (2, 30), 3, 4
-    noise, measured, values = np.array([[0.1], [0.4]]), rng.standard_normal(shape), rng.standard_normal(shape)
+    level, measured, values = np.array([0.1, 0.4]), rng.standard_normal(shape), rng.standard_normal(shape)
     base, own = rng.standard_normal((60, n_base)), rng.standard_normal((n, *shape))
-    slopes = Slopes(noise=noise, base=base, measured=measured, residual=measured / noise)
+    channels = {f"acceleration_{floor}": row for floor, row in enumerate(measured, 1)}
+    record, noise = Record(name="two", time_step=0.1, excitation=np.ones(30), channels=channels), level[:, None]
+    slopes = Slopes(record=record, noise=level, base=base, residual=measured / noise)
     gradient, information = slopes.projected_together(values, own)
     wide = np.linalg.inv(np.eye(60) + base @ base.T / 12.0)
     columns = (own / noise).reshape(n, -1).T

@@ -20,7 +20,7 @@ from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
-from bwbn_bayes.inference.unnamed.pulses import answers
+from bwbn_bayes.inference.unnamed.pulses import Knots, answers
 from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
 from bwbn_bayes.inference.unnamed.storey import Sums, functions, places_of, unnamed_forces
 from bwbn_bayes.parameters import Floats, Normal, Uniform
@@ -166,13 +166,14 @@ def test_functions_of_a_storeys_states_have_unit_variance_and_few_are_left_out()
         for kind in ("drift", "drift_rate", "hysteretic_displacement")
     }
     states["hysteretic_energy"] = np.cumsum(np.abs(rng.standard_normal((2, 300))), axis=1)
+    knots = Knots(samples=np.arange(300), times=0.02 * np.arange(300), runs=np.zeros(300, dtype=np.int64))
     for place in (0, 1):
-        for own in functions(states, place).values():
+        for own in functions(states, knots, place).values():
             assert np.mean(np.sum(np.square(own), axis=0)) == pytest.approx(1.0, abs=0.06)
-    assert len(functions(states, 0)) == 4
+    assert len(functions(states, knots, 0)) == 4
     alone = {kind: own[:1] for kind, own in states.items()}
-    assert "of the other storeys' motion" not in functions(alone, 0)
-    at_rest = functions({kind: np.zeros((2, 300)) for kind in states}, 0)
+    assert "of the other storeys' motion" not in functions(alone, knots, 0)
+    at_rest = functions({kind: np.zeros((2, 300)) for kind in states}, knots, 0)
     assert all(np.all(np.isfinite(own)) for own in at_rest.values())
 
 

@@ -8,6 +8,7 @@ from scipy.stats import multivariate_normal
 
 from bwbn_bayes.inference.correlation import Correlation, SharedFunctions, autoregression, conditioned, order_cost
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.record import Record
 
 N = 60
 
@@ -67,12 +68,13 @@ def test_the_first_samples_share_the_same_functions() -> None:
     rng = np.random.default_rng(4)
     basis, residual = rng.standard_normal((N, 3)), rng.standard_normal((1, 20))
     whole = Correlation(shared=SharedFunctions.of(basis))
-    early = whole.until(20)
+    record = Record(name="first", time_step=0.1, excitation=np.ones(20), channels={"acceleration_1": np.zeros(20)})
+    early = whole.until(record)
     covariance = np.eye(20) + basis[:20] @ basis[:20].T
     quadratic = residual[0] @ np.linalg.solve(covariance, residual[0])
     assert np.sum(np.square(early.whitened(residual))) == pytest.approx(quadratic)
-    filtered = Correlation(coefficients=(np.array([0.5]),))
-    assert filtered.until(20) is filtered
+    filtered = Correlation(coefficients=(np.array([0.5]), np.array([0.2])), blocks=(record.blocks[0],) * 2)
+    np.testing.assert_array_equal(filtered.until(record).coefficients, [[0.5]])
 
 
 @pytest.mark.parametrize(("coefficients", "order"), [([], 0), ([0.6], 1), ([1.1, -0.5], 2)])

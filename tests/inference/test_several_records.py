@@ -22,7 +22,6 @@ from bwbn_bayes import (
     StrengthDegradation,
     Uniform,
     UserError,
-    discover,
     el_centro,
     identify,
     join_records,
@@ -176,11 +175,6 @@ def test_baselines_take_one_record(method: str) -> None:
     options = GeneticSettings() if method == "ga" else None
     with pytest.raises(UserError, match="joins 2 records"):
         identify(MODEL, VIRGIN, settings=Settings(method=method), options=options)
-
-
-def test_a_search_takes_one_record() -> None:
-    with pytest.raises(UserError, match="'first and second' joins 2 records, and discover searches one at a time"):
-        discover(MODEL, VIRGIN)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.predictive import PredictiveInterval
+from bwbn_bayes.records.joined import join_records
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report.canvas import STYLE
 from bwbn_bayes.report.comparison import MAX_CYCLES, Part, errors_by_cycle, loops_by_cycle
@@ -35,9 +36,10 @@ def test_loops_are_single_cycles_of_the_samples_that_count():
     number = np.arange(len(PUSHED)) // PER_CYCLE
     fitted, held_out = (np.flatnonzero(number % 2 == odd) for odd in (0, 1))
     loops = loops_by_cycle((specimen_part(fitted), specimen_part(held_out, name="held_out")))
-    assert [loop.number for loop in loops] == [1, 3, 5, 7, 9, 11, 2, 4, 6, 8, 10, 12]
-    for loop in loops:
-        own = slice((loop.number - 1) * PER_CYCLE, loop.number * PER_CYCLE)
+    numbers = [1, 3, 5, 7, 9, 11, 2, 4, 6, 8, 10, 12]
+    assert [loop.name for loop in loops] == [f"cycle {number}" for number in numbers]
+    for number, loop in zip(numbers, loops, strict=True):
+        own = slice((number - 1) * PER_CYCLE, number * PER_CYCLE)
         np.testing.assert_allclose(loop.displacement, PUSHED[own], atol=0.01)
         np.testing.assert_allclose(loop.models[0], 1.2e6 * loop.displacement)
     assert len(loops_by_cycle([specimen_part(np.arange(len(PUSHED)))])) == MAX_CYCLES
@@ -47,7 +49,7 @@ def test_a_turning_point_alone_is_no_loop():
     """Half cycles end with their turning point, which the cycle's number counts with the next."""
     held_out = np.arange(PER_CYCLE + 1, 2 * PER_CYCLE + 1)
     part = specimen_part(held_out, name="held_out")
-    assert [loop.number for loop in loops_by_cycle([part])] == [2]
+    assert [loop.name for loop in loops_by_cycle([part])] == ["cycle 2"]
     assert errors_by_cycle([part])[0].numbers.tolist() == [2]
 
 
@@ -84,6 +86,25 @@ def test_a_specimen_is_drawn_by_cycle_and_never_against_seconds(improved):
     assert [drawing.name for drawing in drawings] == ["loops_by_cycle.png", "error_by_cycle.png"]
     assert not any("[s]" in drawing.caption + drawing.alt for drawing in drawings)
     assert "held out" in drawings[0].alt
+
+
+def test_cycles_of_several_tests_are_counted_in_each():
+    """Errors stand side by side, loops by the names of their tests."""
+    one = specimen_part(np.arange(len(PUSHED))).record
+    record = join_records([replace(one, name="A").until(3 * PER_CYCLE), replace(one, name="B").until(2 * PER_CYCLE)])
+    measured = record.measured
+    part = Part(
+        name="fitted", label="fitted", record=record, counted=np.arange(record.n_times), channels=("force",),
+        measured=measured, given=1.2 * measured, improved=None,
+    )  # fmt: skip
+    names = [loop.name for loop in loops_by_cycle([part])]
+    assert names == [*(f"cycle {number} of A" for number in (1, 2, 3)), *(f"cycle {number} of B" for number in (1, 2))]
+    (errors,) = errors_by_cycle([part])
+    assert errors.numbers.tolist() == [1, 2, 3, 4, 5]
+    assert [name for _, name in errors.begins] == ["A", "B"]
+    assert errors.begins[1][0] == 3.5
+    with mpl.rc_context(STYLE):
+        assert all(drawing.png for drawing in draw_comparison([part]))
 
 
 def test_a_building_is_drawn_against_time_the_worst_channel_first():

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, NamedTuple, Self, override
 
 import numpy as np
 import sympy as sp
+from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import AddedState, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
@@ -82,9 +83,44 @@ class Pulse(Effect):
         return replace(slots, added_force=slots.added_force + pulse, added_states=(*slots.added_states, clock))
 
 
-def knots_of(record: Record, model: Structure) -> slice:
-    """Samples at which pulses stand, from the first on; in tall buildings they are fewer in each storey."""
-    return slice(None, None, int(np.ceil(record.n_times / min(_MOST_KNOTS, _MOST_PULSES // model.n_links))))
+class Knots(NamedTuple):
+    """Moments at which pulses stand, ``(n_knots,)`` each."""
+
+    samples: NDArray[np.int64]
+    """Of the record."""
+    times: Floats
+    """Since the structure was virgin, or as the model has it at the start. [s]"""
+    runs: NDArray[np.int64]
+    """Position among :attr:`Record.runs`."""
+
+
+class _Stretch(NamedTuple):
+    """Knots of one record of those that a run joins."""
+
+    run: int
+    samples: NDArray[np.int64]
+    times: Floats
+    width: float
+
+
+def _stretches(record: Record, model: Structure) -> list[_Stretch]:
+    step = int(np.ceil(record.n_times / min(_MOST_KNOTS, _MOST_PULSES // model.n_links)))
+    found = []
+    for number, (run, place) in enumerate(record.runs):
+        for part, stretch in zip(run.parts, run.stretches, strict=True):
+            own = np.arange(stretch.start, stretch.stop, step)
+            found.append(_Stretch(number, place.start + own, run.times[own], step * part.time_step))
+    return found
+
+
+def knots_of(record: Record, model: Structure) -> Knots:
+    """Where pulses stand, from the first sample of each record on; in tall buildings they are fewer in each storey."""
+    own = _stretches(record, model)
+    return Knots(
+        samples=np.concatenate([one.samples for one in own]),
+        times=np.concatenate([one.times for one in own]),
+        runs=np.concatenate([np.full(len(one.samples), one.run) for one in own]),
+    )
 
 
 def answers(
@@ -118,22 +154,27 @@ def answers(
         [units of the channels]
     """
     record = posterior.record
-    result = np.zeros((len(histories), len(record.channels), record.n_times))
+    names = list(record.channels)
+    result = np.zeros((len(histories), len(names), record.n_times))
     begun = 0
-    for rows in _pulses(posterior, point, storey, _NEAR * largest, carried):
-        result += np.tensordot(histories[:, begun : begun + len(rows)], rows, axes=1)
-        begun += len(rows)
+    for stretch in _stretches(record, posterior.model):
+        run, place = record.runs[stretch.run]
+        own = histories[:, begun : begun + len(stretch.samples)]
+        begun += len(stretch.samples)
+        if not run.channels:
+            continue
+        shown, done = result[:, [names.index(name) for name in run.channels], place], 0
+        model = with_pulse(posterior.model, storey, stretch.width, carried)
+        for rows in _pulses(replace(posterior, record=run), model, point, stretch.times, _NEAR * largest):
+            shown += np.tensordot(own[:, done : done + len(rows)], rows, axes=1)
+            done += len(rows)
+        result[:, [names.index(name) for name in run.channels], place] = shown
     return result
 
 
-def _pulses(
-    posterior: Posterior, point: Floats, storey: int, size: float, carried: tuple[Effect, ...]
-) -> Iterator[Floats]:
-    """Answers ``(n, n_channels, n_times)`` to unit pulses, so many moments at a time."""
+def _pulses(posterior: Posterior, model: Structure, point: Floats, times: Floats, size: float) -> Iterator[Floats]:
+    """Answers ``(n, n_channels, n_times)`` to unit pulses at some times, so many at a time."""
     record, base = posterior.record, posterior.model
-    knots = knots_of(record, base)
-    times = np.arange(record.n_times)[knots] * record.time_step
-    model = with_pulse(base, storey, record.time_step * knots.step, carried)
     (values,), _ = posterior.split(point[None])
     known = dict(zip(base.space.names, values, strict=True))
     rows = np.array([[known.get(name, 0.0) for name in model.space.names]])

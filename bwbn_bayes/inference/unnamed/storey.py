@@ -31,8 +31,9 @@ from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.summary import observe
-from bwbn_bayes.inference.unnamed.pulses import answers, knots_of
+from bwbn_bayes.inference.unnamed.pulses import Knots, answers, knots_of
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.blocks import by_block, counts
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -139,8 +140,12 @@ def places_of(n_storeys: int) -> tuple[tuple[int, ...], ...]:
 
 def over_time(force: Floats, record: Record, model: Structure) -> Floats:
     """A force's history at every sample ``(n_times,)``, from that at knots."""
-    moments = np.arange(record.n_times)
-    return np.interp(moments, moments[knots_of(record, model)], force)
+    knots = knots_of(record, model)
+    of_runs = [
+        np.interp(run.times, knots.times[knots.runs == number], force[knots.runs == number])
+        for number, (run, _) in enumerate(record.runs)
+    ]
+    return np.concatenate(of_runs)
 
 
 def pulled(record: Record, model: Structure, forces: Mapping[int, Floats]) -> Record:
@@ -151,16 +156,21 @@ def pulled(record: Record, model: Structure, forces: Mapping[int, Floats]) -> Re
             if floor > 0:
                 name = f"applied_force_{floor}"
                 on_floors[name] = on_floors.get(name, np.zeros(record.n_times)) + own
-    return replace(record, forces=on_floors)
+    return record.driven_by(record.excitation, on_floors)
 
 
-def functions(states: Mapping[str, Floats], place: int, most: int = _MOST_FUNCTIONS) -> dict[str, Floats]:
+def functions(states: Mapping[str, Floats], knots: Knots, place: int, most: int = _MOST_FUNCTIONS) -> dict[str, Floats]:
     """Functions ``(n_functions, n_knots)`` of a force of each kind, whose variance is one on the average over time.
+
+    Where several records find the structure virgin, a force of its states is the same function in all of them; what
+    changes in time or is forgotten is not.
 
     Parameters
     ----------
     states : mapping of str to (n_storeys, n_knots) array
         Histories by kind of state.
+    knots : Knots
+        Where they stand in time.
     place : int
         Of the storey among them.
     most : int
@@ -168,7 +178,8 @@ def functions(states: Mapping[str, Floats], place: int, most: int = _MOST_FUNCTI
     """
     every = {kind: own / np.maximum(np.max(np.abs(own), axis=1, keepdims=True), 1e-300) for kind, own in states.items()}
     drift, rate, z, work = (every[kind][place] for kind in _KINDS)
-    time = np.linspace(0.0, 1.0, len(drift))
+    time = knots.times / np.max(knots.times)
+    in_one_run = np.equal.outer(knots.runs, knots.runs)
     path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(drift)))])
     (long, short), worn = _LENGTHS, _alike(work, _OF_WORK)
     turned = _alike(np.tanh(rate / _TURNED), 1.0) * worn
@@ -176,10 +187,10 @@ def functions(states: Mapping[str, Floats], place: int, most: int = _MOST_FUNCTI
         *(_alike(z, length) * turned for length in (long, short)),
         *(_alike(own, long) * worn for own in (drift, rate)),
     ]
-    in_time = sum(np.outer(own, own) for own in (drift, rate, z)) * _alike(time, _OF_TIME)
+    in_time = sum(np.outer(own, own) for own in (drift, rate, z)) * _alike(time, _OF_TIME) * in_one_run
     others = [own for kind in _KINDS[:2] for i, own in enumerate(every[kind]) if i != place]
     of_others = [np.transpose(others) @ np.array(others)] if others else []
-    fleeting = np.exp(-np.abs(path[:, None] - path) / _FORGOTTEN) * _alike(time, _SOON)
+    fleeting = np.exp(-np.abs(path[:, None] - path) / _FORGOTTEN) * _alike(time, _SOON) * in_one_run
     kinds = {
         "of the storey's own states": of_states,
         "that changes in time": [in_time],
@@ -266,8 +277,8 @@ class Neighbourhood:
     def functions_in(self, storey: int) -> dict[str, Floats]:
         """Those of :func:`functions` at the present states, ``(n_functions, n_knots)`` by kind."""
         knots = knots_of(self.view.record, self.view.model)
-        states = {kind: self.rows[kind][:, knots] for kind in _KINDS}
-        return functions(states, storey - 1, self.most_functions)
+        states = {kind: self.rows[kind][:, knots.samples] for kind in _KINDS}
+        return functions(states, knots, storey - 1, self.most_functions)
 
     @cached_property
     def _processes(self) -> dict[str, dict[int, tuple[Floats, Floats]]]:
@@ -287,23 +298,22 @@ class Neighbourhood:
     @cached_property
     def _starts(self) -> tuple[Floats, ...]:
         """Precisions over that of what is left: a model that lacks much takes it for noise, begin at the noise too."""
-        by_itself = np.square(self.slopes.noise[:, 0] / np.maximum(noise_floors(self.view.record), 1e-300))
+        by_itself = np.square(self.slopes.noise / np.maximum(noise_floors(self.view.record), 1e-300))
         return (np.ones(len(by_itself)), *([by_itself] if np.any(by_itself > _MUCH) else []))
 
     @cached_property
     def alone(self) -> float:
         """Log evidence of the model without a force, but for a constant."""
-        return self._sums([]).without(np.ones(len(self.slopes.residual)))[0]
+        return self._sums([]).without(np.ones(len(self.slopes.noise)))[0]
 
     def _sums(self, answered: Sequence[Floats]) -> Sums:
-        noise, (n_channels, n_counted) = self.view.noise, self.slopes.residual.shape
+        record, noise = self.view.record, self.view.noise
         assert isinstance(noise, IntegratedNoise)
-        base = self.slopes.base.T.reshape(-1, n_channels, n_counted)
+        base = self.slopes.base.T.reshape(-1, *self.slopes.residual.shape)
         unforced = self.slopes.residual + sum(own[-1] for own in answered)
         columns = np.concatenate([base, *(own[:-1] for own in answered), unforced[None]])
-        products = np.array([own @ own.T for own in np.moveaxis(columns, 1, 0)])
-        level = self.slopes.noise[:, 0]
-        return Sums(products=products, n_base=len(base), n_counted=n_counted, noise=noise, level=level)
+        products = np.array([own @ own.T for own in by_block(record, columns)])
+        return Sums(products=products, n_base=len(base), n_counted=counts(record), noise=noise, level=self.slopes.noise)
 
     def estimate(self, place: tuple[int, ...], alone: float) -> Estimate:
         """Of forces in some storeys, independent of each other and of one scale; their kind is integrated out.
@@ -347,24 +357,24 @@ class Neighbourhood:
 
 @dataclass(frozen=True, kw_only=True)
 class Sums:
-    """A linear model's products: its slopes, the answers to a force and the residual, with each other, by channel.
+    """A linear model's products: its slopes, the answers to a force and the residual, with each other, by block.
 
     Attributes
     ----------
-    products : (n_channels, n, n) array
+    products : (n_blocks, n, n) array
         Of slopes, then answers, then the residual, over the noise.
     n_base : int
         Slopes among them.
-    n_counted : int
-        Samples of each channel.
+    n_counted : (n_blocks,) array
+        Samples of each.
     noise : IntegratedNoise
-    level : (n_channels,) array
+    level : (n_blocks,) array
         Noise standard deviation of the model without the force, over which the products are.
     """
 
     products: Floats
     n_base: int
-    n_counted: int
+    n_counted: Floats
     noise: IntegratedNoise
     level: Floats
 
@@ -375,7 +385,7 @@ class Sums:
 
         Parameters
         ----------
-        precision : (n_channels,) array
+        precision : (n_blocks,) array
             Where that begins, over that without the force.
         """
         best, n = -np.inf, self.n_base

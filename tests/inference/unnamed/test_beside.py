@@ -66,7 +66,7 @@ def test_errors_that_channels_share_have_the_covariance_that_they_say() -> None:
     squared = correlation.products(rows)[0, :, 0, 0] / np.square(level)
     plain = -0.5 * np.sum(squared) - 30 * np.sum(np.log(level)) - 30 * np.log(2.0 * np.pi)
     assert plain + correlation.log_volume == pytest.approx(expected)
-    first = correlation.until(10)
+    first = correlation.until(Record(name="ten", time_step=DT, excitation=GROUND[:10]))
     assert first.shared is not None
     kept = (basis.reshape(2, 30, 3)[:, :10]).reshape(20, 3)
     inner = np.eye(20) + kept @ kept.T

@@ -134,7 +134,10 @@ def _law_of(
         parameters=parameters,
         states=(*own, *(added.state for added in slots.floor_states)),
         force=outputs[FORCE].xreplace(raised),
-        rates=(*(outputs[rate_of(state)].xreplace(raised) for state in own), *_floor_rates(slots, acceleration, outputs)),
+        rates=(
+            *(outputs[rate_of(state)].xreplace(raised) for state in own),
+            *_floor_rates(slots, acceleration, outputs),
+        ),
         events=slots.events,
         sharp_features=tuple(replace(one, width=one.width.xreplace(outputs)) for one in slots.sharp_features),
         constraints=tuple(_spelled_out(one, spelled_out).xreplace(offsets) for one in constraints + slots.constraints),

@@ -107,7 +107,8 @@ def test_a_killed_search_goes_on_to_the_same_result(
     assert (first["finished"], second["finished"], whole["finished"]) == (False, True, True)
     assert not kept.exists()
     n_after = command.n_fits
-    assert n_before + n_after == n_fits_of_a_whole_search  # nothing was fitted twice, and the search is what came before
+    # Nothing was fitted twice, and the search is what came before.
+    assert n_before + n_after == n_fits_of_a_whole_search
     assert n_before > n_after > 0
 
 

@@ -8,6 +8,10 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+
+import pytest
 from hypothesis import settings
 
 settings.register_profile("repeatable", deadline=None, derandomize=True)
@@ -15,3 +19,28 @@ settings.load_profile("repeatable")
 
 for _name in ("COLUMNS", "FORCE_COLOR", "GITHUB_ACTIONS"):
     os.environ.pop(_name, None)
+
+
+@pytest.fixture(scope="session")
+def blank_figures() -> Callable[[], AbstractContextManager[None]]:
+    """While it is open, figures are composed and stay blank: Matplotlib's rendering is nine tenths of a page's seconds.
+
+    For pages whose words are looked at; ``tests/report`` renders every figure.
+    """
+
+    @contextmanager
+    def blank() -> Iterator[None]:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(FigureCanvasAgg, "draw", FigureCanvasAgg.get_renderer)
+            yield
+
+    return blank
+
+
+@pytest.fixture
+def undrawn(blank_figures: Callable[[], AbstractContextManager[None]]) -> Iterator[None]:
+    """A test whose pages hold blank figures."""
+    with blank_figures():
+        yield

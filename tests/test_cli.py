@@ -141,6 +141,7 @@ def test_simulate_writes_what_identify_reads(simulated: Path) -> None:
     assert record.truth["delta_eta"] == 0.4
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_starting_model_is_written_and_identified(run: Run, tmp_path: Path) -> None:
     u = np.concatenate([a * np.sin(np.linspace(0.0, 4.0 * np.pi, 81)[1:]) for a in (0.002, 0.01, 0.03)])
     force = 2e5 * np.tanh(u / 0.01) + 1e3 * np.random.default_rng(1).standard_normal(len(u))
@@ -296,6 +297,7 @@ def test_a_bad_option_is_one_sentence(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_records_of_one_building_are_identified_together(run: Run, simulated: Path, tmp_path: Path) -> None:
     record = read_record(simulated)
     paths = [tmp_path / "first.csv", tmp_path / "second.csv"]
@@ -385,6 +387,7 @@ def test_a_record_that_tells_nothing_is_refused_before_the_search(
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_figures_of_an_earlier_report_do_not_stay(identified: tuple[Path, str, str], tmp_path: Path) -> None:
     """Another method has other figures; what others put beside them stays."""
     place = tmp_path / "report"

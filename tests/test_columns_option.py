@@ -53,6 +53,7 @@ def test_the_map_gives_the_record(folder: Path, record: Record) -> None:
     assert again.content_hash == record.content_hash
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_identify_and_simulate_take_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     common = ("--record", folder / "lauf.csv", "--out", folder / "out")
     assert run(capsys, "identify", folder / "one.py", *common, "--columns", MAP, "--particles", 200)[0] == 0

@@ -33,7 +33,7 @@ def quick_start() -> list[str]:
 def test_a_fresh_machine_needs_exactly_two_commands() -> None:
     assert quick_start() == [
         f"{INSTALL}uv run bwbn discover models/hidden_effect.py",
-        f"{INSTALL}uv run pytest -q -n auto --dist loadfile",
+        f"{INSTALL}uv run pytest -q -n auto --dist worksteal",
     ]
 
 

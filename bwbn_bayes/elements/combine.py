@@ -114,9 +114,10 @@ def _law_of(
     rate = DRIFT_RATE * slots.drift_rate_share.xreplace(outputs)
     outputs[rate_of(HYSTERETIC_DISPLACEMENT)] = f * eta * rate / (eta + slip * f * eta)
     raised = {old: old + increment.xreplace(outputs) for old, increment in increments.items()}
-    before_events = dict.fromkeys((*(e.indicator for e in slots.events), *(a.state for a in slots.added_states)), 0)
-    offsets = {old: grown.subs(before_events) for old, grown in raised.items()}
-    spelled_out = {one.subject: outputs[one.subject].subs(before_events) for one in derived}
+    not_yet = (*(event.indicator for event in slots.events), *(added.state for added in slots.added_states))
+    before_events = dict.fromkeys(not_yet, sp.S.Zero)
+    offsets = {old: grown.xreplace(before_events) for old, grown in raised.items()}
+    spelled_out = {one.subject: outputs[one.subject].xreplace(before_events) for one in derived}
     own = (HYSTERETIC_DISPLACEMENT, ENERGY, *(added.state for added in slots.added_states))
     outputs.setdefault(GROUND_ACCELERATION, RECORDED_ACCELERATION)
     acceleration = _floor_acceleration(slots, outputs)
@@ -132,11 +133,14 @@ def _law_of(
     return StoreyLaw(
         parameters=parameters,
         states=(*own, *(added.state for added in slots.floor_states)),
-        force=outputs[FORCE].subs(raised),
-        rates=(*(outputs[rate_of(state)].subs(raised) for state in own), *_floor_rates(slots, acceleration, outputs)),
+        force=outputs[FORCE].xreplace(raised),
+        rates=(
+            *(outputs[rate_of(state)].xreplace(raised) for state in own),
+            *_floor_rates(slots, acceleration, outputs),
+        ),
         events=slots.events,
         sharp_features=tuple(replace(one, width=one.width.xreplace(outputs)) for one in slots.sharp_features),
-        constraints=tuple(_spelled_out(one, spelled_out).subs(offsets) for one in constraints + slots.constraints),
+        constraints=tuple(_spelled_out(one, spelled_out).xreplace(offsets) for one in constraints + slots.constraints),
         definitions=tuple(shown),
         increments=tuple(slots.increments.items()),
         derived=derived,

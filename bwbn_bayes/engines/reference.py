@@ -121,7 +121,7 @@ class Reference(Reduction):
             kernel.drive(j, y, data)
             if kernel.rhs(j * dt, y, rates, data):
                 raise _NonFiniteError
-            kernel.observe(j, y, no_tangents, *problem.channel_arrays, data, out[j])
+            kernel.see(j, y, *problem.channel_arrays, data, out[j, 0])
             if j + 1 == problem.n_times:
                 break
             now, end = j * dt, (j + 1) * dt

@@ -186,14 +186,19 @@ def drive(j, y, data):
 
 
 @njit({flags})
+def see(j, y, starts, row, coefficient, ground_part, data, out):
+    """Channels at a sample, from ``rates`` just evaluated."""
+    o = {head} + int(data[0]) * ({block} + int(data[3]))
+    channels(y, {force}, {acceleration}, data[o + j], starts, row, coefficient, ground_part, data, out)
+
+
+@njit({flags})
 def observe(j, y, tangents, starts, row, coefficient, ground_part, data, out):
     """Channels and their derivatives at a sample, ``out[direction + 1, channel]``, from ``rates`` just evaluated."""
-    n_links = int(data[0])
     n_directions = int(data[3])
-    o = {head} + n_links * ({block} + n_directions)
-    channels(y, {force}, {acceleration}, data[o + j], starts, row, coefficient, ground_part, data, out[0])
+    see(j, y, starts, row, coefficient, ground_part, data, out[0])
     if n_directions > 0:
-        slopes(y, data[o + j], data)
+        slopes(y, data[{head} + int(data[0]) * ({block} + n_directions) + j], data)
         rate = np.empty_like(y)
         for k in range(n_directions):
             direction(k, tangents[k], rate, data)

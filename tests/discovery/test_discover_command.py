@@ -80,6 +80,7 @@ def test_results_go_to_stdout_and_progress_to_stderr(run):
     assert "\x1b" not in run.out + run.err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_improved_model_runs_as_it_is(run, tmp_path):
     made = load_model_file(run.directory / "improved_model.py")
     assert made.model.space.names == run.discovery.improved.space.names

@@ -297,7 +297,7 @@ def test_threads_are_those_that_this_process_may_use() -> None:
 @pytest.mark.parametrize("name", ENGINES)
 def test_only_samples_that_count_are_summed(name: str) -> None:
     model = building(2, CASES["bouc_wen"])
-    engine, record = ENGINES[name], record_of(model, 3.0)
+    engine, record = ENGINES[name], record_of(model, 1.8)
     masked = replace(record, counted=np.arange(record.n_times) % 10 < 6)
     draws = model.space.from_unit(np.array([[0.4], [0.6]]) * np.ones(model.space.n_dim))
     response, slopes = engine.sensitivities(model, draws, record)

@@ -66,10 +66,13 @@ SMC = pytest.param("smc", (9,), marks=pytest.mark.slow)  # PyMC compiles for eac
 
 @pytest.mark.parametrize(("method", "kills"), [("importance", (2, 9)), ("tmcmc", (40,)), SMC, ("ga", (2, 4))])
 def test_a_killed_run_goes_on_to_the_same_result(tmp_path: Path, method: str, kills: tuple[int, ...]) -> None:
-    """Only TMCMC could go on, and left the stages before out of its history, and their solves out of its count."""
+    """Only TMCMC could go on, and left the stages before out of its history, and their solves out of its count.
+
+    The catalogue of alternatives, whatever the method asked for the same way, is run beside importance sampling.
+    """
     from bwbn_bayes.baselines.genetic import GeneticSettings
 
-    settings = Settings(method=method, particles=100)
+    settings = Settings(method=method, particles=100, alternatives=method == "importance")
     genetic = GeneticSettings(generations=10)
     whole = identify(MODEL, RECORD, settings=settings, options=genetic if method == "ga" else None)
     settings = replace(settings, checkpoint=tmp_path / "run")

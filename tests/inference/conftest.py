@@ -17,7 +17,7 @@ from inference_cases import (
 )
 from scipy import integrate
 
-from bwbn_bayes import Record
+from bwbn_bayes import Record, Result, Settings, identify
 from bwbn_bayes.inference.importance import WeightedDraws, laplace_mixture, sample_importance
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
@@ -38,6 +38,12 @@ def posterior(record: Record) -> Posterior:
 def mode(posterior: Posterior, record: Record) -> Mode:
     """The optimum next to the truth."""
     return climbed(posterior, true_point(sdof_model(), record))
+
+
+@pytest.fixture(scope="session")
+def identified() -> Result:
+    """The run of the method that is the default."""
+    return identify(sdof_model(), recorded(1), settings=Settings(particles=2000), name="sdof")
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import arviz as az
 import numpy as np
 import pytest
-from inference_cases import ENGINE, recorded, sdof_model
+from inference_cases import ENGINE, sdof_model
 from scipy import stats
 
 from bwbn_bayes import LogNormal, Record, Result, SampledNoise, Settings, identify
@@ -14,8 +14,8 @@ from bwbn_bayes.report.content import gather
 
 
 @pytest.fixture(scope="module")
-def result() -> Result:
-    return identify(sdof_model(), recorded(1), settings=Settings(particles=2000))
+def result(identified: Result) -> Result:
+    return identified
 
 
 def test_leave_one_out_sees_samples(result: Result, record: Record) -> None:

@@ -9,6 +9,8 @@ import xarray as xr
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.parameters import Uniform
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.report.content import gather
+from bwbn_bayes.report.figures import draw_all
 from bwbn_bayes.results import (
     Check,
     Equation,
@@ -234,6 +236,12 @@ def make_result():
 def result(make_result):
     """Three storeys, 400 points, 200 draws, 13 parameters, truth known."""
     return make_result()
+
+
+@pytest.fixture(scope="session")
+def drawings(result):
+    """Every figure of that result."""
+    return draw_all(gather(result))
 
 
 @pytest.fixture(scope="session")

@@ -17,8 +17,10 @@ from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.parameters import Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.report import write_discovery
+from bwbn_bayes.report.content import gather
 from bwbn_bayes.report.discovery_content import gather_discovery
 from bwbn_bayes.report.discovery_text import discovery_in_words
+from bwbn_bayes.report.figures import draw_all
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 
@@ -60,10 +62,18 @@ def variants(found):
     }
 
 
+@pytest.fixture(scope="module")
+def identified(found):
+    """Figures of the report in ``identify/``, which is that of the same result under every verdict."""
+    return draw_all(gather(found.result))
+
+
 @pytest.fixture(scope="module", params=list(range(4)))
-def case(request, found, tmp_path_factory):
+def case(request, found, identified, tmp_path_factory):
     name, discovery = list(variants(found).items())[request.param]
-    files = write_discovery(discovery, tmp_path_factory.mktemp("page") / "new")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bwbn_bayes.report.html.draw_all", lambda _: identified)
+        files = write_discovery(discovery, tmp_path_factory.mktemp("page") / "new")
     return name, discovery, files, files.html.read_text(encoding="utf-8")
 
 
@@ -126,6 +136,7 @@ def test_the_page_needs_nothing_from_outside_and_escapes_names(case):
     assert "storey <1>" not in page and "<more>" not in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_was_found_stands_in_the_page(found, tmp_path):
     page = write_discovery(found, tmp_path).html.read_text(encoding="utf-8")
     _, text = read(page)
@@ -140,6 +151,7 @@ def test_what_was_found_stands_in_the_page(found, tmp_path):
     assert f"<td>{mean:.0f}</td><td>{float(f'{sd:.1e}'):.0f}</td>" in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_drifts_are_told_as_ratios_of_the_storey_height(found, tmp_path):
     (ratio,) = gather_discovery(found).drift_ratios
     drift = found.result.tree["quantities"]["peak_drift"]
@@ -190,6 +202,7 @@ def test_a_prediction_that_runs_away_is_told_in_words(found, tmp_path):
     assert gather_discovery(away).gaps[1].before.error_in_words == "the prediction runs away after t = 5 s"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_held_out_end_is_called_so_everywhere(found, tmp_path):
     label = "held-out end, after 6.2 s"
     apart = HeldOut(record=found.record, after_s=6.2)

@@ -16,11 +16,6 @@ NAMES = {"acceleration.png", "acceleration_zoom.png", "residual.png", "hysteresi
          "posterior.png", "learned.png", "pairs.png", "stages.png"}  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def drawings(result):
-    return draw_all(gather(result))
-
-
 def only(content, **kept):
     """The content with nothing to draw but what is kept."""
     nothing = dict.fromkeys(("traces", "loops", "histories", "marginals", "pairs"), ())

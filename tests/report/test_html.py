@@ -48,8 +48,11 @@ def parsed(page):
 
 
 @pytest.fixture(scope="module")
-def written(result, tmp_path_factory):
-    return write_report(result, tmp_path_factory.mktemp("report"))
+def written(result, drawings, tmp_path_factory):
+    """The whole page, with the figures that ``test_figures`` looks at."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bwbn_bayes.report.html.draw_all", lambda _: drawings)
+        return write_report(result, tmp_path_factory.mktemp("report"))
 
 
 @pytest.fixture(scope="module")
@@ -157,6 +160,7 @@ def test_a_parameter_with_a_hostile_name_is_escaped(bare_result, tmp_path):
     assert "<u>" not in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_window_labels_replace_a_tempering_history_that_is_not_there(make_result, tmp_path):
     """Importance runs find modes on growing windows: their stages have labels and no tempering parameter."""
     result = make_result(n_storeys=1, n_draws=20)

@@ -18,6 +18,15 @@ _ITERATIONS = 10
 _RIDGE = 1e-9
 
 
+def drawn(weights: Floats, rng: np.random.Generator, n: int) -> Integers:
+    """Draw ``(n,)`` indices with probabilities ``(k,)``.
+
+    They are those of ``rng.choice``, which checks the probabilities at every call: more time than the draw takes.
+    """
+    levels = np.cumsum(weights)
+    return np.searchsorted(levels / levels[-1], rng.random(n), side="right")
+
+
 class GaussianMixture(NamedTuple):
     """Weights ``(k,)``, means ``(k, d)``, lower Cholesky factors ``(k, d, d)`` of the covariances, their inverses."""
 
@@ -35,7 +44,7 @@ class GaussianMixture(NamedTuple):
 
     def labels(self, rng: np.random.Generator, n: int) -> Integers:
         """Draw ``(n,)`` component indices."""
-        return rng.choice(len(self.weights), size=n, p=self.weights)
+        return drawn(self.weights, rng, n)
 
     def log_density(self, points: Floats) -> Floats:
         """Log density ``(n,)`` at points ``(n, d)``."""

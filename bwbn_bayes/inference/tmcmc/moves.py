@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bwbn_bayes.inference.tmcmc.coordinates import Coordinates
-from bwbn_bayes.inference.tmcmc.mixture import GaussianMixture
+from bwbn_bayes.inference.tmcmc.mixture import GaussianMixture, drawn
 from bwbn_bayes.inference.tmcmc.target import Floats, Integers
 
 MOVES = ("random walk", "differential evolution", "autoregressive", "independence")
@@ -93,7 +93,7 @@ def propose(positions: Floats, log_fit: Floats, shape: Shape, tuning: Tuning, rn
     .. [2] S. L. Cotter, G. O. Roberts, A. M. Stuart and D. White, "MCMC Methods for Functions: Modifying Old Algorithms
        to Make Them Faster", 2013, doi:10.1214/13-STS421 (the autoregressive move, there about the prior).
     """
-    moves = rng.choice(len(MOVES), size=len(positions), p=tuning.shares)
+    moves = drawn(tuning.shares, rng, len(positions))
     proposed = np.empty_like(positions)
     for move in range(len(MOVES)):
         mine = moves == move

@@ -30,7 +30,7 @@ from bwbn_bayes.inference.modes import steps
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import by_block
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Block, Record
 
 N_BLOCKS = 16
 """Stretches that are left out in turn: what one solve of the lanes holds, each longer than noise remembers."""
@@ -53,8 +53,8 @@ class CrossValidation:
     Attributes
     ----------
     of_blocks : tuple of float
-        Log density of each block, normal with the noise level that the others show; of errors that share functions its
-        own part of the density of all. [nat]
+        Log density of each block, normal with the noise level that the others show; beside a force of no known law,
+        given what they show of it. [nat]
     nrmse : float
         Root mean square over the channels of each one's rms error over its rms.
     """
@@ -96,30 +96,39 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
         Minus infinity and infinity where the model cannot be solved without a block.
     """
     record, slopes = posterior.record, Slopes.at(posterior, point)
-    stretches = _stretches(record)
-    with np.errstate(over="ignore", invalid="ignore"):
-        error = record.measured - _predicted(posterior, slopes, point, [own for _, own in stretches])
-        squared, scaled = np.square(error), np.square(slopes.scaled(error))
-    n_blocks = len(record.blocks)
+    stretches, n_blocks = _stretches(record), len(record.blocks)
     as_one = posterior.noise.as_one if isinstance(posterior.noise, IntegratedNoise) else np.ones(n_blocks)
     as_one = np.broadcast_to(as_one, n_blocks)
+    predicted = _predicted(posterior, slopes, point, [own for _, own in stretches])
     log_density, missed = np.zeros(len(stretches)), np.zeros(n_blocks)
     for number, (part, own) in enumerate(stretches):
+        with np.errstate(over="ignore", invalid="ignore"):
+            error = record.where_counted(record.measured - predicted[number])
+            scaled = slopes.scaled(error)
         for position, block in enumerate(record.blocks):
             if block.part == part:
-                inside = float(np.sum(scaled[number, block.channel, own]))
-                every = scaled[number, block.channel, block.samples]
-                level = (float(np.sum(every)) - inside) / (len(every) - len(own))
-                density = inside / level + len(own) * np.log(2.0 * np.pi * level * slopes.noise[position] ** 2)
-                log_density[number] -= 0.5 * density / as_one[position]
-                missed[position] += np.sum(squared[number, block.channel, own])
+                noise = float(slopes.noise[position])
+                found = _of_block(slopes, error[block.channel] / noise, scaled[block.channel], block, own)
+                log_density[number] += (found - len(own) * np.log(noise)) / as_one[position]
+                missed[position] += np.sum(np.square(error[block.channel, own]))
     if not np.all(np.isfinite(log_density)):
         return CrossValidation(of_blocks=(-np.inf,) * len(stretches), nrmse=np.inf)
     shares = missed / [np.sum(np.square(own)) for own in by_block(record, record.measured)]
-    if slopes.correlation is not None and slopes.correlation.shared is not None:
-        volumes = slopes.correlation.shared.log_volumes.reshape(-1, record.n_times)
-        log_density += [np.sum(volumes[:, own]) for _, own in stretches]
     return CrossValidation(of_blocks=tuple(log_density.tolist()), nrmse=float(np.sqrt(np.mean(shares))))
+
+
+def _of_block(slopes: Slopes, error: Floats, scaled: Floats, block: Block, own: NDArray[np.int64]) -> float:
+    """Log density of some of a block's samples, of its error ``(n_times,)`` over the noise, and of that whitened."""
+    shared = None if slopes.correlation is None else slopes.correlation.shared
+    if shared is None:
+        added, log_det = float(np.sum(np.square(scaled[own]))), 0.0
+        others = float(np.sum(np.square(scaled[block.samples]))) - added
+    elif np.all(np.isfinite(error)):
+        others, added, log_det = shared.given_others(error, own)
+    else:
+        return -np.inf
+    level = others / (len(scaled[block.samples]) - len(own))
+    return -0.5 * float(added / level + log_det + len(own) * np.log(2.0 * np.pi * level))
 
 
 def _stretches(record: Record) -> list[tuple[int, NDArray[np.int64]]]:

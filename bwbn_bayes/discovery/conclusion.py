@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.consistency import probability_of_being_better
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap
@@ -143,21 +144,21 @@ def _sides(explanations: Iterable[Explanation], has: Callable[[Explanation], boo
 
 
 def _borne_out(believed: Beliefs) -> dict[str, float]:
-    """Of each probable name whether what it gains is there; which law of its mechanism has it, the evidence tells.
+    """Of each probable name whether the record agrees on its gain; which law of its mechanism has it, evidence tells.
 
-    A building's unnamed force predicts nothing where it was not fitted: explanations with one are not asked.
+    A building's explanation with an unnamed force has no fit of its own: it is not asked.
     """
     asked = [one for one in believed.explanations if one.estimate is None]
-    return {name: _predicts_better(name, asked) for name, p in believed.names.items() if p > _SHARES_PROBABILITY}
+    return {name: _agreed_on(name, asked) for name, p in believed.names.items() if p > _SHARES_PROBABILITY}
 
 
-def _predicts_better(name: str, explanations: Sequence[Explanation]) -> float:
-    """That the best with an effect predicts further stretches better than the best without any of its mechanism."""
+def _agreed_on(name: str, explanations: Sequence[Explanation]) -> float:
+    """That the best with an effect explains further stretches better than the best without any of its mechanism."""
     mechanisms = {h.name: h.effect.mechanism for one in explanations for h in one.added}
     alike = {other for other, mechanism in mechanisms.items() if mechanism == mechanisms[name]}
     compared = [one for one in explanations if name in one.names or not alike & one.names]
-    scores = [one.cross_validation for one in _sides(compared, lambda one: name in one.names)]
-    return scores[0].probability_of_being_better(scores[1]) if len(scores) > 1 else 1.0
+    own = [one.evidence for one in _sides(compared, lambda one: name in one.names)]
+    return probability_of_being_better(*own) if len(own) > 1 else 1.0
 
 
 def _of_names(believed: Beliefs, borne_out: Mapping[str, float], added: Sequence[Added]) -> dict[str, float]:

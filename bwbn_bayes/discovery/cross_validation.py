@@ -1,4 +1,4 @@
-"""How well a fitted model predicts stretches of the training record that it has not seen, and which of two does better.
+"""How well a fitted model predicts stretches of the training record that it has not seen.
 
 The record is parted into blocks, several joined records each by itself. Without each block the model is fitted again,
 from its fit to all of the record: the first step takes the block's residuals and derivatives out of the normal
@@ -11,8 +11,6 @@ References
    Technometrics 16(1), 1974, doi:10.1080/00401706.1974.10489157.
 .. [2] P. Burman, E. Chow and D. Nolan, "A cross-validatory method for dependent data", Biometrika 81(2), 1994,
    doi:10.1093/biomet/81.2.351.
-.. [3] Q. H. Vuong, "Likelihood Ratio Tests for Model Selection and Non-Nested Hypotheses", Econometrica 57(2), 1989,
-   doi:10.2307/1912557: two wrong models are told apart by their difference over its error from its scatter.
 """
 
 from __future__ import annotations
@@ -22,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Linearisation, Posterior
@@ -30,7 +27,7 @@ from bwbn_bayes.inference.modes import steps
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import by_block
-from bwbn_bayes.records.record import Block, Record
+from bwbn_bayes.records.record import Record
 
 N_BLOCKS = 16
 """Stretches that are left out in turn: what one solve of the lanes holds, each longer than noise remembers."""
@@ -52,32 +49,14 @@ class CrossValidation:
 
     Attributes
     ----------
-    of_blocks : tuple of float
-        Log density of each block, normal with the noise level that the others show; beside a force of no known law,
-        given what they show of it. [nat]
+    log_score : float
+        Log density of all blocks, each normal with the noise level that the others show. [nat]
     nrmse : float
         Root mean square over the channels of each one's rms error over its rms.
     """
 
-    of_blocks: tuple[float, ...]
+    log_score: float
     nrmse: float
-
-    @property
-    def log_score(self) -> float:
-        """Log density of all blocks, in nat."""
-        return sum(self.of_blocks)
-
-    def probability_of_being_better(self, other: CrossValidation) -> float:
-        """That this model predicts further stretches better than another, where neither is right.
-
-        Samples are no independent witnesses then. What scatters from block to block says what the sum is worth:
-        Student's distribution of the mean difference over its error.
-        """
-        if not (np.isfinite(self.log_score) and np.isfinite(other.log_score)):
-            return float(self.log_score > other.log_score)
-        gained = np.subtract(self.of_blocks, other.of_blocks)
-        error = float(np.std(gained, ddof=1)) / np.sqrt(len(gained))
-        return float(student.cdf(np.mean(gained) / max(error, 1e-300), len(gained) - 1))
 
 
 def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
@@ -96,42 +75,30 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
         Minus infinity and infinity where the model cannot be solved without a block.
     """
     record, slopes = posterior.record, Slopes.at(posterior, point)
-    stretches, n_blocks = _stretches(record), len(record.blocks)
+    stretches = stretches_of(record)
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = record.measured - _predicted(posterior, slopes, point, [own for _, own in stretches])
+        squared, scaled = np.square(error), np.square(slopes.scaled(error))
+    n_blocks = len(record.blocks)
     as_one = posterior.noise.as_one if isinstance(posterior.noise, IntegratedNoise) else np.ones(n_blocks)
     as_one = np.broadcast_to(as_one, n_blocks)
-    predicted = _predicted(posterior, slopes, point, [own for _, own in stretches])
-    log_density, missed = np.zeros(len(stretches)), np.zeros(n_blocks)
+    log_score, missed = 0.0, np.zeros(n_blocks)
     for number, (part, own) in enumerate(stretches):
-        with np.errstate(over="ignore", invalid="ignore"):
-            error = record.where_counted(record.measured - predicted[number])
-            scaled = slopes.scaled(error)
         for position, block in enumerate(record.blocks):
             if block.part == part:
-                noise = float(slopes.noise[position])
-                found = _of_block(slopes, error[block.channel] / noise, scaled[block.channel], block, own)
-                log_density[number] += (found - len(own) * np.log(noise)) / as_one[position]
-                missed[position] += np.sum(np.square(error[block.channel, own]))
-    if not np.all(np.isfinite(log_density)):
-        return CrossValidation(of_blocks=(-np.inf,) * len(stretches), nrmse=np.inf)
+                inside = float(np.sum(scaled[number, block.channel, own]))
+                every = scaled[number, block.channel, block.samples]
+                level = (float(np.sum(every)) - inside) / (len(every) - len(own))
+                density = inside / level + len(own) * np.log(2.0 * np.pi * level * slopes.noise[position] ** 2)
+                log_score -= 0.5 * float(density / as_one[position])
+                missed[position] += np.sum(squared[number, block.channel, own])
+    if not np.isfinite(log_score):
+        return CrossValidation(log_score=-np.inf, nrmse=np.inf)
     shares = missed / [np.sum(np.square(own)) for own in by_block(record, record.measured)]
-    return CrossValidation(of_blocks=tuple(log_density.tolist()), nrmse=float(np.sqrt(np.mean(shares))))
+    return CrossValidation(log_score=log_score, nrmse=float(np.sqrt(np.mean(shares))))
 
 
-def _of_block(slopes: Slopes, error: Floats, scaled: Floats, block: Block, own: NDArray[np.int64]) -> float:
-    """Log density of some of a block's samples, of its error ``(n_times,)`` over the noise, and of that whitened."""
-    shared = None if slopes.correlation is None else slopes.correlation.shared
-    if shared is None:
-        added, log_det = float(np.sum(np.square(scaled[own]))), 0.0
-        others = float(np.sum(np.square(scaled[block.samples]))) - added
-    elif np.all(np.isfinite(error)):
-        others, added, log_det = shared.given_others(error, own)
-    else:
-        return -np.inf
-    level = others / (len(scaled[block.samples]) - len(own))
-    return -0.5 * float(added / level + log_det + len(own) * np.log(2.0 * np.pi * level))
-
-
-def _stretches(record: Record) -> list[tuple[int, NDArray[np.int64]]]:
+def stretches_of(record: Record) -> list[tuple[int, NDArray[np.int64]]]:
     """Samples that are left out in turn, and the part that they lie in: by its share of what counts, two at least.
 
     What one leaves of its channels, the others of the same part say the noise level of.

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_discrete_lyapunov, solve_toeplitz, solve_triangular
+from scipy.linalg import cho_factor, cho_solve, solve_discrete_lyapunov, solve_toeplitz
 from scipy.signal import lfilter
 
 from bwbn_bayes.parameters import Floats
@@ -59,26 +59,10 @@ class SharedFunctions(NamedTuple):
         whole = (flat + ((flat @ self.functions) * (factor - 1.0)) @ self.functions.T).reshape(rows.shape)
         return np.asarray(whole if self.level is None else whole * self.level[:, None])
 
-    def given_others(self, residual: Floats, some: NDArray[np.int64]) -> tuple[float, float, float]:
-        """Of a residual ``(n_times,)`` of one channel: what some samples add to the others, as the functions join them.
-
-        Returns
-        -------
-        others : float
-            ``r' (I + Phi V Phi')^-1 r`` of the other samples.
-        added : float
-            What it grows by with these.
-        log_det : float
-            What the log determinant of ``I + Phi V Phi'`` grows by.
-        """
-        rest = np.delete(np.arange(len(residual)), some)
-        whole = 1.0 + 1.0 / self.variance
-        left_out, weights = self.functions[some], residual @ self.functions
-        factor = np.linalg.cholesky(np.diag(whole) - left_out.T @ left_out)
-        own = solve_triangular(factor, residual[rest] @ self.functions[rest], lower=True)
-        others = float(np.sum(np.square(residual[rest])) - own @ own)
-        together = float(residual @ residual - np.sum(np.square(weights) / whole))
-        return others, together - others, float(np.sum(np.log(whole)) - 2.0 * np.sum(np.log(np.diag(factor))))
+    @property
+    def log_volumes(self) -> Floats:
+        """What each sample has of minus half the log determinant of ``I + Phi V Phi'``, ``(n_channels * n_times,)``."""
+        return np.asarray(-0.5 * np.square(self.functions) @ np.log1p(self.variance))
 
     def until(self, n_times: int) -> SharedFunctions:
         """Those of the first samples."""

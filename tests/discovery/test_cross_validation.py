@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import ttest_rel
 
-from bwbn_bayes.discovery.cross_validation import N_BLOCKS, CrossValidation, cross_validated
+from bwbn_bayes.discovery.cross_validation import N_BLOCKS, cross_validated
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.base import Response
 from bwbn_bayes.engines.lanes import Lanes
@@ -125,32 +124,3 @@ def test_a_model_that_cannot_be_solved_predicts_nothing() -> None:
 
     found = cross_validated(posterior.with_engine(Lost(substeps=2, n_threads=1)), np.full(2, 0.5))
     assert (found.log_score, found.nrmse) == (-np.inf, np.inf)
-
-
-def of(values: Floats) -> CrossValidation:
-    return CrossValidation(of_blocks=tuple(values.tolist()), nrmse=0.1)
-
-
-def test_a_gain_is_measured_by_its_scatter_from_block_to_block() -> None:
-    """As Student's test of paired values has it, whatever is common to both."""
-    rng = np.random.default_rng(1)
-    one = rng.normal(-500.0, 100.0, N_BLOCKS)
-    other = one + rng.normal(-1.0, 5.0, N_BLOCKS)
-    expected = 1.0 - ttest_rel(one, other, alternative="greater").pvalue
-    assert of(one).probability_of_being_better(of(other)) == pytest.approx(expected)
-    assert of(other).probability_of_being_better(of(one)) == pytest.approx(1.0 - expected)
-
-
-def test_one_block_against_all_others_bears_nothing_out() -> None:
-    """A gain of hundreds of nats in one block beside losses in the others, and a smaller one spread evenly."""
-    base = np.linspace(-40.0, -20.0, N_BLOCKS)
-    once = base + np.where(np.arange(N_BLOCKS) == 5, 600.0, -3.0)
-    evenly = base + 2.0 + 0.5 * np.cos(np.arange(N_BLOCKS))
-    assert of(once).probability_of_being_better(of(base)) < 0.9
-    assert of(evenly).probability_of_being_better(of(base)) > 0.999
-
-
-def test_what_cannot_be_solved_is_never_better() -> None:
-    lost, found = of(np.full(N_BLOCKS, -np.inf)), of(np.full(N_BLOCKS, -1e6))
-    assert found.probability_of_being_better(lost) == 1.0
-    assert lost.probability_of_being_better(found) == lost.probability_of_being_better(lost) == 0.0

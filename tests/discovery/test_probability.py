@@ -35,7 +35,7 @@ def explanation(
         n_places=3,
     )
     result.__dict__["is_noise"] = is_noise  # else found from the record
-    result.__dict__["cross_validation"] = CrossValidation(of_blocks=(log_score,), nrmse=0.1)
+    result.__dict__["cross_validation"] = CrossValidation(log_score=log_score, nrmse=0.1)
     return result
 
 
@@ -127,7 +127,7 @@ def test_of_explanations_with_what_is_named_the_one_that_predicts_best_is_delive
     assert beliefs((explanation(0.0), one, improbable), N_EFFECTS, VARIANTS).predictive is one
     cost = log_prior(one, N_EFFECTS, VARIANTS) - log_prior(both, N_EFFECTS, VARIANTS)
     for gain, expected in ((cost - 0.1, one), (cost + 0.1, both)):
-        both.__dict__["cross_validation"] = CrossValidation(of_blocks=(gain,), nrmse=0.1)
+        both.__dict__["cross_validation"] = CrossValidation(log_score=gain, nrmse=0.1)
         assert beliefs((explanation(0.0), one, both), N_EFFECTS, VARIANTS).predictive is expected
 
 

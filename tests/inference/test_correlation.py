@@ -111,14 +111,12 @@ def test_what_is_shared_elsewhere_is_the_conditional_of_the_normal() -> None:
     np.testing.assert_allclose(variance, np.diag(left), atol=1e-9)
 
 
-def test_samples_given_the_others_have_the_density_of_a_normal_law() -> None:
-    """The conditional density is that of all samples over that of the others, by SciPy."""
-    rng, n, scale = np.random.default_rng(7), 40, 0.3
-    basis, residual, some = rng.standard_normal((n, 6)), rng.standard_normal(n), np.arange(10, 25)
-    others, added, log_det = SharedFunctions.of(basis).times(2.0).given_others(residual, some)
-    covariance, rest = np.eye(n) + 4.0 * basis @ basis.T, np.delete(np.arange(n), some)
-    assert others == pytest.approx(residual[rest] @ np.linalg.solve(covariance[np.ix_(rest, rest)], residual[rest]))
-    found = -0.5 * (added / scale**2 + log_det + len(some) * np.log(2.0 * np.pi * scale**2))
-    joint = multivariate_normal(cov=scale**2 * covariance).logpdf(residual)
-    marginal = multivariate_normal(cov=scale**2 * covariance[np.ix_(rest, rest)]).logpdf(residual[rest])
-    assert found == pytest.approx(joint - marginal)
+def test_each_sample_has_its_part_of_the_volume() -> None:
+    """Functions that live in one block each: a block's samples have the determinant of its own covariance."""
+    rng, lengths = np.random.default_rng(7), (20, 30)
+    own = [rng.standard_normal((n, 4)) for n in lengths]
+    basis = np.concatenate([np.hstack([own[0], 0.0 * own[0]]), np.hstack([0.0 * own[1], own[1]])])
+    volumes = np.split(SharedFunctions.of(basis).times(2.0).log_volumes, [lengths[0]])
+    for volume, functions in zip(volumes, own, strict=True):
+        covariance = np.eye(len(functions)) + 4.0 * functions @ functions.T
+        assert np.sum(volume) == pytest.approx(-0.5 * np.linalg.slogdet(covariance)[1])

@@ -357,10 +357,10 @@ def simulate(
     engine: EngineOption = "reference",
 ) -> None:
     """Write the record that MODEL gives at its `truth` under its `excitation`, as OUT/MODEL.csv; several numbered."""
-    from bwbn_bayes.cli.files import replacing, writable
+    from bwbn_bayes.cli.files import replacing, writable, write_parts
     from bwbn_bayes.engines.available import engine as engine_by_name
     from bwbn_bayes.engines.simulation import simulate as simulate_record
-    from bwbn_bayes.records.readers import read_record, write_record
+    from bwbn_bayes.records.readers import read_record
 
     file = _loaded(model, columns, record)
     excitation = read_record(record, file.columns) if record is not None else file.excitation
@@ -372,12 +372,10 @@ def simulate(
     made = simulate_record(
         file.model, excitation, file.truth, snr_db=file.snr_db, seed=seed, engine=engine_by_name(engine)
     )
-    numbers = [""] if len(made.parts) == 1 else [f"_{number}" for number in range(1, len(made.parts) + 1)]
     with replacing(out) as fresh:
-        for part, number in zip(made.parts, numbers, strict=True):
-            write_record(part, fresh / f"{file.name}{number}.csv")
-    for number in numbers:
-        print(directory / f"{file.name}{number}.csv")
+        names = write_parts(made, fresh, file.name)
+    for name in names:
+        print(directory / name)
 
 
 @app.command()

@@ -18,6 +18,7 @@ from bwbn_bayes.discovery.outcome import Discovery
 from bwbn_bayes.discovery.unfinished import Unfinished
 from bwbn_bayes.errors import UserError, writing
 from bwbn_bayes.records.readers import read_record, write_record
+from bwbn_bayes.records.record import Record
 from bwbn_bayes.report import write_discovery, write_report
 from bwbn_bayes.report.canvas import is_ours
 from bwbn_bayes.results import Result
@@ -112,10 +113,7 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
         write_discovery(discovery, partial)
         save_result(discovery.result, partial / "identify")
         _save_discovery(discovery, partial)
-        parts = discovery.measurement.parts
-        names = ["record.csv"] if len(parts) == 1 else [f"record_{number}.csv" for number in range(1, len(parts) + 1)]
-        for part, file in zip(parts, names, strict=True):
-            write_record(part, partial / file)
+        names = write_parts(discovery.measurement, partial, "record")
         source = improved_model_source(
             discovery.improved,
             discovery.added,
@@ -126,6 +124,15 @@ def write_discovery_files(discovery: Discovery, directory: Path, model: Path) ->
             assumptions=discovery.assumptions,
         )
         (partial / "improved_model.py").write_text(source, encoding="utf-8")
+
+
+def write_parts(record: Record, directory: Path, stem: str) -> list[str]:
+    """A record as ``STEM.csv``, each of several as ``STEM_1.csv`` and so on; the names of the files."""
+    one = len(record.parts) == 1
+    names = [f"{stem}{'' if one else f'_{number}'}.csv" for number in range(1, len(record.parts) + 1)]
+    for part, name in zip(record.parts, names, strict=True):
+        write_record(part, directory / name)
+    return names
 
 
 def write_unfinished(search: Unfinished, directory: Path) -> None:

@@ -7,6 +7,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -283,7 +284,7 @@ def test_a_resumed_search_answers_the_same(
     climbed: list[int] = []
     own = modes._climb
 
-    def climb(*arguments, **others):  # type: ignore[no-untyped-def]
+    def climb(*arguments: Any, **others: Any) -> Any:
         climbed.append(1)
         return own(*arguments, **others)
 
@@ -330,7 +331,7 @@ def shocks(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def command(shocks: Path, out: Path, *options: str, records: tuple[str, ...]) -> tuple[int, str, str]:
     """``bwbn discover`` with a catalogue of two effects: exit code, stdout, stderr."""
 
-    def with_two_effects(*arguments, settings, **others):  # type: ignore[no-untyped-def]
+    def with_two_effects(*arguments: Any, settings: DiscoverySettings, **others: Any) -> Discovery:
         settings = replace(settings, effects=(CubicStiffness, StrengthDegradation), n_workers=1)
         return discover(*arguments, settings=settings, **others)
 

@@ -15,6 +15,7 @@ from bwbn_bayes.discovery.where import Disagreement, disagreement
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.residuals import leaves_noise, leaves_quiet
+from bwbn_bayes.inference.unnamed.state_function import StateForce
 from bwbn_bayes.inference.unnamed.storey import Estimate
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.structures.structure import Structure
@@ -41,8 +42,8 @@ class Explanation:
         Under its own account of the errors.
     unnamed : tuple of int or None
         Storeys in which it has a force of no known law, ``(1,)`` for a specimen; None where it has none.
-    estimate : Estimate, optional
-        What is expected of a building's unnamed force.
+    estimate : Estimate or StateForce, optional
+        What is expected of a building's unnamed force; a force of one state is part of the model in ``posterior``.
     n_places : int
         Places at which the unnamed force could be: one storey, or all.
     starts : (n, n_dim) array, optional
@@ -54,7 +55,7 @@ class Explanation:
     modes: tuple[Mode, ...]
     evidence: Evidence
     unnamed: tuple[int, ...] | None = None
-    estimate: Estimate | None = None
+    estimate: Estimate | StateForce | None = None
     n_places: int = 1
     starts: Floats | None = None
 

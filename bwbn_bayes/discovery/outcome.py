@@ -186,8 +186,10 @@ class UnnamedForce:
         Its root mean square over that of the force; of a force in every storey, where that is largest.
     function : str
         What a building's is a function of, in words.
-    drift, force : (n_times,) arrays
-        Where it acts, and the force itself. [m], [N]
+    over : {"drift", "drift_rate", "hysteretic_displacement", ""}
+        The one state that it is a function of; empty where there is no such, and it is shown over the drift.
+    state, force : (n_times,) arrays
+        That state where it acts, and the force itself. [m] or [m/s], [N]
     """
 
     storey: int
@@ -195,13 +197,15 @@ class UnnamedForce:
     probability: float
     share: float
     function: str = ""
-    drift: Floats
+    over: str = ""
+    state: Floats
     force: Floats
 
     def as_json(self) -> dict[str, Any]:
         """``unnamed_force`` of ``discovery.json``."""
         facts = {name: getattr(self, name) for name in ("storey", "place", "probability", "share")}
-        return {**facts, **({"function": self.function} if self.function else {})}
+        known = {"function": self.function, "over": self.over}
+        return {**facts, **{name: text for name, text in known.items() if text}}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -57,6 +57,8 @@ class Pool:
     """With one, by its place."""
     expanded: set[Key] = field(default_factory=set)
     """What further effects were tried on."""
+    followed: set[Key] = field(default_factory=set)
+    """Beside what forces of one state were fitted."""
     reshaped: set[Key] = field(default_factory=set)
     """What was tried, or could not be solved, with an effect in a free shape."""
     white: dict[Key, float] = field(default_factory=dict)
@@ -74,10 +76,25 @@ class Pool:
                 self.plain[key], self.white[key] = one, one.evidence.log_evidence
                 self._coloured.discard(key)
                 self._bounds.pop(key, None)
+                self.followed.discard(key)
                 self._sampled.discard((key, None))
                 for place in [place for place in self.unnamed if place[0] == key]:
                     del self.unnamed[place]
                     self._sampled.discard(place)
+
+    def add_unnamed(self, one: Explanation) -> None:
+        """Take in an explanation with an unnamed force in a building.
+
+        Of forces of different kinds at one place the better one is shown, with the evidence of all.
+        """
+        assert one.unnamed is not None
+        key = one.effects_key, one.unnamed
+        found = self.unnamed.get(key)
+        if found is not None:
+            both = float(np.logaddexp(found.evidence.log_evidence, one.evidence.log_evidence))
+            one = max(found, one, key=lambda own: own.evidence.log_evidence)
+            one = replace(one, evidence=replace(one.evidence, log_evidence=both))
+        self.unnamed[key] = one
 
     @cached_property
     def shared(self) -> SharedFunctions | None:

@@ -16,7 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
-from bwbn_bayes.discovery.evidence import laplace
+from bwbn_bayes.discovery.evidence import autoregressive, autoregressive_bound, laplace
 from bwbn_bayes.discovery.explanation import Explanation, key_of
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
@@ -28,7 +28,8 @@ from bwbn_bayes.discovery.unfinished import Unfinished
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
-from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed import N_KINDS, UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.state_function import StateForce, state_forces
 from bwbn_bayes.inference.unnamed.storey import unnamed_forces
 from bwbn_bayes.parameters import Floats
 
@@ -73,13 +74,17 @@ def search(given: Explanation, run: Run) -> Pool:
             parent = _next(pool, run)
             if not deeper and (parent is None or number == _DEEPER_AFTER) and not pool.laws_alone.best.is_noise:
                 deeper = True
-                _look_deeper(given, pool, run)
+                _follow(pool, run)
+                if not pool.beliefs.best.is_noise:
+                    _look_deeper(given, pool, run)
                 parent = _next(pool, run)
             if parent is None:
                 break
             _round(parent, pool, run)
             n_whole += not run.stopped
         if not given.is_specimen:
+            if not pool.laws_alone.best.is_noise:
+                _follow(pool, run)
             _unnamed(pool, run)
             _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
     if run.stopped:
@@ -128,10 +133,10 @@ def _look_deeper(given: Explanation, pool: Pool, run: Run) -> None:
 def _next(pool: Pool, run: Run) -> Explanation | None:
     """The most probable explanation that was not built upon, near the best; its modes looked around first.
 
-    A building's laws are compared without an unnamed force, which few of them get; a specimen's as they stand.
+    A force of no known law beside them counts: where one explains what laws do not, none is sought in its place.
     """
     done = Counter(len(key) for key in pool.expanded)
-    compared = pool.laws_alone if not pool.plain[frozenset()].is_specimen else pool.beliefs
+    compared = pool.beliefs
     for one, log_joint in zip(compared.explanations, compared.log_joint, strict=True):
         if log_joint < compared.log_joint[0] - REACH:
             return None
@@ -373,13 +378,12 @@ def _unnamed(pool: Pool, run: Run) -> None:
     behind = dict(zip((one.effects_key for one in best.explanations), most - best.log_joint, strict=True))
     asked = [(one, float(behind[key]), run) for key, one in wanted.items()]
     tell = "weighed {} explanations with a force of no known law"
-    for _, found in run.pace.each(_with_unnamed, asked, run.settings.n_workers, tell):
+    for _, found in run.pace.each(_to_first_order, asked, run.settings.n_workers, tell):
         for one in found:
-            assert one.unnamed is not None
-            pool.unnamed[one.effects_key, one.unnamed] = one
+            pool.add_unnamed(one)
 
 
-def _with_unnamed(asked: tuple[Explanation, float, Run]) -> list[Explanation]:
+def _to_first_order(asked: tuple[Explanation, float, Run]) -> list[Explanation]:
     """An explanation with an unnamed force in each storey, and in all; so many nats behind the best without one."""
     one, behind, run = asked
     posterior, best = on_one_thread(one.evidence.posterior), one.evidence.modes[0].point
@@ -394,3 +398,44 @@ def _with_unnamed(asked: tuple[Explanation, float, Run]) -> list[Explanation]:
         )
         for place, own in found.items()
     ]
+
+
+def _follow(pool: Pool, run: Run) -> None:
+    """Fit forces of one state beside the best laws, the model as given, and what lacks one effect of the best."""
+    whole = pool.laws_alone.best.effects_key
+    keys = dict.fromkeys([frozenset(), whole, *(whole - {one} for one in whole)])
+    wanted = [key for key in keys if key in pool.plain and key not in pool.followed]
+    streams = run.rng.spawn(len(wanted))
+    asked = [(pool.plain[key], own, run) for key, own in zip(wanted, streams, strict=True)]
+    if not asked or run.must_stop():
+        return
+    run.say(f"fitting forces of one state beside {len(asked)} explanations")
+    tell = "fitted forces of one state beside {} explanations"
+    for (one, *_), found in run.pace.each(_with_state_forces, asked, run.settings.n_workers, tell):
+        pool.followed.add(one.effects_key)
+        for own in found:
+            pool.add_unnamed(own)
+
+
+def _with_state_forces(asked: tuple[Explanation, np.random.Generator, Run]) -> list[Explanation]:
+    """An explanation with a force of one state of a storey."""
+    one, rng, run = asked
+    found = state_forces(on_one_thread(one.posterior), one.points, UNNAMED_SCALE, rng)
+    return [_of_state(one, force, run) for force in found]
+
+
+def _of_state(one: Explanation, force: StateForce, run: Run) -> Explanation:
+    """With a force of one state, under white errors or autoregressive ones, as is more probable."""
+    posterior = on_threads(force.posterior, run.settings.n_workers)
+    found = laplace(posterior, force.modes)
+    # One of many kinds of such a force, and of an unknown scale.
+    weighed = found.log_evidence + force.scale_gain - float(np.log(N_KINDS))
+    evidence = replace(found, log_evidence=weighed)
+    if posterior.record.has_time and autoregressive_bound(posterior, force.modes) > 0.0:
+        coloured = autoregressive(posterior, force.modes)
+        gained = coloured.log_evidence - found.log_evidence
+        if gained > 0.0:
+            evidence = replace(coloured, log_evidence=evidence.log_evidence + gained)
+    return replace(
+        one, posterior=posterior, modes=force.modes, unnamed=(force.storey,), estimate=force, evidence=evidence
+    )

@@ -10,7 +10,9 @@ from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.probability import POSSIBLE, Beliefs
 from bwbn_bayes.discovery.where import storey_in_words
 from bwbn_bayes.inference.residuals import residual_of
+from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.state_function import StateForce
 from bwbn_bayes.inference.unnamed.storey import Neighbourhood, over_time
 
 
@@ -35,7 +37,7 @@ def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
         place=storey_in_words(one.model, 1),
         probability=probability,
         share=float(np.std(force) / np.sqrt(np.mean(np.square(measured)))),
-        drift=record.excitation[record.kept],
+        state=record.excitation[record.kept],
         force=force,
     )
 
@@ -44,16 +46,26 @@ def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
     """What is expected of it, in the storey where it is the largest share of the force."""
     found, record = one.estimate, one.posterior.record
     assert found is not None
-    here = Neighbourhood(posterior=one.evidence.posterior, point=found.point, share=UNNAMED_SCALE, forces=found.forces)
-    whole = np.sqrt(np.mean(np.square(here.rows["restoring_force"]), axis=1))
-    shares = {at: float(np.sqrt(np.mean(np.square(force)))) / whole[at - 1] for at, force in found.forces.items()}
+    if isinstance(found, StateForce):
+        values = one.posterior.split(one.best[None])[0]
+        rows = {kind: own[0] for kind, own in observe(one.posterior.engine, one.model, values, record).items()}
+        forces = {found.storey: found.effect.force(found.weights, rows[found.effect.state][found.storey - 1])}
+    else:
+        posterior = one.evidence.posterior
+        here = Neighbourhood(posterior=posterior, point=found.point, share=UNNAMED_SCALE, forces=found.forces)
+        rows = here.rows
+        forces = {at: over_time(force, record, one.model) for at, force in found.forces.items()}
+    whole = np.sqrt(np.mean(np.square(rows["restoring_force"]), axis=1))
+    shares = {at: float(np.sqrt(np.mean(np.square(force)))) / whole[at - 1] for at, force in forces.items()}
     storey = max(shares, key=lambda at: shares[at])
+    over = found.effect.state if isinstance(found, StateForce) else ""
     return UnnamedForce(
         storey=storey,
         place=storey_in_words(one.model, storey) if len(shares) == 1 else "every storey",
         probability=probability,
         share=shares[storey],
         function=found.kind,
-        drift=here.rows["drift"][storey - 1][record.kept],
-        force=over_time(found.forces[storey], record, one.model)[record.kept],
+        over=over,
+        state=rows[over or "drift"][storey - 1][record.kept],
+        force=forces[storey][record.kept],
     )

@@ -103,7 +103,7 @@ def find_modes(
     points = posterior.sample_prior(rng, n_starts)
     for number, end in enumerate(ends):
         view = posterior.until(end)
-        points = _best(view, points, n_first if number == 0 else n_kept)
+        points = best_of(view, points, n_first if number == 0 else n_kept)
         points, local = polish(view, points, n_iterations=30 if number == len(ends) - 1 else 12, reach=reach)
         modes = distinct(points, local)
         if not modes:
@@ -117,17 +117,17 @@ def find_modes(
             )
         points = np.array([mode.point for mode in modes])
         if number < len(ends) - 1:
-            points = np.concatenate([points, _cloud(view, modes, rng)])
+            points = np.concatenate([points, cloud(view, modes, rng)])
     return modes
 
 
 def settled(view: Posterior, modes: Sequence[Mode], rng: np.random.Generator) -> tuple[Mode, ...]:
     """The modes again, after a cloud around them has looked for something better nearby."""
-    points = np.concatenate([np.array([mode.point for mode in modes]), _cloud(view, tuple(modes), rng)])
-    return distinct(*polish(view, _best(view, points, N_CANDIDATES), n_iterations=40, reach=50.0))
+    points = np.concatenate([np.array([mode.point for mode in modes]), cloud(view, tuple(modes), rng)])
+    return distinct(*polish(view, best_of(view, points, N_CANDIDATES), n_iterations=40, reach=50.0))
 
 
-def _best(view: Posterior, points: Floats, n: int) -> Floats:
+def best_of(view: Posterior, points: Floats, n: int) -> Floats:
     """The best points by log likelihood, no two of them equal to within a thousandth of the cube."""
     order = np.argsort(-view.log_likelihood(points), kind="stable")
     chosen: list[int] = []
@@ -139,7 +139,7 @@ def _best(view: Posterior, points: Floats, n: int) -> Floats:
     return points[chosen]
 
 
-def _cloud(view: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator) -> Floats:
+def cloud(view: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator) -> Floats:
     """Draws from the inflated Laplace approximations of the best half of the candidates."""
     kept = modes[: N_CANDIDATES // 2]
     components = [TruncatedStudent.at(m.point, m.gradient, m.information, inflation=4.0) for m in kept]

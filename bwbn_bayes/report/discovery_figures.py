@@ -273,25 +273,30 @@ def _explanations(bars: tuple[ExplanationBar, ...], n_weighed: int) -> Drawing |
 
 
 def _unnamed(found: UnnamedForce | None, record: Record) -> Drawing | None:
-    """Its force against the drift, coloured by time, or by the cycle of a specimen."""
+    """Its force against the state that it is a function of, or the drift, coloured by time or by a specimen's cycle."""
     if found is None:
         return None
     figure, (axis,) = canvas(1, 2.9)
-    length = display_scale("m", float(np.abs(found.drift).max()))
-    strength = display_scale("N", float(np.abs(found.force).max()))
     of_specimen = record.excitation_kind == "displacement"
+    over = "displacement" if of_specimen else (found.over or "drift").replace("_", " ")
+    length = display_scale("m/s" if found.over == "drift_rate" else "m", float(np.abs(found.state).max()))
+    strength = display_scale("N", float(np.abs(found.force).max()))
     order = (cycle_numbers(record.excitation).astype(float) if of_specimen else record.times)[record.kept]
     norm = Normalize(vmin=float(order[0]), vmax=float(order[-1]))
-    drift, force = length.factor * found.drift, strength.factor * found.force
-    axis.plot(drift, force, color=NEVER, linewidth=0.6, zorder=1)
-    axis.scatter(drift, force, c=order, cmap=ORDER_MAP, norm=norm, s=3.0, linewidths=0.0, zorder=2)
-    axis.set_xlabel(f"{'displacement' if of_specimen else 'drift'} [{length.unit}]")
+    state, force = length.factor * found.state, strength.factor * found.force
+    axis.plot(state, force, color=NEVER, linewidth=0.6, zorder=1)
+    axis.scatter(state, force, c=order, cmap=ORDER_MAP, norm=norm, s=3.0, linewidths=0.0, zorder=2)
+    axis.set_xlabel(f"{over} [{length.unit}]")
     axis.set_ylabel(f"force [{strength.unit}]")
     _colour_bar(figure, [axis], norm, ORDER_MAP, "cycle" if of_specimen else "time [s]")
+    reading = (
+        f"It is a function of the {over} alone: this is its shape."
+        if found.over
+        else "One line would be a spring, a loop friction; a drift of colours is a change with the damage."
+    )
     return finished(
         figure,
         "unnamed_force.png",
-        "The force of no known law against the drift. One line would be a spring, a loop friction; a drift of colours "
-        "is a change with the damage.",
-        f"Force of no known law at {found.place} against drift; its share {100.0 * found.share:.0f} %.",
+        f"The force of no known law against the {over}. {reading}",
+        f"Force of no known law at {found.place} against {over}; its share {100.0 * found.share:.0f} %.",
     )

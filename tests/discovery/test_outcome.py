@@ -177,7 +177,7 @@ def test_nothing_named_leaves_no_effect(run):
 
 
 def test_a_force_of_no_known_law_is_written_with_its_share(run):
-    force = UnnamedForce(storey=1, place="storey 1", probability=0.98, share=0.12, drift=np.zeros(3), force=np.zeros(3))
+    force = UnnamedForce(storey=1, place="storey 1", probability=0.98, share=0.12, state=np.zeros(3), force=np.zeros(3))
     facts = written(replace(run.discovery, verdict="unexplained", added=(), unnamed=force))
     check(facts, CONTRACT)
     assert facts["unnamed_force"] == {"storey": 1, "place": "storey 1", "probability": 0.98, "share": 0.12}

@@ -115,6 +115,7 @@ def test_a_building_is_looked_at_deeper_where_two_effects_leave_more_than_noise(
 
     building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True)
     monkeypatch.setattr(searching, "_look_deeper", look_deeper)
+    monkeypatch.setattr(searching, "_follow", lambda *_: None)
     monkeypatch.setattr(searching, "_unnamed", lambda *_: None)
     monkeypatch.setattr(Explanation, "is_noise", property(lambda one: len(one.added) >= noise_from))
     monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
@@ -123,6 +124,29 @@ def test_a_building_is_looked_at_deeper_where_two_effects_leave_more_than_noise(
     assert looked == ([2] if noise_from == 3 else [])
     later = ["d"] if looked else ["a + b", "a + b + c"]
     assert parents[:-1] == ["the model as given", "a", *later]  # last, an unnamed force is asked for
+
+
+def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After two rounds a force of one state leaves noise beside the model as given; laws alone were far from it."""
+    followed: list[int] = []
+
+    def follow(pool: Pool, run: Run) -> None:
+        followed.append(len(run.steps))
+        if len(followed) == 1:
+            bare = pool.plain[frozenset()]
+            pool.add_unnamed(replace(bare, unnamed=(1,), evidence=cast(Any, SimpleNamespace(log_evidence=500.0))))
+
+    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True)
+    monkeypatch.setattr(searching, "_follow", follow)
+    monkeypatch.setattr(searching, "_look_deeper", lambda *_: pytest.fail("a force has explained it already"))
+    monkeypatch.setattr(searching, "_unnamed", lambda *_: None)
+    monkeypatch.setattr(Explanation, "is_noise", property(lambda one: one.unnamed is not None))
+    monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
+    monkeypatch.setattr(sys.modules[__name__], "TEST", building)
+    parents, pool = searched({"a": 50.0, "ab": 100.0, "abc": 150.0}, monkeypatch)
+    assert parents[:-1] == ["the model as given", "a"]
+    assert followed == [2, 2]
+    assert pool.beliefs.best.has_unnamed
 
 
 def test_what_is_built_upon_is_looked_around_first(monkeypatch: pytest.MonkeyPatch) -> None:

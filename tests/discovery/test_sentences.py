@@ -175,7 +175,7 @@ def test_what_is_not_certain_is_said_to_be_so(probability: float, word: str) -> 
 )
 def test_what_has_no_name_is_told_first(verdict: str, effects: tuple[Added, ...], is_force: bool, first: str) -> None:
     """What an explanation leaves may be a force of the states, or what no force of them is."""
-    force = UnnamedForce(storey=1, place="storey 1", probability=0.93, share=0.12, drift=np.zeros(2), force=np.zeros(2))
+    force = UnnamedForce(storey=1, place="storey 1", probability=0.93, share=0.12, state=np.zeros(2), force=np.zeros(2))
     told = sentences(
         believed(verdict, 0.93, has_unnamed=is_force), effects, force if is_force else None, NOWHERE, gap(0.2, 0.1)
     )

@@ -22,7 +22,8 @@ from bwbn_bayes.inference.modes import distinct, polish
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.pulses import Knots, answers
 from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
-from bwbn_bayes.inference.unnamed.storey import Sums, functions, places_of, unnamed_forces
+from bwbn_bayes.inference.unnamed.storey import functions, places_of, unnamed_forces
+from bwbn_bayes.inference.unnamed.sums import Sums
 from bwbn_bayes.parameters import Floats, Normal, Uniform
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -184,7 +185,8 @@ def sums(rng: np.random.Generator, shape: float, hidden: float) -> Sums:
     columns[4] += hidden * (columns[1] - columns[2])
     products = np.array([own @ own.T for own in np.moveaxis(columns, 1, 0)])
     noise = IntegratedNoise(shape=shape, scale=(shape, shape))
-    return Sums(products=products, n_base=1, n_counted=80, noise=noise, level=np.ones(2))
+    ones = np.ones(2)
+    return Sums(products=products, n_base=1, n_counted=80, noise=noise, level=ones, floor=ones, present=np.zeros(3))
 
 
 def log_marginal(given: Sums, scale: float, precision: Floats) -> float:
@@ -204,7 +206,19 @@ def test_the_gain_of_a_linear_model_is_its_bayes_factor(hidden: float) -> None:
     known = np.ones(2)
     nothing = log_marginal(given, 0.0, known)
     expected = quad(lambda s: np.exp(log_marginal(given, s, known) - nothing) * 2.0 * norm.pdf(s), 0.0, 8.0, limit=200)
-    assert given.settled(known)[0] - given.without(known)[0] == pytest.approx(np.log(expected[0]), abs=0.02)
+    assert given.settled()[0] - given.alone == pytest.approx(np.log(expected[0]), abs=0.02)
+    assert given.at_scale(0.7) - given.alone == pytest.approx(log_marginal(given, 0.7, known) - nothing, abs=1e-9)
+
+
+def test_a_force_that_is_there_already_is_stepped_from() -> None:
+    """The same linear model about other weights: what is left changes, the answer does not."""
+    given, present = sums(np.random.default_rng(3), 1e6, 2.0), np.array([1.5, -0.4, 2.5])
+    # The residual beside the present force is what the weights do not take up yet.
+    change = np.eye(5)
+    change[1:4, 4] = -present
+    moved = replace(given, products=np.array([change.T @ one @ change for one in given.products]), present=present)
+    for one, other in zip(given.settled(), moved.settled(), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9)
 
 
 def test_where_the_force_explains_what_was_taken_for_noise_the_noise_is_smaller() -> None:
@@ -219,6 +233,8 @@ def test_where_the_force_explains_what_was_taken_for_noise_the_noise_is_smaller(
         n_counted=80,
         noise=given.noise,
         level=level,
+        floor=np.ones(2),
+        present=np.zeros(3),
     )
     grid = np.linspace(-1.5, 3.0, 61)
 
@@ -234,9 +250,9 @@ def test_where_the_force_explains_what_was_taken_for_noise_the_noise_is_smaller(
     scales = np.linspace(0.05, 6.0, 60)
     density = 2.0 * norm.pdf(scales) * (scales[1] - scales[0])
     expected = logsumexp([marginal(s) for s in scales], b=density) - marginal(0.0)
-    for start in (np.ones(2), np.square(level)):
-        log_evidence, _, weights = own.settled(start)
-        assert log_evidence - own.without(np.ones(2))[0] == pytest.approx(expected, abs=1.0)
+    for floor in (np.ones(2), level):
+        log_evidence, _, weights = replace(own, floor=floor).settled()
+        assert log_evidence - own.alone == pytest.approx(expected, abs=1.0)
         np.testing.assert_allclose(weights, [8.0, -8.0, 0.0], atol=1.5)
 
 

@@ -47,7 +47,7 @@ def variants(found):
     """The same discovery under every verdict, and without held-out data."""
     drift = found.histories["after"]["drift"][0]
     unnamed = UnnamedForce(
-        storey=1, place="storey <1>", probability=0.97, share=0.12, drift=drift, force=np.sin(40.0 * drift)
+        storey=1, place="storey <1>", probability=0.97, share=0.12, state=drift, force=np.sin(40.0 * drift)
     )
     alone = replace(found.gap, held_out=None)
     step = replace(found.steps[0], sentence="Nothing <more> was found.")

@@ -26,20 +26,16 @@ from scipy.linalg import eigh
 from scipy.special import logsumexp
 
 from bwbn_bayes.elements.law import Effect
-from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
-from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
-from bwbn_bayes.inference.residuals import noise_floors
+from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.summary import observe
+from bwbn_bayes.inference.unnamed import N_KINDS
 from bwbn_bayes.inference.unnamed.pulses import Knots, answers, knots_of
+from bwbn_bayes.inference.unnamed.sums import Sums
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.blocks import by_block, counts
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
-_RELATIVE_SCALES = np.geomspace(1e-2, 6.0, 97)
-"""Scales of the force over the standard deviation of their half-normal prior, over which it is integrated."""
-_DENSITY = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * np.square(_RELATIVE_SCALES)) * np.gradient(_RELATIVE_SCALES)
 _LENGTHS = (0.5, 0.15)
 """Over which a force of the states changes, each over its largest; of hysteretic displacement also within a pinch."""
 _OF_WORK, _OF_TIME = 1.0, 0.3
@@ -52,10 +48,8 @@ _MOST_FUNCTIONS, _FEWEST_FUNCTIONS, _NEGLIGIBLE = 120, 6, 1e-4
 """Eigenfunctions of a process that are kept, and the variance below which one is not, over the largest."""
 _MOST_NUMBERS = 2e7
 """In the answers to the functions of all storeys, which tall buildings and long records share: memory bounds them."""
-_N_TURNS, _SETTLED = 8, 1e-2
-"""In which the noise level and the force's scale find each other, and the relative change of the level that ends it."""
-_MUCH = 1.5
-"""Times the noise's power that a model takes for noise, from which a second start is worth its time."""
+_SETTLED = 1e-2
+"""Relative change of the gain below which a force is followed no further."""
 _SMALL, _INEXACT = 20.0, 0.1
 """Gain up to which the first order is enough [nat], and by what share it may be wrong of a larger one."""
 _N_FOLLOWED, _WAYS = 4, (1.0, 0.5, 0.2)
@@ -296,24 +290,16 @@ class Neighbourhood:
         return found
 
     @cached_property
-    def _starts(self) -> tuple[Floats, ...]:
-        """Precisions over that of what is left: a model that lacks much takes it for noise, begin at the noise too."""
-        by_itself = np.square(self.slopes.noise / np.maximum(noise_floors(self.view.record), 1e-300))
-        return (np.ones(len(by_itself)), *([by_itself] if np.any(by_itself > _MUCH) else []))
-
-    @cached_property
     def alone(self) -> float:
         """Log evidence of the model without a force, but for a constant."""
-        return self._sums([]).without(np.ones(len(self.slopes.noise)))[0]
+        return self._sums([]).alone
 
     def _sums(self, answered: Sequence[Floats]) -> Sums:
-        record, noise = self.view.record, self.view.noise
-        assert isinstance(noise, IntegratedNoise)
-        base = self.slopes.base.T.reshape(-1, *self.slopes.residual.shape)
-        unforced = self.slopes.residual + sum(own[-1] for own in answered)
-        columns = np.concatenate([base, *(own[:-1] for own in answered), unforced[None]])
-        products = np.array([own @ own.T for own in by_block(record, columns)])
-        return Sums(products=products, n_base=len(base), n_counted=counts(record), noise=noise, level=self.slopes.noise)
+        residual = self.slopes.residual
+        answers = np.concatenate([residual[:0].reshape(0, *residual.shape), *(own[:-1] for own in answered)])
+        unforced = residual + sum(own[-1] for own in answered)
+        noise, base = self.view.noise, self.slopes.base.T
+        return Sums.of(self.slopes, noise, base, answers, unforced=unforced, present=np.zeros(len(answers)))
 
     def estimate(self, place: tuple[int, ...], alone: float) -> Estimate:
         """Of forces in some storeys, independent of each other and of one scale; their kind is integrated out.
@@ -329,12 +315,12 @@ class Neighbourhood:
             self._of_kind(kind, {storey: own[storey] for storey in place}, alone)
             for kind, own in self._processes.items()
         ]
-        gain = float(logsumexp([one.gain for one in every]) - np.log(len(every)))
+        gain = float(logsumexp([one.gain for one in every]) - np.log(N_KINDS))
         return replace(max(every, key=lambda one: one.gain), gain=gain)
 
     def _of_kind(self, kind: str, processes: Mapping[int, tuple[Floats, Floats]], alone: float) -> Estimate:
         sums = self._sums([answered for _, answered in processes.values()])
-        log_evidence, step, weights = max((sums.settled(start) for start in self._starts), key=lambda found: found[0])
+        log_evidence, step, weights = sums.settled()
         ends = np.cumsum([len(histories) for histories, _ in processes.values()])[:-1]
         return Estimate(
             gain=log_evidence - alone,
@@ -353,85 +339,3 @@ class Neighbourhood:
             point=self.point + share * (found.point - self.point),
             forces={at: (1.0 - share) * self.forces.get(at, 0.0) + share * own for at, own in found.forces.items()},
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sums:
-    """A linear model's products: its slopes, the answers to a force and the residual, with each other, by block.
-
-    Attributes
-    ----------
-    products : (n_blocks, n, n) array
-        Of slopes, then answers, then the residual, over the noise.
-    n_base : int
-        Slopes among them.
-    n_counted : (n_blocks,) array
-        Samples of each.
-    noise : IntegratedNoise
-    level : (n_blocks,) array
-        Noise standard deviation of the model without the force, over which the products are.
-    """
-
-    products: Floats
-    n_base: int
-    n_counted: Floats
-    noise: IntegratedNoise
-    level: Floats
-
-    def settled(self, precision: Floats) -> tuple[float, Floats, Floats]:
-        """The log evidence, but for a constant, and what the other parameters and the weights are expected to be.
-
-        With the force the noise may be smaller: its level and the force's scale are looked for in turns.
-
-        Parameters
-        ----------
-        precision : (n_blocks,) array
-            Where that begins, over that without the force.
-        """
-        best, n = -np.inf, self.n_base
-        others, weights = np.zeros(n), np.zeros(self.products.shape[1] - n - 1)
-        for _ in range(_N_TURNS):
-            plain, left, taken = self.without(precision)
-            information, turned = np.linalg.eigh(left[:-1, :-1])
-            information, slope = np.maximum(information, 0.0), left[:-1, -1] @ turned
-            variance = np.square(_RELATIVE_SCALES)[:, None]
-            spread = 1.0 + variance * information
-            by_scale = 0.5 * np.sum(variance * np.square(slope) / spread - np.log(spread), axis=1)
-            log_evidence = plain + float(logsumexp(by_scale, b=_DENSITY))
-            at = int(np.argmax(by_scale + np.log(_DENSITY)))
-            mean = turned @ (variance[at, 0] * slope / spread[at])
-            beside = taken[:, -1] - taken[:, :-1] @ mean
-            if log_evidence > best:
-                best, others, weights = log_evidence, beside, mean
-            wanted = self._precision(precision, np.concatenate([beside, mean]), float(variance[at, 0]))
-            if np.all(np.abs(np.log(wanted / precision)) < _SETTLED):
-                break
-            precision = wanted
-        return best, others, weights
-
-    def without(self, precision: Floats) -> tuple[float, Floats, Floats]:
-        """Log evidence without the force, but for a constant; the products with the slopes projected out; what was.
-
-        The last are the slopes' coefficients in the answers and in the residual.
-        """
-        n, whole = self.n_base, np.tensordot(precision, self.products, axes=1)
-        others = whole[:n, :n] + PRIOR_PRECISION * np.eye(n)
-        taken = np.linalg.solve(others, whole[:n, n:])
-        left = whole[n:, n:] - whole[n:, :n] @ taken
-        as_one = self.noise.as_one
-        whole_precision = precision / np.square(self.level)
-        rate = as_one * np.asarray(self.noise.scale)
-        counted = 0.5 * self.n_counted / as_one + self.noise.shape
-        of_level = np.sum(counted * np.log(whole_precision) - whole_precision * rate)
-        return float(of_level - 0.5 * left[-1, -1] - 0.5 * np.linalg.slogdet(others)[1]), left, taken
-
-    def _precision(self, precision: Floats, expected: Floats, variance: float) -> Floats:
-        """The precision that what is left on the average, over weights and the other parameters, deserves."""
-        n, whole = self.n_base, np.tensordot(precision, self.products, axes=1)
-        prior = np.append(np.full(n, PRIOR_PRECISION), np.full(len(expected) - n, 1.0 / variance))
-        spread = np.linalg.inv(whole[:-1, :-1] + np.diag(prior))
-        own = np.append(expected, -1.0)
-        misfit = np.array([own @ one @ own + np.sum(spread * one[:-1, :-1]) for one in self.products])
-        squared = np.square(self.level)
-        (deserved,) = self.noise.precision((misfit * squared)[None], self.n_counted, np.empty((1, 0)))
-        return np.asarray(squared * deserved)

@@ -1,0 +1,355 @@
+"""A force of no known law that is a function of one state of its storey.
+
+That state is the drift, the drift rate or the hysteretic displacement. The function is a sum of triangular hats, coarse
+and fine, with independent weights whose variance halves from level to level: a Brownian motion on either side of zero,
+which may be anything continuous, and in which what changes fast costs what it needs. Corners are rounded over the
+finest spacing, which makes quadratic splines of the finest hats, so that smooth functions are met closely. It is a law
+like others, solved by the engine and fitted with the other parameters, first to the beginning of the record: a force
+that is large bends the motion, and what follows to first order from a model without it
+(:mod:`~bwbn_bayes.inference.unnamed.storey`) is then far from what it does.
+
+References
+----------
+.. [1] Z. Ciesielski, "Hölder conditions for realizations of Gaussian processes", Trans. Am. Math. Soc. 99, 1961 (the
+   hats of Faber and Schauder and their weights for a Brownian motion).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, NamedTuple, Self, override
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, Effect, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.inference.likelihood import Linearisation, Posterior
+from bwbn_bayes.inference.modes import Mode, best_of, cloud, distinct, first_window, polish, windows
+from bwbn_bayes.inference.slopes import Slopes
+from bwbn_bayes.inference.summary import observe
+from bwbn_bayes.inference.unnamed.sums import Sums
+from bwbn_bayes.parameters import Booleans, Floats, Normal, Parameter, Value
+from bwbn_bayes.structures.structure import PlacedEffect
+
+_N_LEVELS = 5
+"""Beyond the coarsest: the finest hats are a thirty-second of the reach wide on either side."""
+_ROOM = 1.25
+"""Reach of the state over its largest without the force."""
+_WIDE = 0.5
+"""Scale within which weights are looked for, over the largest force: what is probable is weighed afterwards."""
+_N_ITERATIONS, _N_LAST, _N_CANDIDATES, _N_KEPT = 12, 30, 4, 2
+"""Steps on a part of the record and on the whole; points from which they go, and fits kept."""
+_REACH, _FEWEST = 50.0, 2
+"""How far below the best a state goes on [nat]; after two parts of the record the better half does, these at least."""
+_SOURCE = "Ciesielski 1961"
+_STATES = {"drift": DRIFT, "drift_rate": DRIFT_RATE, "hysteretic_displacement": HYSTERETIC_DISPLACEMENT}
+STATES = tuple(_STATES)
+"""What the force may be a function of."""
+
+
+class _Hat(NamedTuple):
+    """One function of the basis: a triangle with rounded corners, on one side of zero, of a level, about a centre."""
+
+    level: int
+    side: int
+    centre: float
+
+    @property
+    def sd(self) -> float:
+        """Of its weight, for a Brownian motion of unit variance at the end of the reach."""
+        return float(2.0 ** (-0.5 * (self.level + 1))) if self.level else 1.0
+
+    @property
+    def corners(self) -> tuple[tuple[float, float], ...]:
+        """Where it would bend, and half by how much; the coarsest stays at one beyond the reach, the others vanish."""
+        if self.level == 0:
+            return (0.0, 0.5), (float(self.side), -0.5)
+        wide = 2.0**-self.level
+        places = (self.side * (self.centre + step * wide) for step in (-1.0, 0.0, 1.0))
+        return tuple(zip(places, (0.5 / wide, -1.0 / wide, 0.5 / wide), strict=True))
+
+    @property
+    def knots(self) -> tuple[tuple[float, float], ...]:
+        """Where its second derivative jumps, with factors of ``x |x|`` about there, whose differences round corners."""
+        factor = 0.25 / _ROUNDED
+        return tuple((at + step * _ROUNDED, -step * factor * by) for at, by in self.corners for step in (1.0, -1.0))
+
+    def over(self, x: Floats) -> Floats:
+        """Its value."""
+        bent = sum(by * (x - at) * np.abs(x - at) for at, by in self.knots)
+        return np.asarray(bent + (0.5 if self.level == 0 else 0.0))
+
+
+_ROUNDED = 0.5 ** (_N_LEVELS + 1)
+"""Of the reach, over which corners are rounded on either side: half the finest spacing."""
+_HATS = tuple(
+    _Hat(level, side, centre)
+    for level in range(_N_LEVELS + 1)
+    for side in (1, -1)
+    for centre in (np.arange(1, 2**level, 2) / 2**level if level else (1.0,))
+)
+_WEIGHTS = tuple(
+    Parameter(symbol=f"w_{number}", unit="N", neutral=0.0, description="weight of a hat", source=_SOURCE)
+    for number in range(len(_HATS))
+)
+_PER = {
+    "drift": Parameter(symbol="per_u", unit="1/m", neutral=0.0, description="one over the reach", source=_SOURCE),
+    "drift_rate": Parameter(symbol="per_v", unit="s/m", neutral=0.0, description="one over the reach", source=_SOURCE),
+    "hysteretic_displacement": Parameter(
+        symbol="per_z", unit="1/m", neutral=0.0, description="one over the reach", source=_SOURCE
+    ),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateFunction(Effect):
+    """``F + f(x / reach)`` with ``x`` a state of the storey.
+
+    Parameters
+    ----------
+    state : str
+        One of :data:`STATES`.
+    reach : float
+        Of the state, on either side of zero. [m] or [m/s]
+    scale : float
+        Standard deviation of the force at the end of the reach. [N]
+    """
+
+    state: str
+    reach: float
+    scale: float
+
+    name: ClassVar[str] = "state_function"
+    summary: ClassVar[str] = "a force of no known law"
+    source: ClassVar[str] = _SOURCE
+    residual: ClassVar[str] = "whatever a force of one state leaves"
+    confusable: ClassVar[str] = "every law of that state"
+    parameters: ClassVar[tuple[Parameter, ...]] = (*_WEIGHTS, *_PER.values())
+
+    @property
+    @override
+    def values(self) -> Mapping[str, Value]:
+        weights = {p.symbol: Normal(0.0, self.scale * one.sd) for p, one in zip(_WEIGHTS, _HATS, strict=True)}
+        return {**weights, **{p.symbol: 1.0 / self.reach if at == self.state else 0.0 for at, p in _PER.items()}}
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        raise NotImplementedError("a force of no known law is no effect of the catalogue")
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {parameter.symbol: (0.0,) for parameter in _WEIGHTS}
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        x = sum(state * symbol(_PER[at].symbol) for at, state in _STATES.items())
+        knots: dict[float, sp.Expr] = {}
+        for parameter, hat in zip(_WEIGHTS, _HATS, strict=True):
+            for at, by in hat.knots:
+                knots[at] = knots.get(at, sp.S.Zero) + sp.Rational(by) * symbol(parameter.symbol)
+        bent = sum(by * (x - sp.Rational(at)) * sp.Abs(x - sp.Rational(at)) for at, by in knots.items())
+        level = sum(symbol(p.symbol) / 2 for p, hat in zip(_WEIGHTS, _HATS, strict=True) if hat.level == 0)
+        return replace(slots, added_force=slots.added_force + bent + level)
+
+    def force(self, weights: Floats, state: Floats) -> Floats:
+        """The force ``(n_times,)`` [N] at a history of its state, of weights ``(n_weights,)`` [N]."""
+        return np.asarray(weights @ np.array([one.over(state / self.reach) for one in _HATS]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TiedPosterior(Posterior):
+    """The posterior of a model with a :class:`StateFunction` whose weights have a narrower prior than their cube has.
+
+    Where the force can take over from a law beside it, which of them does is for the prior to say: fits must know it.
+
+    Parameters
+    ----------
+    narrower : float
+        Standard deviation of the weights' prior over that in which the unit cube is uniform.
+    """
+
+    narrower: float = 1.0
+
+    @property
+    @override
+    def about(self) -> str:
+        return f"{super().about}, weights tied {self.narrower!r}"
+
+    @cached_property
+    def columns(self) -> NDArray[np.int64]:
+        """Where the weights stand among the coordinates."""
+        symbols = [p.symbol for p in self.model.space.parameters]
+        return np.array([symbols.index(p.symbol) for p in _WEIGHTS])
+
+    @override
+    def log_likelihood_of(self, misfit: Floats, points: Floats) -> Floats:
+        """With the log ratio of the two priors added."""
+        standard = norm.ppf(points[:, self.columns])
+        tie = -0.5 * self._tied * np.sum(np.square(standard), axis=1) - len(_WEIGHTS) * np.log(self.narrower)
+        return np.asarray(super().log_likelihood_of(misfit, points) + tie)
+
+    @override
+    def linearise(self, points: Floats, free: Booleans | None = None) -> Linearisation:
+        local, columns = super().linearise(points, free), self.columns
+        standard = norm.ppf(points[:, columns])
+        # By the unit coordinate, in which a standard normal's quantile grows by one over its density.
+        growth = 1.0 / norm.pdf(standard) * (1.0 if free is None else free[:, columns])
+        gradient, information = local.gradient.copy(), local.information.copy()
+        gradient[:, columns] -= self._tied * standard * growth
+        information[:, columns, columns] += self._tied * np.square(growth)
+        return replace(local, gradient=gradient, information=information)
+
+    @property
+    def _tied(self) -> float:
+        return 1.0 / self.narrower**2 - 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateForce:
+    """An unnamed force that is a function of one state, fitted beside a model.
+
+    Attributes
+    ----------
+    scale_gain : float
+        What integrating its scale out adds to the log evidence that it has at the scale of the posterior. [nat]
+    storey : int
+    effect : StateFunction
+    posterior : TiedPosterior
+        Of the model with it, its scale that of the prior.
+    modes : tuple of Mode
+        Optima of that, best first.
+    weights : (n_weights,) array
+        What they are expected to be. [N]
+    """
+
+    scale_gain: float
+    storey: int
+    effect: StateFunction
+    posterior: TiedPosterior
+    modes: tuple[Mode, ...]
+    weights: Floats
+
+    @property
+    def kind(self) -> str:
+        """What it is a function of, in words."""
+        return f"of the {self.effect.state.replace('_', ' ')} alone"
+
+
+def state_forces(
+    posterior: Posterior, points: Floats, share: float, rng: np.random.Generator
+) -> tuple[StateForce, ...]:
+    """Forces of one state of a storey beside a model, fitted to more and more of the record while they keep up.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the model.
+    points : (n, n_dim) array
+        Its fits, the best one first, in the unit cube.
+    share : float
+        Standard deviation of the scale's half-normal prior, over the largest force of the storey.
+    rng : numpy.random.Generator
+        Random stream.
+    """
+    rows = observe(posterior.engine, posterior.model, posterior.split(points[:1])[0], posterior.record)
+    places = [(storey, state) for storey in range(1, posterior.model.n_links + 1) for state in STATES]
+    rivals = [_Rival.of(posterior, points, storey, state, rows, share) for storey, state in places]
+    ends = windows(posterior.record.duration, first_window(posterior))
+    for number, end in enumerate(ends):
+        n_iterations = _N_ITERATIONS if end < ends[-1] else _N_LAST
+        rivals = [rival for rival in (one.fitted(end, n_iterations, rng) for one in rivals) if rival.modes]
+        if not rivals:
+            return ()
+        rivals.sort(key=lambda rival: -rival.reached)
+        if number > 1:
+            rivals = rivals[: max(len(rivals) // 2, _FEWEST)]
+        rivals = [rival for rival in rivals if rival.reached > rivals[0].reached - _REACH]
+    return tuple(rival.weighed(share) for rival in rivals)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Rival:
+    """A model with a force of one state of a storey, on the way to its fit.
+
+    Attributes
+    ----------
+    storey : int
+    effect : StateFunction
+    largest : float
+        Force of the storey. [N]
+    posterior : TiedPosterior
+    modes : tuple of Mode
+        Of the last window.
+    points : (n, n_dim) array
+        From which the next is fitted.
+    """
+
+    storey: int
+    effect: StateFunction
+    largest: float
+    posterior: TiedPosterior
+    points: Floats
+    modes: tuple[Mode, ...] = ()
+
+    @classmethod
+    def of(
+        cls, posterior: Posterior, points: Floats, storey: int, state: str, rows: Mapping[str, Floats], share: float
+    ) -> Self:
+        """One that does nothing yet, beside a model that moves through ``rows`` by kind of state."""
+        largest = float(np.max(np.abs(rows["restoring_force"][0, storey - 1])))
+        reach = _ROOM * float(np.max(np.abs(rows[state][0, storey - 1])))
+        effect = StateFunction(state=state, reach=reach, scale=_WIDE * largest)
+        placed = PlacedEffect(effect=effect, storeys=(storey,))
+        base = posterior.model
+        view = TiedPosterior(
+            model=replace(base, carried=(), effects=(*base.effects, placed)),
+            record=posterior.record,
+            engine=posterior.engine,
+            noise=posterior.noise,
+            solves=posterior.solves,
+            journal=posterior.journal,
+            narrower=share / _WIDE,
+        )
+        start = np.full((len(points), view.space.n_dim), 0.5)
+        start[:, [view.space.names.index(name) for name in posterior.space.names]] = points
+        return cls(storey=storey, effect=effect, largest=largest, posterior=view, points=start)
+
+    @property
+    def reached(self) -> float:
+        """Log likelihood of the last window's best fit."""
+        return self.modes[0].log_likelihood if self.modes else -np.inf
+
+    def fitted(self, end: float, n_iterations: int, rng: np.random.Generator) -> Self:
+        """Fitted to the record up to a time, from the last fits and a cloud around them."""
+        view, points = self.posterior.until(end), self.points
+        if self.modes:
+            points = best_of(view, np.concatenate([points, cloud(self.posterior, self.modes, rng)]), _N_CANDIDATES)
+        modes = distinct(*polish(view, points, n_iterations=n_iterations, reach=_REACH))[:_N_KEPT]
+        return replace(self, modes=modes, points=np.array([mode.point for mode in modes]))
+
+    def weighed(self, share: float) -> StateForce:
+        """With what integrating its scale out adds to its evidence, and the weights that it then has."""
+        view, point = self.posterior, self.points[0]
+        values = view.split(point[None])[0]
+        slopes, sd = Slopes.at(view, point), share * self.largest * np.array([hat.sd for hat in _HATS])
+        columns = view.columns
+        per_unit = view.model.space.unit_scale(values)[0, columns]
+        answers = (slopes.base.T[columns] * (sd / per_unit)[:, None]).reshape(-1, *slopes.residual.shape)
+        others = slopes.base.T[np.setdiff1d(np.arange(view.space.n_dim), columns)]
+        present = values[0, columns] / sd
+        sums = Sums.of(slopes, view.noise, others, answers, unforced=slopes.residual, present=present)
+        log_evidence, _, weights = sums.settled()
+        return StateForce(
+            scale_gain=log_evidence - sums.at_scale(1.0),
+            storey=self.storey,
+            effect=self.effect,
+            posterior=view,
+            modes=self.modes,
+            weights=sd * weights,
+        )

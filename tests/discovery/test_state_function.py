@@ -1,0 +1,132 @@
+"""A force of one state: its basis, its law, its prior, and whether it is found as what it is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.stats import norm
+
+from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
+from bwbn_bayes.inference.modes import distinct, polish
+from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed import state_function as own
+from bwbn_bayes.inference.unnamed.state_function import StateFunction, TiedPosterior, state_forces
+from bwbn_bayes.parameters import Floats, Uniform
+from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import PlacedEffect
+
+STEP = 0.02
+TIMES = STEP * np.arange(500)
+GROUND = np.sin(2.0 * np.pi * 0.9 * TIMES) * np.minimum(TIMES / 4.0, 1.0) * 2.5
+MODEL = ShearBuilding(
+    masses=(1.0, 1.0),
+    storey=BoucWen(k=Uniform(40.0, 80.0), c=0.5, alpha=0.2, beta=5.0, gamma=5.0, n=1.0),
+)
+
+
+def window(drift: Floats | float) -> Floats | float:
+    """A storey that stiffens between two drifts: no law of the catalogue. [N]."""
+    return 0.8 * np.tanh((drift - 0.06) / 0.012) + 0.8 * np.tanh(5.0)
+
+
+def test_a_hat_is_a_triangle_seen_through_a_slit() -> None:
+    x, slit = np.linspace(-1.4, 1.4, 61), np.linspace(-own._ROUNDED, own._ROUNDED, 2001)
+    for hat in own._HATS:
+        seen = x[:, None] + slit
+        half = 2.0**-hat.level
+        triangle = np.maximum(0.0, 1.0 - np.abs(hat.side * seen - hat.centre) / half)
+        if hat.level == 0:  # and stays at one beyond the reach
+            triangle = np.clip(hat.side * seen, 0.0, 1.0)
+        np.testing.assert_allclose(hat.over(x), np.mean(triangle, axis=1), atol=2e-3)
+
+
+def test_its_weights_are_those_of_a_brownian_motion() -> None:
+    """Of unit variance at the end of the reach: the variance at x is x, of what 64 corners resolve."""
+    x = np.array([-0.75, -0.5, 0.25, 0.5, 0.625, 1.0])
+    basis = np.array([hat.sd * hat.over(x) for hat in own._HATS])
+    covariance = basis.T @ basis
+    same_side = np.sign(x)[:, None] == np.sign(x)
+    expected = np.where(same_side, np.minimum.outer(np.abs(x), np.abs(x)), 0.0)
+    np.testing.assert_allclose(covariance, expected, atol=0.02)
+
+
+def posterior_of(record: Record) -> Posterior:
+    noise = IntegratedNoise(shape=1.0, scale=tuple(1e-4 for _ in record.channels))
+    return Posterior(model=MODEL, record=record, engine=Lanes(substeps=4, n_threads=1), noise=noise)
+
+
+@pytest.fixture(scope="module")
+def record() -> Record:
+    """Floor accelerations of the building with the force in storey 2, by SciPy."""
+    k, c, alpha, beta, gamma = 60.0, 0.5, 0.2, 5.0, 5.0
+
+    def rates(t: float, y: Floats) -> Floats:
+        u, v, z = y[0:2], y[2:4], y[4:6]
+        force = c * v + alpha * k * u + (1.0 - alpha) * k * z
+        force[1] += window(u[1])
+        floors = (np.append(force[1:], 0.0) - force) / 1.0
+        ground = np.interp(t, TIMES, GROUND)
+        relative = np.array([floors[0] - ground, floors[1] - floors[0]])
+        return np.concatenate([v, relative, v - beta * np.abs(v) * z - gamma * v * np.abs(z)])
+
+    found = solve_ivp(rates, (0.0, TIMES[-1]), np.zeros(6), t_eval=TIMES, rtol=1e-9, atol=1e-11, max_step=0.01)
+    total = np.array([rates(t, y)[2:4] for t, y in zip(TIMES, found.y.T, strict=True)])
+    floors = np.cumsum(total, axis=1).T + GROUND
+    rng = np.random.default_rng(3)
+    noisy = {f"acceleration_{i + 1}": own + 0.01 * rng.standard_normal(len(TIMES)) for i, own in enumerate(floors)}
+    return Record(name="shaken", time_step=STEP, excitation=GROUND, channels=noisy)
+
+
+def test_the_tie_is_the_ratio_of_two_normal_priors(record: Record) -> None:
+    """And its expansion has the slope of that, by differences."""
+    placed = PlacedEffect(effect=StateFunction(state="drift", reach=0.2, scale=5.0), storeys=(2,))
+    model = replace(MODEL, effects=(placed,))
+    plain = posterior_of(record).with_model(model)
+    tied = TiedPosterior(model=model, record=record, engine=plain.engine, noise=plain.noise, narrower=0.2)
+    assert [model.space.names[i].split("[")[0] for i in tied.columns] == [p.symbol for p in own._WEIGHTS]
+    rng = np.random.default_rng(1)
+    points = rng.uniform(0.49, 0.51, (3, model.space.n_dim))
+    weights = model.space.from_unit(points)[:, tied.columns]
+    sd = 5.0 * np.array([hat.sd for hat in own._HATS])
+    ratio = np.sum(norm.logpdf(weights, scale=0.2 * sd) - norm.logpdf(weights, scale=sd), axis=1)
+    np.testing.assert_allclose(tied.log_likelihood(points) - plain.log_likelihood(points), ratio, rtol=1e-6)
+    slope = tied.linearise(points).gradient - plain.linearise(points).gradient
+    for column in tied.columns[:3]:
+        ends = []
+        for step in (-1e-4, 1e-4):
+            at = points.copy()
+            at[:, column] += step
+            ends.append(tied.log_likelihood(at) - plain.log_likelihood(at))
+        np.testing.assert_allclose(slope[:, column], (ends[1] - ends[0]) / 2e-4, rtol=1e-3, atol=1e-3)
+    assert tied.about != plain.about
+
+
+def test_it_is_found_in_its_storey_as_a_function_of_its_state(record: Record) -> None:
+    posterior = posterior_of(record)
+    modes = distinct(*polish(posterior, np.full((1, posterior.n_dim), 0.5), n_iterations=20))
+    points = np.array([mode.point for mode in modes])
+    best = max(
+        state_forces(posterior, points, UNNAMED_SCALE, np.random.default_rng(1)),
+        key=lambda force: force.modes[0].log_likelihood,
+    )
+    assert (best.storey, best.effect.state) == (2, "drift")
+    rows = best.posterior.engine.simulate(
+        best.posterior.model, best.posterior.split(best.modes[0].point[None])[0], record, ("drift_2",)
+    )
+    drift = rows.values[0, 0]
+    found, true = best.effect.force(best.weights, drift), window(drift)
+    # A constant is borne by a shift of the floor, and the springs may take up what is linear.
+    design = np.column_stack([np.ones(len(drift)), drift])
+    apart = [own - design @ np.linalg.lstsq(design, own, rcond=None)[0] for own in (found, true)]
+    assert np.corrcoef(*apart)[0, 1] > 0.97
+    residual = (
+        record.measured
+        - best.posterior.engine.simulate(
+            best.posterior.model, best.posterior.split(best.modes[0].point[None])[0], record, tuple(record.channels)
+        ).values[0]
+    )
+    assert np.std(residual) < 1.15 * 0.01

@@ -15,9 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
-import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -31,16 +29,7 @@ from rich.text import Text
 
 from benchmarks.measured_tests import bouc_wen_baber_noori, discovering, fitting, linear_chain, pinching4
 from benchmarks.measured_tests.discovering import discover_first_cycles, discover_first_part, discover_whole
-from benchmarks.measured_tests.filing import (
-    ROOT,
-    code_version,
-    file_result,
-    filed,
-    identity,
-    is_current,
-    package_version,
-    shown_response,
-)
+from benchmarks.measured_tests.filing import file_result, filed, identity, is_current, shown_response
 from benchmarks.measured_tests.gallery import draw_gallery
 from benchmarks.measured_tests.page import write_page
 from benchmarks.measured_tests.specimens import DATA, MeasuredTest, both_errors, load, names
@@ -59,6 +48,7 @@ from benchmarks.measured_tests.tables import (
     row,
     sums,
 )
+from benchmarks.running import Clock, code_version, commit, package_version
 from bwbn_bayes import UserError
 from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.parameters import Floats
@@ -190,14 +180,14 @@ def run_trials(wanted: Sequence[Trial], tests: Sequence[MeasuredTest], console: 
 
 
 def _filed_run(trial: Trial, test: MeasuredTest, key: dict[str, Any]) -> dict[str, Any]:
-    entry: dict[str, Any] = {"identity": key, "commit": _commit()}
-    began = time.perf_counter()
+    entry: dict[str, Any] = {"identity": key, "commit": commit()}
+    clock = Clock()
     try:
         result, response = trial.run(test)
         entry |= {"result": result, "shown": shown_response(test, response)}
     except Exception as error:  # a crash is a miss, to be counted and seen
         entry |= {"error": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
-    return {**entry, "seconds": time.perf_counter() - began}
+    return {**entry, **clock.as_json()}
 
 
 def _line(test: MeasuredTest, what: str, entry: Mapping[str, Any]) -> str:
@@ -206,13 +196,6 @@ def _line(test: MeasuredTest, what: str, entry: Mapping[str, Any]) -> str:
     errors = entry["result"].get("errors") or entry["result"]["facts"]["errors"]
     told = " / ".join("none" if error is None else f"{error:.1f}" for error in errors)
     return f"{test.name}, {what}: {told} %, {entry['seconds']:.1f} s"
-
-
-def _commit() -> str:
-    found = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    return found.stdout.strip() or "unknown"
 
 
 def print_rows(console: Console, rows: Sequence[Row]) -> None:

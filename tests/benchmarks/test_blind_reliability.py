@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from benchmarks import discovery as trial
 from benchmarks.blind import cases
 from benchmarks.blind.columns import column_summary
+from benchmarks.blind.filed import FiledCase
 from benchmarks.blind.picture import draw_reliability
 from benchmarks.blind.reliability import reliability
 from benchmarks.blind.scoring import Outcome, case_outcome
@@ -233,8 +232,8 @@ def test_each_case_is_given_its_model(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_nothing_stated_leaves_no_diagram(tmp_path: Path) -> None:
-    console = Console(file=io.StringIO())
-    old = case_outcome(truth(SLIP), {"schema": 1, "verdict": "unexplained"})
-    pooled = trial.pooled_summary(console, [old], tmp_path / "kept.png")
+    old = {**truth(SLIP), "seed": 1, "index": 0}
+    case = FiledCase.of({"key": "old", "truth": old, "discovery": {"schema": 1, "verdict": "unexplained"}})
+    pooled = trial.pooled_summary([case])
     assert pooled["reliability"]["expected_calibration_error"]["value"] is None
-    assert not (tmp_path / "kept.png").exists()
+    assert trial.draw_gallery(pooled, tmp_path) == {}

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from benchmarks import measured
 from benchmarks.measured_tests.discovering import Answer, Effect, read_answer, says_pinched
-from benchmarks.measured_tests.filing import code_version, file_result, filed, identity, is_current, shown_response
+from benchmarks.measured_tests.filing import file_result, filed, identity, is_current, shown_response
 from benchmarks.measured_tests.gallery import draw_gallery
 from benchmarks.measured_tests.page import write_page
 from benchmarks.measured_tests.specimens import DATA, Label, MeasuredTest, load, names, nrmse, parted, read_frame
@@ -28,6 +28,7 @@ from benchmarks.measured_tests.tables import (
     row,
     sums,
 )
+from benchmarks.running import code_version
 from bwbn_bayes import Record, UserError
 
 FRAME = """\

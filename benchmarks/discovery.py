@@ -323,7 +323,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     folder = options.json.with_suffix("")
     jobs = balanced_jobs(options, kinds)
     console = Console(width=None if Console().is_terminal else 160)
-    cases = run_trial(jobs, options.json.with_suffix(".jsonl"), workers=options.workers, console=console)
+    log = options.json.with_suffix(".jsonl")
+    cases = run_trial(jobs, log, workers=options.workers, console=console)
     outcomes = [case.outcome for case in cases]
     title = f"{options.snr:g} dB, seed {options.seed}"
     columns = {}
@@ -342,7 +343,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "workers": options.workers,
         "processor": processor_name(),
         "columns": columns,
-        "also": [log.name for log in options.also],
+        "logs": [one.name for one in (*([log] if options.cases else []), *options.also)],
         "pooled": pooled,
         "cases": [{**vars(outcome), "floor_ratio": outcome.floor_ratio} for outcome in outcomes],
     }

@@ -47,6 +47,13 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
+def probability(value: float | None) -> str:
+    """To two digits; one that they would make a certainty is above 0.99, and None is empty."""
+    if value is None:
+        return ""
+    return "> 0.99" if value > 0.995 else f"{value:.2f}"
+
+
 def links(figures: Mapping[str, Path], page: Path) -> dict[str, str]:
     """Where figures lie as seen from a page."""
     folder = page.parent.resolve()

@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks import markdown
 from benchmarks.blind.scoring import label
-from benchmarks.markdown import links
+from benchmarks.markdown import links, probability
 
 Json = Mapping[str, Any]
 
@@ -39,11 +39,12 @@ def write_page(facts: Json, figures: Mapping[str, Path], path: Path) -> None:
     """
     pooled: Json = facts["pooled"]
     context = {
-        "also": facts["also"],
+        "logs": facts["logs"],
         "n_cases": pooled["cases"],
         "versions": [_version(one) for one in pooled["versions"]],
         "rows": [_asked(row) for row in pooled["rows"]],
         "kinds": [_kind(one) for one in pooled["by_kind"]],
+        "missing": [f"`{kind}`" for kind in KIND_TITLES if kind not in {one["kind"] for one in pooled["by_kind"]}],
         "processors": sorted({name for one in pooled["versions"] for name in one["processors"]}),
         "misses": [_miss(one) for one in pooled["misses"] if one["counted"]],
         "uncounted": [_miss(one) for one in pooled["misses"] if not one["counted"]],
@@ -104,20 +105,14 @@ def _miss(one: Json) -> tuple[str, ...]:
         "<br>".join(h["name"] + (f" ({h['form']})" if h["form"] else "") for h in one["hidden"]) or "nothing",
         "<br>".join(", ".join(map(str, h["storeys"])) or "\N{EN DASH}" for h in one["hidden"]),
         "<br>".join(_told(e) for e in one["told"]) or "none",
-        f"{one['verdict']} {_probability(one['verdict_probability'])}".strip(),
+        f"{one['verdict']} {probability(one['verdict_probability'])}".strip(),
         one["what"],
     )
 
 
 def _told(effect: Json) -> str:
-    probability = _probability(effect["probability"])
-    return label(effect["name"], effect["storeys"]) + (f" ({probability})" if probability else "")
-
-
-def _probability(value: float | None) -> str:
-    if value is None:
-        return ""
-    return "> 0.99" if value > 0.995 else f"{value:.2f}"
+    said = probability(effect["probability"])
+    return label(effect["name"], effect["storeys"]) + (f" ({said})" if said else "")
 
 
 def _confusion(one: Json) -> list[tuple[str, ...]]:

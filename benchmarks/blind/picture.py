@@ -80,15 +80,15 @@ def draw_reliability(summary: Mapping[str, Any], path: Path, title: str) -> None
             low, high = b["interval95"]
             axes.plot([b["mean_probability"]] * 2, [low, high], color="#3b6ea5", linewidth=1.0)
             axes.plot(b["mean_probability"], b["share"], "o", color="#3b6ea5", markersize=4.0)
-            # Above the interval where there is room, so that numbers do not cover each other.
-            above = high < 0.93
+            # Beside the point, towards the middle, where neither the interval nor the frame is in the way.
+            inwards = 1.0 if b["mean_probability"] < 0.5 else -1.0
             axes.annotate(
                 str(b["statements"]),
-                (b["mean_probability"], high if above else low),
-                (0.0, 2.0 if above else -2.0),
+                (b["mean_probability"], b["share"]),
+                (4.0 * inwards, 0.0),
                 textcoords="offset points",
-                ha="center",
-                va="bottom" if above else "top",
+                ha="left" if inwards > 0.0 else "right",
+                va="center",
                 fontsize=7.0,
             )
         axes.set_xlim(-0.03, 1.03)

@@ -67,8 +67,8 @@ class Outcome:
         Names with a probability above 0.9 that are not hidden.
     claims : tuple of (float, bool), or None
         Every probability stated for a name, and whether it was hidden. Names that are right for one hidden effect count
-        as one, by the sum of their probabilities; a hidden effect that is not listed has probability zero. None where
-        no probabilities are stated.
+        as one, by the sum of their probabilities; a hidden effect that is not listed has probability zero, but for one
+        outside the catalogue, which is no statement. None where no probabilities are stated.
     verdict_probabilities : mapping of str to float
         As stated.
     class_size : int
@@ -167,7 +167,7 @@ def case_outcome(truth: Json, discovery: Json) -> Outcome:
         extra=tuple(label(e["name"], e["storeys"]) for e in effects if not any(is_right(e, h) for h in hidden)),
         wrong_with_confidence=first is not None and not any(_in_class(first, h) for h in hidden),
         sure_and_wrong=tuple(name for name, p in names.items() if p > SURE and not _is_hidden(name, hidden)),
-        claims=None if probabilities is None else _claims(names, hidden),
+        claims=None if probabilities is None else _claims(truth["kind"], names, hidden),
         verdict_probabilities={} if probabilities is None else probabilities.verdicts,
         class_size=_class_size(leading),
         held_out_before=held_out.get("before"),
@@ -193,8 +193,13 @@ def showing(truth: Json) -> list[Json]:
     return [h for h, nats in zip(hidden, truth["nats"], strict=True) if nats > SHOWS_NATS]
 
 
-def _claims(names: Mapping[str, float], hidden: Sequence[Json]) -> tuple[Claim, ...]:
-    right = [(min(sum(names.get(name, 0.0) for name in h["accepted"]), 1.0), True) for h in hidden]
+def _claims(kind: str, names: Mapping[str, float], hidden: Sequence[Json]) -> tuple[Claim, ...]:
+    # What no catalogue holds has no name that could be stated; bending at one floor has one.
+    right = [
+        (min(sum(names.get(name, 0.0) for name in h["accepted"]), 1.0), True)
+        for h in hidden
+        if kind != "outside" or names.keys() & set(h["accepted"])
+    ]
     return (*right, *((p, False) for name, p in names.items() if not _is_hidden(name, hidden)))
 
 

@@ -88,7 +88,8 @@ def test_the_page_counts_and_lists_every_miss(tmp_path: Path) -> None:
     assert row[1:] == [">= 97 %", "1 of 3", "33 %", "1 to 91 %"]
     (by_kind,) = [row for row in cells(page, "`catalogue`") if row[1] == "30 dB: 7"]
     assert by_kind[2:] == ["5", "3", "1", "1 to 91 %", "20 / 20", "35 / 35"]
-    assert "(Some CPU)" in page
+    assert "by the clock and of the processor (Some CPU):" in page
+    assert "Not run: `more_forms`, `later`, `cyclic`." in page
     missed = {(row[0], row[1]): row[2:] for kind in KINDS for row in cells(page, f"`{kind}` | 30 dB, 7/")}
     assert missed == {
         ("`catalogue`", "30 dB, 7/1"): [

@@ -87,6 +87,11 @@ def test_claims_are_probabilities_with_what_was_hidden() -> None:
     missed = case_outcome(truth(SLIP, hidden("mass_error", 1), kind="pairs"), answer({"mass_error": 0.97}))
     assert sorted(missed.claims or ()) == [(0.0, True), (0.97, True)]
     assert case_outcome(truth(kind="none"), answer({"asymmetry": 0.3})).claims == ((0.3, False),)
+    # What the catalogue lacks cannot be named; what it came to hold can.
+    strange, bending = hidden("snap_window", 1), hidden("bending_coupling", 1, "storey_coupling")
+    stated_of = {"asymmetry": 0.3, "storey_coupling": 0.6}
+    assert case_outcome(truth(strange, kind="outside"), answer({"asymmetry": 0.3})).claims == ((0.3, False),)
+    assert case_outcome(truth(bending, kind="outside"), answer(stated_of)).claims == ((0.6, True), (0.3, False))
 
 
 def test_the_calibration_error_is_that_of_a_sum_by_hand() -> None:

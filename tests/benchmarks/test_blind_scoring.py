@@ -16,6 +16,7 @@ from benchmarks.blind import cases
 from benchmarks.blind.columns import Proportion, column_summary
 from benchmarks.blind.picture import draw_confusion
 from benchmarks.blind.scoring import case_outcome
+from benchmarks.running import commit, package_version
 from bwbn_bayes.records import Record
 
 
@@ -203,6 +204,12 @@ def test_a_trial_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.Mo
     assert [case.outcome.verdict for case in second] == ["no_missing_effect"] * 3
     assert [record.name for record in oracle.seen] == ["case-0001", "case-0002"]
     assert trial.run_trial(jobs, log, workers=1, console=console, discoverer=Oracle(fails_at=1)) == second
+    for entry in map(json.loads, log.read_text().splitlines()[-2:]):
+        assert entry["commit"] == commit()
+        assert entry["code"] == package_version()
+        assert entry["processor"]
+        assert entry["seconds"] >= 0.0
+        assert entry["processor_seconds"] >= 0.0
     for record in oracle.seen:
         assert not record.truth
         assert not record.noise_sd

@@ -57,13 +57,11 @@ def write_page(facts: Json, figures: Mapping[str, Path], path: Path) -> None:
 
 
 def _version(one: Json) -> tuple[str, ...]:
-    """Commit, hash, cases and kinds."""
+    """Commits, hash, cases and kinds."""
     kinds = ", ".join(f"`{kind}`" for kind in one["kinds"])
-    return _code(one["commit"]) or "not recorded", _code(one["code"]), str(one["cases"]), kinds
-
-
-def _code(text: str) -> str:
-    return f"`{text}`" if text else ""
+    commits = ", ".join(f"`{commit}`" for commit in one["commits"])
+    code = f"`{one['code']}`" if one["code"] else ""
+    return commits or "not recorded", code, str(one["cases"]), kinds
 
 
 def _asked(row: Json) -> tuple[str, ...]:

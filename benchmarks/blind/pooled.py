@@ -17,19 +17,23 @@ POSSIBLE = 0.5
 
 
 def versions(cases: Sequence[FiledCase]) -> list[dict[str, Any]]:
-    """Versions of the code that ran the cases, with how many each; empty where not recorded."""
+    """Versions of the code that ran the cases, with how many each; empty where not recorded.
+
+    Commits between which the code does the same, by its hash, are one version.
+    """
     found: dict[tuple[str, str], list[FiledCase]] = {}
     for case in cases:
-        found.setdefault(case.version, []).append(case)
+        commit, code = case.version
+        found.setdefault((code, "" if code else commit), []).append(case)
     return [
         {
-            "commit": commit,
+            "commits": sorted({case.version[0] for case in own} - {""}),
             "code": code,
             "cases": len(own),
             "kinds": sorted({case.outcome.kind for case in own}),
             "processors": sorted({case.processor for case in own} - {""}),
         }
-        for (commit, code), own in sorted(found.items())
+        for (code, _), own in sorted(found.items())
     ]
 
 

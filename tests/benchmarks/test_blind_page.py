@@ -82,7 +82,7 @@ def cells(page: str, start: str) -> list[list[str]]:
 
 def test_the_page_counts_and_lists_every_miss(tmp_path: Path) -> None:
     page = page_of(tmp_path, write(tmp_path / "a.jsonl", CASES))
-    assert "All 11 cases were run at commit `abc1234`" in page
+    assert "Cases: 11, all run at commit `abc1234` (hash of what the code does: `0123456789ab`)." in page
     assert "--also a.jsonl --json pooled.json" in page
     (row,) = cells(page, "catalogue, 30 dB: right name and storey")
     assert row[1:] == [">= 97 %", "1 of 3", "33 %", "1 to 91 %"]
@@ -129,12 +129,17 @@ def test_more_than_one_version_is_said(tmp_path: Path) -> None:
     bare = [{k: v for k, v in one.items() if k not in RUN} for one in CASES]
     old, new = write(tmp_path / "old.jsonl", bare), write(tmp_path / "new.jsonl", CASES[:2])
     page = page_of(tmp_path, old, new)
-    assert "These 11 cases were run by more than one version of the code" in page
+    assert "**Cases: 11, run by more than one version of the code:**" in page
     assert cells(page, "not recorded") == [
         ["not recorded", "–", "9", "`catalogue`, `forms`, `none`, `outside`, `pairs`"]
     ]
     assert cells(page, "`abc1234`") == [["`abc1234`", "`0123456789ab`", "2", "`catalogue`"]]
-    assert "The files do not say which version of the code ran their 11 cases." in page_of(tmp_path, old)
+    assert "Cases: 11; the files do not say which version of the code ran them." in page_of(tmp_path, old)
+    # A commit that changes only documents is no other version.
+    later = write(tmp_path / "later.jsonl", [{**one, "commit": "bcd2345"} for one in CASES[:3]])
+    assert "Cases: 11, all run at commit `abc1234`, `bcd2345` (" in page_of(
+        tmp_path, write(tmp_path / "all.jsonl", CASES), later
+    )
     (by_kind,) = [row for row in cells(page, "`none`") if row[1] == "30 dB: 7"]
     assert by_kind[-2:] == ["10 / 10", "–"]  # as discovery itself tells
 

@@ -7,8 +7,12 @@ reads those files, with the plain model (a linear one where hysteresis is hidden
 from), and nothing else. Finished cases are kept in a ``.jsonl`` file beside the JSON and are not run again; records and
 truths lie in a folder beside it. Cases are a function of seed, kind and index.
 
-``--kind all --cases 4`` is a small balanced trial: four cases of every kind, taken in turns. ``--also`` adds the cases
-of other trials to the rows asked and to the reliability of probabilities; with ``--cases 0`` nothing is run.
+``--kind all --cases 4`` is a small balanced trial: four cases of every kind, taken in turns. ``--also`` pools the cases
+of other trials with these; with ``--cases 0`` nothing is run. ``--page`` writes a page of all pooled cases, with the
+figures that ``--gallery`` draws:
+
+``python -m benchmarks.discovery --cases 0 --also a.jsonl b.jsonl --json pooled.json --page docs/blind_trials.md
+--gallery docs/blind_trials``
 """
 
 from __future__ import annotations
@@ -28,10 +32,14 @@ from rich.table import Table
 
 from benchmarks.blind.cases import KINDS, STARTING_MODEL, Kind, make_case
 from benchmarks.blind.columns import column_summary
+from benchmarks.blind.filed import FiledCase, finished_entries, other_cases
+from benchmarks.blind.page import KIND_TITLES, write_page
 from benchmarks.blind.picture import draw_confusion, draw_reliability
+from benchmarks.blind.pooled import by_kind, misses, versions
 from benchmarks.blind.reliability import reliability
-from benchmarks.blind.scoring import Outcome, case_outcome
+from benchmarks.blind.scoring import case_outcome
 from benchmarks.blind.show import show_rows
+from benchmarks.running import Clock, commit, package_version
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.inference.summary import processor_name
@@ -94,7 +102,7 @@ def run_job(job: Job, discoverer: Discoverer = discover_blind) -> dict[str, Any]
     Returns
     -------
     dict
-        ``key``, ``truth`` and ``discovery``; where discovery raised, ``discovery`` holds the error.
+        ``key``, ``truth``, ``discovery``, processor and seconds; where discovery raised, ``discovery`` holds the error.
     """
     case = make_case(job.kind, job.seed, job.index, job.snr_db)
     stem = f"{job.kind}-{job.snr_db:g}dB-seed{job.seed}-{job.index:04d}"
@@ -106,30 +114,18 @@ def run_job(job: Job, discoverer: Discoverer = discover_blind) -> dict[str, Any]
     truth = {**case.truth.as_json(), "name": stem}
     (truths / f"{stem}.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
     train, held_out = read_csv(records / f"{stem}.csv"), read_csv(records / f"{stem}-held-out.csv")
+    clock = Clock()
     try:
         answer: Json = discoverer(case.given, train, held_out, job.seed + job.index, job.n_threads)
     except Exception as error:  # a crash is a miss, to be counted and seen
         answer = {"error": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
-    return {"key": job.key, "truth": json.loads(json.dumps(truth)), "discovery": dict(answer)}
-
-
-def finished_cases(path: Path) -> dict[str, dict[str, Any]]:
-    """Cases filed so far by key; those that failed are left out, to be tried again, and so is a line cut short."""
-    found = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
-        try:
-            entry = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        if "error" not in entry["discovery"]:
-            found[entry["key"]] = entry
-    return found
+    return {"key": job.key, "truth": json.loads(json.dumps(truth)), "discovery": dict(answer), **clock.as_json()}
 
 
 def run_trial(
     jobs: Sequence[Job], log: Path, *, workers: int, console: Console, discoverer: Discoverer = discover_blind
-) -> list[Outcome]:
-    """Run what is not yet finished, file each case as it ends, and score all.
+) -> list[FiledCase]:
+    """Run what is not yet finished, file each case as it ends with the version of the code, and score all.
 
     Parameters
     ----------
@@ -146,22 +142,24 @@ def run_trial(
 
     Returns
     -------
-    list of Outcome
+    list of FiledCase
         In the order of the jobs.
     """
-    entries = finished_cases(log)
+    entries = finished_entries(log)
     waiting = [job for job in jobs if job.key not in entries]
     if waiting:
         log.parent.mkdir(parents=True, exist_ok=True)
+        version = {"commit": commit(), "code": package_version()}
         started = not log.exists() or log.read_bytes().endswith(b"\n")
         with log.open("a", encoding="utf-8") as file:
             file.write("" if started else "\n")
-            for number, entry in enumerate(_entries(waiting, workers, discoverer), start=1):
+            for number, case in enumerate(_entries(waiting, workers, discoverer), start=1):
+                entry = {**case, **version}
                 file.write(json.dumps(entry) + "\n")
                 file.flush()
                 entries[entry["key"]] = entry
                 console.print(_line(number, len(waiting), entry), highlight=False, markup=False, soft_wrap=True)
-    return [case_outcome(entries[job.key]["truth"], entries[job.key]["discovery"]) for job in jobs]
+    return [FiledCase.of(entries[job.key]) for job in jobs]
 
 
 def _entries(jobs: Sequence[Job], workers: int, discoverer: Discoverer) -> Iterator[dict[str, Any]]:
@@ -254,25 +252,46 @@ def balanced_jobs(options: argparse.Namespace, kinds: Sequence[Kind]) -> list[Jo
     ]
 
 
-def other_outcomes(logs: Sequence[Path], own: set[str]) -> list[Outcome]:
-    """Outcomes of the cases that other trials have filed, each case once and none that this trial holds."""
-    found: dict[str, dict[str, Any]] = {}
-    for log in logs:
-        found |= finished_cases(log)
-    return [case_outcome(e["truth"], e["discovery"]) for key, e in found.items() if key not in own]
+def pooled_summary(cases: Sequence[FiledCase]) -> dict[str, Any]:
+    """The rows asked, versions, figures by kind, misses and the reliability of probabilities over all cases."""
+    outcomes = [case.outcome for case in cases]
+    return {
+        "cases": len(cases),
+        "versions": versions(cases),
+        "rows": show_rows(outcomes),
+        "by_kind": by_kind(cases, tuple(KIND_TITLES)),
+        "misses": misses(cases, tuple(KIND_TITLES)),
+        "reliability": reliability([outcome.claims for outcome in outcomes if outcome.claims is not None]),
+    }
 
 
-def pooled_summary(console: Console, outcomes: Sequence[Outcome], picture: Path) -> dict[str, Any]:
-    """Print and return the rows asked and the reliability of probabilities over all cases; draw its diagram."""
-    rows = show_rows(outcomes)
-    print_proportions(console, rows, f"rows asked, {len(outcomes)} cases")
-    claims = [outcome.claims for outcome in outcomes if outcome.claims is not None]
-    kept = reliability(claims)
-    if claims:
+def print_pooled(console: Console, pooled: Json) -> None:
+    """Print the rows asked and the reliability of probabilities."""
+    print_proportions(console, pooled["rows"], f"rows asked, {pooled['cases']} cases")
+    if pooled["reliability"]["cases"]:
         console.print()
-        print_reliability(console, kept)
-        draw_reliability(kept, picture, f"names' probabilities, {len(claims)} cases")
-    return {"rows": rows, "reliability": kept}
+        print_reliability(console, pooled["reliability"])
+
+
+def draw_gallery(pooled: Json, folder: Path) -> dict[str, Path]:
+    """Draw a confusion matrix of each kind that hides several effects and the reliability diagram, and return where."""
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = {}
+    for one in pooled["by_kind"]:
+        if len({cell["hidden"] for cell in one["confusion"]}) > 1:
+            drawn[one["kind"]] = folder / f"confusion-{one['kind']}.png"
+            title = f"{KIND_TITLES[one['kind']]}, {one['right']['total']} detectable cases"
+            draw_confusion(one["confusion"], drawn[one["kind"]], title)
+    if _draw_reliability(pooled["reliability"], folder / "reliability.png"):
+        drawn["reliability"] = folder / "reliability.png"
+    return drawn
+
+
+def _draw_reliability(kept: Json, picture: Path) -> bool:
+    """Draw the diagram where a case states probabilities."""
+    if kept["cases"]:
+        draw_reliability(kept, picture, f"names' probabilities, {kept['cases']} cases")
+    return bool(kept["cases"])
 
 
 def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -285,6 +304,8 @@ def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--kind", choices=(*KINDS, "all"), default="catalogue")
     parser.add_argument("--workers", type=int, choices=(1, 2), default=1, help="processes, one case each at a time")
     parser.add_argument("--also", type=Path, nargs="+", default=(), help=".jsonl files of other trials, to be pooled")
+    parser.add_argument("--gallery", type=Path, metavar="DIR", help="draw the figures of all pooled cases there")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="write the page, with figures where drawn")
     return parser.parse_args(arguments)
 
 
@@ -302,7 +323,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     folder = options.json.with_suffix("")
     jobs = balanced_jobs(options, kinds)
     console = Console(width=None if Console().is_terminal else 160)
-    outcomes = run_trial(jobs, options.json.with_suffix(".jsonl"), workers=options.workers, console=console)
+    log = options.json.with_suffix(".jsonl")
+    cases = run_trial(jobs, log, workers=options.workers, console=console)
+    outcomes = [case.outcome for case in cases]
     title = f"{options.snr:g} dB, seed {options.seed}"
     columns = {}
     for kind in kinds if options.cases else ():
@@ -310,8 +333,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print_column(console, kind, columns[kind], title)
         picture = folder.with_name(f"{folder.name}-{kind}.png")
         draw_confusion(columns[kind]["confusion"], picture, f"{kind}, {title}, detectable cases")
-    others = other_outcomes(options.also, {job.key for job in jobs})
-    pooled = pooled_summary(console, [*outcomes, *others], folder.with_name(f"{folder.name}-reliability.png"))
+    pooled = pooled_summary([*cases, *other_cases(options.also, {job.key for job in jobs})])
+    print_pooled(console, pooled)
+    _draw_reliability(pooled["reliability"], folder.with_name(f"{folder.name}-reliability.png"))
     facts = {
         "snr_db": options.snr,
         "seed": options.seed,
@@ -319,10 +343,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "workers": options.workers,
         "processor": processor_name(),
         "columns": columns,
+        "logs": [one.name for one in (*([log] if options.cases else []), *options.also)],
         "pooled": pooled,
         "cases": [{**vars(outcome), "floor_ratio": outcome.floor_ratio} for outcome in outcomes],
     }
     options.json.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    figures = draw_gallery(pooled, options.gallery) if options.gallery else {}
+    if options.page:
+        write_page(facts, figures, options.page)
 
 
 if __name__ == "__main__":

@@ -15,10 +15,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
-import time
 import traceback
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -31,16 +30,7 @@ from rich.text import Text
 
 from benchmarks.measured_tests import bouc_wen_baber_noori, discovering, fitting, linear_chain, pinching4
 from benchmarks.measured_tests.discovering import discover_first_cycles, discover_first_part, discover_whole
-from benchmarks.measured_tests.filing import (
-    ROOT,
-    code_version,
-    file_result,
-    filed,
-    identity,
-    is_current,
-    package_version,
-    shown_response,
-)
+from benchmarks.measured_tests.filing import file_result, filed, identity, is_current, shown_response
 from benchmarks.measured_tests.gallery import draw_gallery
 from benchmarks.measured_tests.page import write_page
 from benchmarks.measured_tests.specimens import DATA, MeasuredTest, both_errors, load, names
@@ -54,17 +44,21 @@ from benchmarks.measured_tests.tables import (
     in_words,
     label_row,
     label_sums,
+    names_in_words,
     repeat_row,
     repeat_sums,
     row,
     sums,
+    verdict_in_words,
 )
+from benchmarks.running import Clock, code_version, commit, package_version
 from bwbn_bayes import UserError
 from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import finite
 
 Entries = dict[tuple[str, str], dict[str, Any]]
+KINDS = (*COMPETITORS, "discover", "whole", "repeats")
 APART = ("whole", "repeats")
 """Kinds of trials with tables of their own."""
 _NONE = {"error": "not run"}
@@ -190,14 +184,14 @@ def run_trials(wanted: Sequence[Trial], tests: Sequence[MeasuredTest], console: 
 
 
 def _filed_run(trial: Trial, test: MeasuredTest, key: dict[str, Any]) -> dict[str, Any]:
-    entry: dict[str, Any] = {"identity": key, "commit": _commit()}
-    began = time.perf_counter()
+    entry: dict[str, Any] = {"identity": key, "commit": commit()}
+    clock = Clock()
     try:
         result, response = trial.run(test)
         entry |= {"result": result, "shown": shown_response(test, response)}
     except Exception as error:  # a crash is a miss, to be counted and seen
         entry |= {"error": f"{type(error).__name__}: {error}", "traceback": traceback.format_exc()}
-    return {**entry, "seconds": time.perf_counter() - began}
+    return {**entry, **clock.as_json()}
 
 
 def _line(test: MeasuredTest, what: str, entry: Mapping[str, Any]) -> str:
@@ -206,13 +200,6 @@ def _line(test: MeasuredTest, what: str, entry: Mapping[str, Any]) -> str:
     errors = entry["result"].get("errors") or entry["result"]["facts"]["errors"]
     told = " / ".join("none" if error is None else f"{error:.1f}" for error in errors)
     return f"{test.name}, {what}: {told} %, {entry['seconds']:.1f} s"
-
-
-def _commit() -> str:
-    found = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    return found.stdout.strip() or "unknown"
 
 
 def print_rows(console: Console, rows: Sequence[Row]) -> None:
@@ -275,25 +262,58 @@ def gather(
     }
     labels = [label_row(test, entry) for test, entry in good["whole"]]
     repeated = [repeat_row(test, entry) for test, entry in good["repeats"]]
-    made = {what: sorted({e["identity"]["code"] for (_, w), e in entries.items() if w == what}) for _, what in entries}
     facts = {
         "processor": processor_name(),
-        "code": made,
+        "versions": versions(entries),
+        "not_run": not_run(tests, by_test),
         "sums": sums(rows),
         "rows": [
-            {**asdict(one), "in_words": in_words(one.answer), "fits": one.fits, "predicts": one.predicts}
+            {
+                **asdict(one),
+                "verdict": verdict_in_words(one.answer),
+                "names": names_in_words(one.answer),
+                "fits": one.fits,
+                "predicts": one.predicts,
+                "is_run": one.is_run,
+            }
             for one in rows
         ],
         "label_sums": label_sums(labels) if labels else [],
-        "labels": [asdict(one) for one in labels],
+        "labels": [{**asdict(one), "names": names_in_words(one.answer)} for one in labels],
         "repeat_sums": repeat_sums(repeated) if repeated else [],
-        "repeats": [{**asdict(one), "is_covered": one.is_covered} for one in repeated],
+        "repeats": [
+            {**asdict(one), "is_covered": one.is_covered, "names": names_in_words(one.answer)} for one in repeated
+        ],
         "results": {
             test.name: {what: {k: v for k, v in e.items() if k != "shown"} for what, e in by_test[test.name].items()}
             for test in tests
         },
     }
     return rows, labels, repeated, finite(facts)
+
+
+def versions(entries: Entries) -> list[dict[str, Any]]:
+    """Versions of the code by kind of trial, with the commits at which each was run and on what."""
+    found: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for (_, what), entry in entries.items():
+        found.setdefault((what, entry["identity"]["code"]), []).append(entry)
+    return [
+        {
+            "what": what,
+            "code": code,
+            "commits": sorted({entry.get("commit", "") for entry in own} - {""}),
+            "processors": sorted({entry.get("processor", "") for entry in own} - {""}),
+            "tests": [entry["identity"]["name"] for entry in own],
+        }
+        for (what, code), own in sorted(found.items())
+    ]
+
+
+def not_run(tests: Sequence[MeasuredTest], by_test: Mapping[str, Mapping[str, Any]]) -> dict[str, list[str]]:
+    """Tests that each kind of trial is for and of which nothing is filed."""
+    return {
+        what: [test.name for test in tests if concerns(what, test) and what not in by_test[test.name]] for what in KINDS
+    }
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -344,9 +364,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print_labels(console, labels)
     if repeated:
         print_repeats(console, repeated)
-    for what, versions in facts["code"].items():
-        if len(versions) > 1:
-            console.print(f"{what}: filed by {len(versions)} versions of the code; run it again to have one")
+    for what, n_versions in Counter(one["what"] for one in facts["versions"]).items():
+        if n_versions > 1:
+            console.print(f"{what}: filed by {n_versions} versions of the code; run it again to have one")
     options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
     figures = draw_gallery(tests, entries, options.gallery) if options.gallery else {}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from benchmarks.blind.scoring import FAILED, NOTHING, Outcome
+from benchmarks.blind.scoring import FAILED, NOTHING, SEVERAL, Outcome
 
 VERDICTS = ("effects_found", "partly_explained", "unexplained", "no_missing_effect")
 FLOOR_FACTOR = 1.1
@@ -143,26 +143,23 @@ def column_summary(kind: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "seconds_median": _median(seconds),
         "seconds_max": max(seconds, default=None),
         "undetectable": [f"{o.name}: {', '.join(o.hidden)}" for o in outcomes if not o.detectable],
-        "misses": [_miss(o) for o in judged if _missed(kind, o)],
+        "misses": [_miss(o) for o in judged if is_missed(o)],
         "confusion": confusion(judged),
     }
 
 
-def confusion(outcomes: Sequence[Outcome]) -> dict[str, dict[str, int]]:
-    """Counts by hidden name (row), then by first name given (column); names in alphabetical order."""
-    counts = Counter(o.confusion for o in outcomes)
-    rows = sorted({row for row, _ in counts})
-    return {row: {c: counts[row, c] for r, c in sorted(counts) if r == row} for row in rows}
+def confusion(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
+    """Counts by what was hidden and what was named for it, in alphabetical order; ``right`` where that is right."""
+    counts = Counter(cell for outcome in outcomes for cell in outcome.confusion)
+    return [{**cell._asdict(), "count": counts[cell]} for cell in sorted(counts)]
 
 
-def _missed(kind: str, outcome: Outcome) -> bool:
-    if kind == "none":
-        return bool(outcome.named) or outcome.verdict == FAILED
-    if kind == "outside":
-        return bool(outcome.extra or outcome.sure_and_wrong) or outcome.verdict == FAILED
-    if kind in ("pairs", "cyclic"):
-        return not outcome.all_named or bool(outcome.extra)
-    return not outcome.right_place or bool(outcome.extra)
+def is_missed(outcome: Outcome) -> bool:
+    """Whether a case is not right: an effect not named, or at another place, or one named that is not there."""
+    wrong = bool(outcome.extra or outcome.sure_and_wrong) or outcome.verdict == FAILED
+    if outcome.kind in ("none", "outside"):
+        return wrong
+    return wrong or not (outcome.all_named if outcome.kind in SEVERAL else outcome.right_place)
 
 
 def _miss(outcome: Outcome) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,38 +14,45 @@ from matplotlib.figure import Figure
 from benchmarks.blind.scoring import FAILED, NOTHING, UNEXPLAINED
 
 _STYLE: dict[Any, Any] = {"font.size": 8.0, "text.color": "#222222", "axes.edgecolor": "#8a8a8a", "axes.linewidth": 0.7}
+_LEAST_WIDTH = 4.2
+"""Of a matrix with its title. [inch]."""
 
 
-def draw_confusion(confusion: Mapping[str, Mapping[str, int]], path: Path, title: str) -> None:
+def draw_confusion(cells: Sequence[Mapping[str, Any]], path: Path, title: str) -> None:
     """Write a confusion matrix as PNG: hidden effects down, names given across, counts in the cells.
 
     Parameters
     ----------
-    confusion : mapping of str to mapping of str to int
-        Row, column, count.
+    cells : sequence of mapping
+        Of :func:`benchmarks.blind.columns.confusion`.
     path : Path
         The PNG.
     title : str
         One line above it.
     """
-    rows = list(confusion)
-    given = {column for counts in confusion.values() for column in counts}
+    rows = sorted({str(cell["hidden"]) for cell in cells})
+    given = {str(cell["named"]) for cell in cells}
     special = [name for name in (NOTHING, UNEXPLAINED, FAILED) if name in given and name not in rows]
     columns = [*(row for row in rows if row in given), *sorted(given - set(rows) - set(special)), *special]
-    counts = np.array([[confusion[row].get(column, 0) for column in columns] for row in rows]).reshape(len(rows), -1)
-    share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    counts = np.zeros((2, len(rows), len(columns)), dtype=int)  # wrong, right
+    for cell in cells:
+        counts[int(cell["right"]), rows.index(cell["hidden"]), columns.index(cell["named"])] += cell["count"]
+    of_row = np.maximum(counts.sum(axis=(0, 2)), 1)[:, None]
     with rc_context(_STYLE):
-        figure = Figure(figsize=(2.4 + 0.3 * len(columns), 1.9 + 0.27 * len(rows)), dpi=160, layout="constrained")
+        size = (2.4 + 0.3 * len(columns), 2.0 + 0.27 * len(rows))
+        figure = Figure(figsize=(max(size[0], _LEAST_WIDTH), size[1]), dpi=160, layout="constrained")
         FigureCanvasAgg(figure)
         axes = figure.subplots()
-        axes.imshow(share, cmap="Blues", vmin=0.0, vmax=1.6, aspect="auto")
-        for i, j in zip(*np.nonzero(counts), strict=True):
-            axes.text(j, i, str(counts[i, j]), ha="center", va="center")
+        for kind, colours in enumerate(("Oranges", "Blues")):
+            shown = np.ma.masked_equal(counts[kind], 0)
+            axes.imshow(shown / of_row, cmap=colours, vmin=0.0, vmax=1.6, aspect="auto")
+        for i, j in zip(*np.nonzero(counts.sum(axis=0)), strict=True):
+            axes.text(j, i, str(counts[:, i, j].sum()), ha="center", va="center")
         axes.set_xticks(range(len(columns)), columns, rotation=90)
         axes.set_yticks(range(len(rows)), rows)
         axes.tick_params(length=0)
         axes.spines[["top", "right"]].set_visible(False)
-        axes.set_xlabel("named first")
+        axes.set_xlabel("named (blue: rightly, orange: wrongly)")
         axes.set_ylabel("hidden")
         axes.set_title(title, loc="left", fontsize=8.5)
         figure.savefig(path, facecolor="white")
@@ -73,15 +80,15 @@ def draw_reliability(summary: Mapping[str, Any], path: Path, title: str) -> None
             low, high = b["interval95"]
             axes.plot([b["mean_probability"]] * 2, [low, high], color="#3b6ea5", linewidth=1.0)
             axes.plot(b["mean_probability"], b["share"], "o", color="#3b6ea5", markersize=4.0)
-            # Above the interval where there is room, so that numbers do not cover each other.
-            above = high < 0.93
+            # Beside the point, towards the middle, where neither the interval nor the frame is in the way.
+            inwards = 1.0 if b["mean_probability"] < 0.5 else -1.0
             axes.annotate(
                 str(b["statements"]),
-                (b["mean_probability"], high if above else low),
-                (0.0, 2.0 if above else -2.0),
+                (b["mean_probability"], b["share"]),
+                (4.0 * inwards, 0.0),
                 textcoords="offset points",
-                ha="center",
-                va="bottom" if above else "top",
+                ha="left" if inwards > 0.0 else "right",
+                va="center",
                 fontsize=7.0,
             )
         axes.set_xlim(-0.03, 1.03)

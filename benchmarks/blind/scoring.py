@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from benchmarks.blind.stated import SURE, stated
 
@@ -21,6 +21,16 @@ SHOWS_NATS = 40.0
 NOTHING = "nothing"
 UNEXPLAINED = "unexplained"
 FAILED = "failed"
+SEVERAL = ("pairs", "cyclic")
+"""Kinds of cases that may hide more than one effect: each is asked for, in any order."""
+
+
+class Confusion(NamedTuple):
+    """Cell of the confusion matrix: an effect hidden (or nothing), what was named for it, and whether that is right."""
+
+    hidden: str
+    named: str
+    right: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,8 +43,9 @@ class Outcome:
         Column and label of the case.
     hidden : tuple of str
         What was hidden: names, with place and form.
-    confusion : (str, str)
-        Row and column of the confusion matrix: hidden name, first name given (or nothing, unexplained, failed).
+    confusion : tuple of Confusion
+        Of the hidden effect, with the first name given (or nothing, unexplained, failed); where there may be several,
+        of each, with the name that is right for it or else the first that is right for none.
     detectable, severe : bool
         See :class:`benchmarks.blind.cases.Truth`.
     verdict : str
@@ -56,8 +67,8 @@ class Outcome:
         Names with a probability above 0.9 that are not hidden.
     claims : tuple of (float, bool), or None
         Every probability stated for a name, and whether it was hidden. Names that are right for one hidden effect count
-        as one, by the sum of their probabilities; a hidden effect that is not listed has probability zero. None where
-        no probabilities are stated.
+        as one, by the sum of their probabilities; a hidden effect that is not listed has probability zero, but for one
+        outside the catalogue, which is no statement. None where no probabilities are stated.
     verdict_probabilities : mapping of str to float
         As stated.
     class_size : int
@@ -75,7 +86,7 @@ class Outcome:
     kind: str
     name: str
     hidden: tuple[str, ...]
-    confusion: tuple[str, str]
+    confusion: tuple[Confusion, ...]
     detectable: bool
     severe: bool
     snr_db: float
@@ -134,7 +145,7 @@ def case_outcome(truth: Json, discovery: Json) -> Outcome:
     names = {} if probabilities is None else probabilities.names
     verdict = str(discovery.get("verdict", FAILED))
     first = effects[0] if effects else None
-    right_name = bool(first and any(_is_right(first, h) for h in hidden))
+    right_name = bool(first and any(is_right(first, h) for h in hidden))
     leading = listed[0] if listed else None  # of a class that shares a probability none is named
     in_class = bool(leading and any(_in_class(leading, h) for h in hidden))
     held_out: Json = discovery.get("gap", {}).get("held_out") or {}
@@ -142,21 +153,21 @@ def case_outcome(truth: Json, discovery: Json) -> Outcome:
     return Outcome(
         kind=truth["kind"],
         name=truth["name"],
-        hidden=tuple(_label(h["name"], h["storeys"], h.get("form", "")) for h in hidden),
-        confusion=(_row(hidden, first), _column(first, verdict)),
-        detectable=bool(truth["detectable"]) or (truth["kind"] == "cyclic" and bool(_showing(truth))),
+        hidden=tuple(label(h["name"], h["storeys"], h.get("form", "")) for h in hidden),
+        confusion=_confusion(truth, effects, verdict),
+        detectable=bool(truth["detectable"]) or (truth["kind"] == "cyclic" and bool(showing(truth))),
         severe=bool(truth["severe"]),
         snr_db=truth["snr_db"],
         verdict=verdict,
-        named=tuple(_label(e["name"], e["storeys"]) for e in effects),
+        named=tuple(label(e["name"], e["storeys"]) for e in effects),
         right_name=right_name,
-        right_place=bool(first and any(_is_right(first, h) and _same_place(first, h) for h in hidden)),
+        right_place=bool(first and any(is_right(first, h) and same_place(first, h) for h in hidden)),
         within_class=in_class,
-        all_named=all(any(_is_right(e, h) for e in effects) for h in _showing(truth)),
-        extra=tuple(_label(e["name"], e["storeys"]) for e in effects if not any(_is_right(e, h) for h in hidden)),
+        all_named=all(any(is_right(e, h) for e in effects) for h in showing(truth)),
+        extra=tuple(label(e["name"], e["storeys"]) for e in effects if not any(is_right(e, h) for h in hidden)),
         wrong_with_confidence=first is not None and not any(_in_class(first, h) for h in hidden),
         sure_and_wrong=tuple(name for name, p in names.items() if p > SURE and not _is_hidden(name, hidden)),
-        claims=None if probabilities is None else _claims(names, hidden),
+        claims=None if probabilities is None else _claims(truth["kind"], names, hidden),
         verdict_probabilities={} if probabilities is None else probabilities.verdicts,
         class_size=_class_size(leading),
         held_out_before=held_out.get("before"),
@@ -168,12 +179,13 @@ def case_outcome(truth: Json, discovery: Json) -> Outcome:
     )
 
 
-def _label(name: str, storeys: Sequence[int], form: str = "") -> str:
+def label(name: str, storeys: Sequence[int], form: str = "") -> str:
+    """Name, place and form as one word."""
     place = f"[{','.join(map(str, storeys))}]" if storeys else ""
     return f"{name}{place}" + (f" ({form})" if form else "")
 
 
-def _showing(truth: Json) -> list[Json]:
+def showing(truth: Json) -> list[Json]:
     """Hidden effects to be named: all; of a cyclic test, where another may cover one, those that show."""
     hidden: Sequence[Json] = truth["effects"]
     if truth["kind"] != "cyclic" or not truth["nats"]:
@@ -181,8 +193,13 @@ def _showing(truth: Json) -> list[Json]:
     return [h for h, nats in zip(hidden, truth["nats"], strict=True) if nats > SHOWS_NATS]
 
 
-def _claims(names: Mapping[str, float], hidden: Sequence[Json]) -> tuple[Claim, ...]:
-    right = [(min(sum(names.get(name, 0.0) for name in h["accepted"]), 1.0), True) for h in hidden]
+def _claims(kind: str, names: Mapping[str, float], hidden: Sequence[Json]) -> tuple[Claim, ...]:
+    # What no catalogue holds has no name that could be stated; bending at one floor has one.
+    right = [
+        (min(sum(names.get(name, 0.0) for name in h["accepted"]), 1.0), True)
+        for h in hidden
+        if kind != "outside" or names.keys() & set(h["accepted"])
+    ]
     return (*right, *((p, False) for name, p in names.items() if not _is_hidden(name, hidden)))
 
 
@@ -190,11 +207,13 @@ def _is_hidden(name: str, hidden: Sequence[Json]) -> bool:
     return any(name in h["accepted"] for h in hidden)
 
 
-def _is_right(effect: Json, hidden: Json) -> bool:
+def is_right(effect: Json, hidden: Json) -> bool:
+    """Whether an effect named bears a name that is right for a hidden one."""
     return effect["name"] in hidden["accepted"]
 
 
-def _same_place(effect: Json, hidden: Json) -> bool:
+def same_place(effect: Json, hidden: Json) -> bool:
+    """Whether an effect named stands where a hidden one does."""
     return sorted(effect["storeys"]) == sorted(hidden["storeys"])
 
 
@@ -209,18 +228,29 @@ def _equivalents(effect: Json) -> set[str]:
 
 
 def _in_class(effect: Json, hidden: Json) -> bool:
-    return _is_right(effect, hidden) or bool(_equivalents(effect) & set(hidden["accepted"]))
+    return is_right(effect, hidden) or bool(_equivalents(effect) & set(hidden["accepted"]))
 
 
 def _class_size(first: Json | None) -> int:
     return 1 + len(_equivalents(first)) if first else 0
 
 
-def _row(hidden: Sequence[Json], first: Json | None) -> str:
-    """Of a pair: the one that was named first, if it is one of them."""
-    if not hidden:
-        return NOTHING
-    return str(next((h["name"] for h in hidden if first and _is_right(first, h)), hidden[0]["name"]))
+def _confusion(truth: Json, effects: Sequence[Json], verdict: str) -> tuple[Confusion, ...]:
+    hidden: Sequence[Json] = truth["effects"]
+    extra = [e for e in effects if not any(is_right(e, h) for h in hidden)]
+    first = _column(effects[0] if effects else None, verdict)
+    if not hidden or truth["kind"] == "outside":
+        row = hidden[0]["name"] if hidden else NOTHING
+        return (Confusion(hidden=row, named=first, right=not extra and verdict != FAILED),)
+    if truth["kind"] not in SEVERAL:
+        right = bool(effects) and is_right(effects[0], hidden[0])
+        return (Confusion(hidden=hidden[0]["name"], named=first, right=right),)
+    cells = []
+    for h in showing(truth):
+        found = next((str(e["name"]) for e in effects if is_right(e, h)), None)
+        named = found or _column(extra[0] if extra else None, verdict)
+        cells.append(Confusion(hidden=h["name"], named=named, right=found is not None))
+    return tuple(cells)
 
 
 def _column(first: Json | None, verdict: str) -> str:
@@ -233,7 +263,7 @@ def _z(hidden: Sequence[Json], effects: Sequence[Json]) -> dict[str, float]:
     found = {}
     for h in hidden:
         for effect in effects:
-            if effect["name"] != h["name"] or not _same_place(effect, h):
+            if effect["name"] != h["name"] or not same_place(effect, h):
                 continue
             for label, moments in effect.get("parameters", {}).items():
                 true = h["parameters"].get(label.partition("[")[0])

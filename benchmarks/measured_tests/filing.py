@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ast
-import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,30 +13,6 @@ from benchmarks.measured_tests.fitting import thinned
 from benchmarks.measured_tests.specimens import MeasuredTest
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import finite
-
-ROOT = Path(__file__).parents[2]
-PACKAGE = ROOT / "bwbn_bayes"
-_NOT_DECIDING = ("cli", "report", "reproduction")
-"""Rooms of the package that decide nothing about a discovery."""
-
-
-def code_version(files: Iterable[Path]) -> str:
-    """Hash of what Python files do: comments, docstrings and layout do not enter."""
-    digest = hashlib.sha256()
-    for path in sorted(files):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for node in ast.walk(tree):
-            body = getattr(node, "body", None)
-            if isinstance(body, list):
-                node.body = [one for one in body if not _is_remark(one)]  # type: ignore[attr-defined]
-        digest.update(f"{path.name}\n{ast.dump(tree)}".encode())
-    return digest.hexdigest()[:12]
-
-
-def package_version() -> str:
-    """Version of the code of the package that a discovery depends on."""
-    rooms = PACKAGE.rglob("*.py")
-    return code_version(path for path in rooms if path.relative_to(PACKAGE).parts[0] not in _NOT_DECIDING)
 
 
 def identity(test: MeasuredTest, what: str, code: str, seed: int) -> dict[str, Any]:
@@ -86,7 +60,3 @@ def shown_response(test: MeasuredTest, response: Floats) -> dict[str, Any]:
         index, _ = thinned(*test.pulled)
     values = [[float(f"{value:.5g}") for value in channel[index]] for channel in response]
     return {"index": index.tolist(), "values": values}
-
-
-def _is_remark(statement: object) -> bool:
-    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)

@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks import markdown
+from benchmarks.markdown import links
 from benchmarks.measured_tests.tables import COMPETITORS, in_per_cent
 
-_OPENING = """\
-# Measured tests
+Json = Mapping[str, Any]
 
-Written by `benchmarks/measured.py` from its JSON; do not edit by hand.
-
-```sh
-uv run python -m benchmarks.measured --json measured.json --competitors --discover --whole --repeats \\
-    --gallery docs/measured_tests --page docs/measured_tests.md
-```
-
-Cyclic tests of columns, a brace, a timber connection and dampers, and two shake-table runs of a three-storey frame
-(displacements relative to its base, equal masses), read from `../shared/data`; PROVENANCE.md there says who measured
-them. The first part of each is fitted, the rest predicted; the split is the same for all. Errors are NRMSE in %: rms
-error over rms of the signal, fitted / held out. *BWBN* is the 13-parameter law with Foliente's pinch, *Pinching4*
-OpenSees' material with 21 parameters, both by differential evolution and least squares with one seed; *chain* is a
-linear one. Where no end moves as strongly as the whole (marked *), the last 30 % of the path are held out.
-"""
+TITLES = {
+    "bwbn": "BWBN",
+    "pinching4": "Pinching4",
+    "linear_chain": "chain",
+    "discover": "`discover`, first part",
+    "whole": "`discover`, whole record",
+    "repeats": "`discover`, repeat cycles held out",
+}
+"""Kinds of trials in the order of the page."""
 
 
-def write_page(facts: Mapping[str, Any], figures: Mapping[str, Path], path: Path) -> None:
+def write_page(facts: Json, figures: Mapping[str, Path], path: Path) -> None:
     """Write the page.
 
     Parameters
@@ -40,79 +35,80 @@ def write_page(facts: Mapping[str, Any], figures: Mapping[str, Path], path: Path
     path : Path
         The Markdown file.
     """
-    parts = [
-        _OPENING,
-        *_rows(facts),
-        *_labels(facts),
-        *_repeats(facts),
-        *_gallery(facts["rows"], figures, path.parent),
-        "",
+    context = {
+        "versions": _versions(facts["versions"]),
+        "not_run": _not_run(facts),
+        "asked": [_asked(one) for one in (*facts["sums"], *facts["label_sums"], *facts["repeat_sums"]) if one["total"]],
+        "processors": sorted({name for one in facts["versions"] for name in one["processors"]}),
+        "rows": [_row(one) for one in facts["rows"] if one["is_run"]],
+        "failed": [f"{one['name']}, {what}" for one in facts["rows"] for what in one["failed"]],
+        "labels": [_label(one) for one in facts["labels"]],
+        "repeats": [_repeat(one) for one in facts["repeats"]],
+        "figures": links(figures, path),
+    }
+    markdown.write_page(path, "benchmarks.measured_tests", "measured_tests.md.j2", context)
+
+
+def _versions(versions: Sequence[Json]) -> list[tuple[str, ...]]:
+    """Of a kind that more than one version ran, each with its tests by name."""
+    return [
+        (
+            TITLES[one["what"]],
+            ", ".join(f"`{commit}`" for commit in one["commits"]),
+            f"`{one['code']}`",
+            ", ".join(one["tests"])
+            if sum(other["what"] == one["what"] for other in versions) > 1
+            else str(len(one["tests"])),
+        )
+        for one in sorted(versions, key=lambda one: list(TITLES).index(one["what"]))
     ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(parts), encoding="utf-8")
 
 
-def _rows(facts: Mapping[str, Any]) -> list[str]:
-    lines = _head("test", "points", "fitted", "BWBN", "Pinching4", "chain", "discover", "verdict")
-    for one in facts["rows"]:
-        mark = "" if one["rule"] == "parting_time" else " *"
-        share = f"{100.0 * one['n_fitted'] / one['n_points']:.0f} %{mark}"
-        errors = [in_per_cent(one["competitors"].get(what)) for what in COMPETITORS]
-        ours = in_per_cent(one["ours"])
-        lines.append(_line(one["name"], one["n_points"], share, *errors, ours, one["in_words"]))
-    return [*lines, "", *_sums(facts["sums"])]
+def _not_run(facts: Json) -> list[str]:
+    """What is missing, a sentence for each kind of trial."""
+    ran = {one["what"] for one in facts["versions"]}
+    sentences = []
+    for what, names in facts["not_run"].items():
+        if what not in ran:
+            sentences.append(f"{TITLES[what]}: not run.")
+        elif names:
+            sentences.append(f"{TITLES[what]}: not run on {', '.join(names)}.")
+    return sentences
 
 
-def _labels(facts: Mapping[str, Any]) -> list[str]:
-    if not facts["labels"]:
-        return []
-    lines = ["## Columns, whole records", ""]
-    lines += _head("column", "loops", "said", "pinching index", "identified", "strength lost", "identified", "fit")
-    for one in facts["labels"]:
-        numbers = [_number(value, 3) for value in (*one["index"], *one["strength_lost"])]
-        said = "pinched" if one["says_pinched"] else ""
-        lines.append(_line(one["name"], one["loops"], said, *numbers, f"{_number(one['fit'], 1)} %"))
-    return [*lines, "", *_sums(facts["label_sums"])]
+def _asked(one: Json) -> tuple[str, ...]:
+    return one["what"], one["asked"], f"{one['count']} of {one['total']}"
 
 
-def _repeats(facts: Mapping[str, Any]) -> list[str]:
-    if not facts["repeats"]:
-        return []
-    lines = [
-        "## Repeat cycles held out",
-        "",
-        "Fitted: the first cycle at each amplitude. Inside: held-out points within their 90 % predictive intervals.",
-        "",
-        *_head("test", "points", "held out", "as given", "fitted / held out", "inside"),
-    ]
-    for one in facts["repeats"]:
-        errors = in_per_cent((one["given"],)), in_per_cent(one["errors"])
-        inside = f"{_number(100.0 * one['coverage'], 0)} %"
-        lines.append(_line(one["name"], one["n_points"], one["n_held_out"], *errors, inside))
-    return [*lines, "", *_sums(facts["repeat_sums"])]
+def _row(one: Json) -> tuple[str, ...]:
+    mark = "" if one["rule"] == "parting_time" else " *"
+    share = f"{100.0 * one['n_fitted'] / one['n_points']:.0f} %{mark}"
+    errors = [in_per_cent(one["competitors"].get(what)) for what in COMPETITORS]
+    said = one["verdict"], one["names"], _number(one["seconds"], 0)
+    return one["name"], str(one["n_points"]), share, *errors, in_per_cent(one["ours"]), *said
 
 
-def _gallery(rows: Sequence[Mapping[str, Any]], figures: Mapping[str, Path], folder: Path) -> list[str]:
-    shown = [one["name"] for one in rows if one["name"] in figures]
-    if not shown:
-        return []
-    lines = ["## Loops", "", "Grey: measured. Blue: by the law named above the column.", ""]
-    for name in shown:
-        target = Path(os.path.relpath(figures[name].resolve(), folder.resolve())).as_posix()
-        lines += [f"![{name}: measured loops and those of each law, fitted part above held-out part]({target})", ""]
-    return lines
+def _label(one: Json) -> tuple[str, ...]:
+    said = "pinched" if one["says_pinched"] else ""
+    measures = (
+        (*(_number(value, 3) for value in one[measure]), _interval(one[interval]))
+        for measure, interval in (("index", "index_interval"), ("strength_lost", "strength_interval"))
+    )
+    index, lost = measures
+    unnamed = "" if one["unnamed_share"] is None else f"{100.0 * one['unnamed_share']:.0f} %"
+    shares = f"{_number(one['fit'], 1)} %", unnamed
+    return one["name"], one["loops"], said, *shares, one["names"], *index, *lost, _number(one["seconds"], 0)
 
 
-def _sums(totals: Sequence[Mapping[str, Any]]) -> list[str]:
-    return [*(f"- {one['what']}: {one['count']} of {one['total']}" for one in totals), ""]
+def _repeat(one: Json) -> tuple[str, ...]:
+    errors = in_per_cent((one["given"],)), in_per_cent(one["errors"])
+    inside = f"{_number(100.0 * one['coverage'], 0)} %"
+    points = str(one["n_points"]), str(one["n_held_out"])
+    return one["name"], *points, *errors, inside, one["names"], _number(one["seconds"], 0)
 
 
-def _head(*cells: str) -> list[str]:
-    return [_line(*cells), _line(*("---" for _ in cells))]
-
-
-def _line(*cells: object) -> str:
-    return f"| {' | '.join(str(cell) for cell in cells)} |"
+def _interval(ends: Sequence[float] | None) -> str:
+    return "" if ends is None else f"{ends[0]:.3f} to {ends[1]:.3f}"
 
 
 def _number(value: float | None, digits: int) -> str:

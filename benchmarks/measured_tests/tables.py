@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measured_tests.discovering import Answer, read_answer, says_pinched
+from benchmarks.markdown import probability
+from benchmarks.measured_tests.discovering import SURE, Answer, Effect, read_answer, says_pinched
 from benchmarks.measured_tests.specimens import MeasuredTest
 
 COMPETITORS = ("bwbn", "pinching4", "linear_chain")
@@ -19,6 +20,8 @@ HELD_OUT_FACTOR = 1.1
 INDEX_WITHIN, STRENGTH_WITHIN = 0.15, 1.0 / 3.0
 COVERED = 0.8, 0.97
 """Share of held-out points inside their 90 % intervals that counts as covered."""
+POSSIBLE = 0.5
+"""Probability from which an effect is said to be possible."""
 HOPELESS = 100.0
 """Error [%] above which a prediction is worse than none."""
 
@@ -43,6 +46,8 @@ class Row:
         None where discovery was not run or failed.
     failed : tuple of str
         What ended in an error, with the error.
+    seconds : float or None
+        Of discovery, by the clock.
     """
 
     name: str
@@ -53,6 +58,12 @@ class Row:
     ours: Errors | None
     answer: Answer | None
     failed: tuple[str, ...]
+    seconds: float | None
+
+    @property
+    def is_run(self) -> bool:
+        """Whether anything was run on it."""
+        return bool(self.competitors or self.failed) or self.answer is not None
 
     @property
     def best(self) -> Errors | None:
@@ -88,17 +99,29 @@ class LabelRow:
     name, loops : str
     says_pinched : bool
     index, strength_lost : (float, float)
-        Measured and identified; NaN where it cannot be told.
+        Measured and identified at the most probable draw; NaN where it cannot be told.
+    index_interval, strength_interval : (float, float) or None
+        Of the posterior, 90 %; None where the answer lists no effect with that signature.
     fit : float
         Error [%] over the whole record.
+    unnamed_share : float or None
+        Of the force of no known law in the whole force, rms; None where there is none.
+    answer : Answer
+    seconds : float or None
+        By the clock.
     """
 
     name: str
     loops: str
     says_pinched: bool
     index: tuple[float, float]
+    index_interval: tuple[float, float] | None
     strength_lost: tuple[float, float]
+    strength_interval: tuple[float, float] | None
     fit: float
+    unnamed_share: float | None
+    answer: Answer
+    seconds: float | None
 
     @property
     def index_agrees(self) -> bool:
@@ -126,6 +149,8 @@ class RepeatRow:
     coverage : float
         Share of the held-out points inside their 90 % intervals.
     answer : Answer
+    seconds : float or None
+        By the clock.
     """
 
     name: str
@@ -135,6 +160,7 @@ class RepeatRow:
     errors: Errors
     coverage: float
     answer: Answer
+    seconds: float | None
 
     @property
     def is_covered(self) -> bool:
@@ -155,6 +181,7 @@ def row(test: MeasuredTest, entries: Mapping[str, Json]) -> Row:
         ours=None if answer is None else _ours(answer, good["discover"]["facts"]["errors"], test.rule),
         answer=answer,
         failed=tuple(f"{what}: {entry['error']}" for what, entry in entries.items() if "error" in entry),
+        seconds=None if answer is None else entries["discover"].get("seconds"),
     )
 
 
@@ -176,8 +203,13 @@ def label_row(test: MeasuredTest, entry: Json) -> LabelRow:
         loops=test.label.loops,
         says_pinched=says_pinched(answer, loops["pinching_index"]["identified"]),
         index=_pair(loops["pinching_index"]),
+        index_interval=_interval(facts, "pinching index"),
         strength_lost=_pair(loops["strength_lost"]),
+        strength_interval=_interval(facts, "strength lost per cycle"),
         fit=_errors(facts["errors"])[0] if answer.fit is None else answer.fit,
+        unnamed_share=(facts.get("unnamed_force") or {}).get("share"),
+        answer=answer,
+        seconds=entry.get("seconds"),
     )
 
 
@@ -202,6 +234,7 @@ def repeat_row(test: MeasuredTest, entry: Json) -> RepeatRow:
         errors=_errors(facts["errors"]),
         coverage=held_out["coverage_90"],
         answer=read_answer(facts),
+        seconds=entry.get("seconds"),
     )
 
 
@@ -213,6 +246,7 @@ def repeat_sums(rows: Sequence[RepeatRow]) -> list[dict[str, Any]]:
             "what": f"coverage within {low:.0f} to {high:.0f} %",
             "count": sum(one.is_covered for one in rows),
             "total": len(rows),
+            "asked": "all",
         }
     ]
 
@@ -221,17 +255,23 @@ def sums(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Over all rows that tell: how often discovery keeps up with the better competitor."""
     fits = [one.fits for one in rows if one.fits is not None]
     predicts = [one.predicts for one in rows if one.predicts is not None]
-    hopeless = [one.name for one in rows if one.is_hopeless]
+    told = [one for one in rows if one.competitors or one.ours is not None]
+    hopeless = [one.name for one in told if one.is_hopeless]
     return [
-        {"what": "fit error at most the better competitor's", "count": sum(fits), "total": len(fits)},
+        {"what": "fit error at most the better competitor's", "count": sum(fits), "total": len(fits), "asked": ""},
         {
             "what": f"held-out error at most {HELD_OUT_FACTOR:g} times the better competitor's",
             "count": sum(predicts),
             "total": len(predicts),
+            "asked": "",
         },
-        {"what": f"every held-out error above 100 %: {', '.join(hopeless) or 'none'}", "count": len(hopeless),
-         "total": len(rows)},
-    ]  # fmt: skip
+        {
+            "what": f"no held-out error below 100 %: {', '.join(hopeless) or 'none'}",
+            "count": len(hopeless),
+            "total": len(told),
+            "asked": "",
+        },
+    ]
 
 
 def label_sums(rows: Sequence[LabelRow]) -> list[dict[str, Any]]:
@@ -240,17 +280,29 @@ def label_sums(rows: Sequence[LabelRow]) -> list[dict[str, Any]]:
     errors = [abs(one.index[1] - one.index[0]) for one in rows if np.isfinite(one.index).all()]
     median = float(np.median(errors)) if errors else float("nan")
     return [
-        {"what": "pinched said of the pinched", "count": sum(said["pinched"]), "total": len(said["pinched"])},
-        {"what": "pinched said of the fat", "count": sum(said["fat"]), "total": len(said["fat"])},
+        {
+            "what": "pinched said of the pinched",
+            "count": sum(said["pinched"]),
+            "total": len(said["pinched"]),
+            "asked": ">= 10 of 12",
+        },
+        {
+            "what": "pinched said of the fat",
+            "count": sum(said["fat"]),
+            "total": len(said["fat"]),
+            "asked": "<= 1 of 12",
+        },
         {
             "what": f"pinching index within {INDEX_WITHIN:g} (median error {median:.2f})",
             "count": sum(one.index_agrees for one in rows),
             "total": len(rows),
+            "asked": "",
         },
         {
             "what": "strength lost per cycle within a third",
             "count": sum(one.strength_agrees for one in rows),
             "total": len(rows),
+            "asked": "",
         },
     ]
 
@@ -270,8 +322,36 @@ def in_words(answer: Answer | None) -> str:
         one.name + "".join(f"[{storey}]" for storey in one.storeys) + _probability(one.probability)
         for one in answer.effects
     )
-    verdict = answer.verdict + _probability(answer.probability)
-    return ": ".join(part for part in (verdict, ", ".join(effects)) if part)
+    return ": ".join(part for part in (verdict_in_words(answer), ", ".join(effects)) if part)
+
+
+def verdict_in_words(answer: Answer | None) -> str:
+    """Verdict with its probability, as text."""
+    return "" if answer is None else answer.verdict + _probability(answer.probability)
+
+
+def names_in_words(answer: Answer | None) -> str:
+    """Names with their probabilities: those that are named, then those that are possible."""
+    told = () if answer is None else answer.effects
+    named = [one for one in told if one.probability is None or one.probability >= SURE]
+    possible = [one for one in told if one.probability is not None and POSSIBLE <= one.probability < SURE]
+    words = [*(_named(one) for one in named), *(f"possibly {_named(one)}" for one in possible)]
+    return ", ".join(words)
+
+
+def _named(effect: Effect) -> str:
+    said = probability(effect.probability)
+    return effect.name + (f" ({said})" if said else "")
+
+
+def _interval(facts: Json, measure: str) -> tuple[float, float] | None:
+    """Posterior interval, 90 %, of a signature that an effect listed has."""
+    for effect in facts["effects"]:
+        signature = effect.get("signature") or {}
+        identified = signature.get("identified") or {}
+        if signature.get("measure") == measure and identified.get("low") is not None:
+            return identified["low"], identified["high"]
+    return None
 
 
 def _probability(value: float | None) -> str:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from benchmarks import discovery as trial
 from benchmarks.blind import cases
 from benchmarks.blind.columns import column_summary
+from benchmarks.blind.filed import FiledCase
 from benchmarks.blind.picture import draw_reliability
 from benchmarks.blind.reliability import reliability
 from benchmarks.blind.scoring import Outcome, case_outcome
@@ -88,6 +87,11 @@ def test_claims_are_probabilities_with_what_was_hidden() -> None:
     missed = case_outcome(truth(SLIP, hidden("mass_error", 1), kind="pairs"), answer({"mass_error": 0.97}))
     assert sorted(missed.claims or ()) == [(0.0, True), (0.97, True)]
     assert case_outcome(truth(kind="none"), answer({"asymmetry": 0.3})).claims == ((0.3, False),)
+    # What the catalogue lacks cannot be named; what it came to hold can.
+    strange, bending = hidden("snap_window", 1), hidden("bending_coupling", 1, "storey_coupling")
+    stated_of = {"asymmetry": 0.3, "storey_coupling": 0.6}
+    assert case_outcome(truth(strange, kind="outside"), answer({"asymmetry": 0.3})).claims == ((0.3, False),)
+    assert case_outcome(truth(bending, kind="outside"), answer(stated_of)).claims == ((0.6, True), (0.3, False))
 
 
 def test_the_calibration_error_is_that_of_a_sum_by_hand() -> None:
@@ -233,8 +237,8 @@ def test_each_case_is_given_its_model(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_nothing_stated_leaves_no_diagram(tmp_path: Path) -> None:
-    console = Console(file=io.StringIO())
-    old = case_outcome(truth(SLIP), {"schema": 1, "verdict": "unexplained"})
-    pooled = trial.pooled_summary(console, [old], tmp_path / "kept.png")
+    old = {**truth(SLIP), "seed": 1, "index": 0}
+    case = FiledCase.of({"key": "old", "truth": old, "discovery": {"schema": 1, "verdict": "unexplained"}})
+    pooled = trial.pooled_summary([case])
     assert pooled["reliability"]["expected_calibration_error"]["value"] is None
-    assert not (tmp_path / "kept.png").exists()
+    assert trial.draw_gallery(pooled, tmp_path) == {}

@@ -16,6 +16,7 @@ from benchmarks.blind import cases
 from benchmarks.blind.columns import Proportion, column_summary
 from benchmarks.blind.picture import draw_confusion
 from benchmarks.blind.scoring import case_outcome
+from benchmarks.running import commit, package_version
 from bwbn_bayes.records import Record
 
 
@@ -63,7 +64,7 @@ def test_one_hidden_effect(given: dict[str, Any], right: str) -> None:
     assert (found.right_name, found.right_place, found.within_class, found.wrong_with_confidence) == tuple(
         word in right for word in ("name", "place", "class", "wrong")
     )
-    assert found.confusion == ("slip_lock", given["name"])
+    assert found.confusion == (("slip_lock", given["name"], "name" in right.split()),)
     assert found.class_size == 1 + len(given["equivalent"])
     assert found.floor_ratio == pytest.approx(0.031 / 0.03)
 
@@ -72,7 +73,7 @@ def test_naming_none_is_wrong_but_not_with_confidence() -> None:
     for verdict, column in (("no_missing_effect", "nothing"), ("unexplained", "unexplained")):
         found = case_outcome(truth(SLIP), answer(verdict=verdict))
         assert not (found.right_name or found.wrong_with_confidence)
-        assert found.confusion == ("slip_lock", column)
+        assert found.confusion == (("slip_lock", column, False),)
 
 
 def test_another_form_may_have_several_right_names() -> None:
@@ -93,9 +94,11 @@ def test_parameters_are_compared_where_the_labels_agree() -> None:
 def test_pairs_want_both_and_nothing_else() -> None:
     both = truth(SLIP, hidden("input_scale"), kind="pairs")
     whole = case_outcome(both, answer(effect("input_scale"), effect("slip_lock", 2)))
-    assert (whole.all_named, whole.extra, whole.confusion) == (True, (), ("input_scale", "input_scale"))
+    assert (whole.all_named, whole.extra) == (True, ())
+    assert whole.confusion == (("slip_lock", "slip_lock", True), ("input_scale", "input_scale", True))
     half = case_outcome(both, answer(effect("slip_lock", 2), effect("gap_impact", 1)))
     assert (half.all_named, half.extra) == (False, ("gap_impact[1]",))
+    assert half.confusion == (("slip_lock", "slip_lock", True), ("input_scale", "gap_impact", False))
 
 
 def test_a_crash_is_a_miss_that_is_seen() -> None:
@@ -133,7 +136,10 @@ def test_a_column_counts_over_its_detectable_cases() -> None:
     }
     assert found["mean_class_size"] == pytest.approx(5 / 3)
     assert found["seconds_median"] == 12.0
-    assert found["confusion"] == {"slip_lock": {"gap_impact": 1, "slip_lock": 2}}
+    assert found["confusion"] == [
+        {"hidden": "slip_lock", "named": "gap_impact", "right": False, "count": 1},
+        {"hidden": "slip_lock", "named": "slip_lock", "right": True, "count": 2},
+    ]
     assert found["undetectable"] == ["case: slip_lock[2]"]
     assert found["misses"] == ["case: slip_lock[2]; said gap_impact[1]"]
 
@@ -161,7 +167,8 @@ def test_intervals_are_clopper_and_pearson_s(count: int, total: int) -> None:
 
 
 def test_the_confusion_matrix_is_drawn(tmp_path: Path) -> None:
-    matrix = {"slip_lock": {"slip_lock": 3, "nothing": 1}, "nothing": {"nothing": 5, "unexplained": 1}}
+    cells = (("slip_lock", "slip_lock", True, 3), ("slip_lock", "nothing", False, 1), ("nothing", "nothing", True, 5))
+    matrix = [dict(zip(("hidden", "named", "right", "count"), cell, strict=True)) for cell in cells]
     draw_confusion(matrix, tmp_path / "matrix.png", "a title")
     assert (tmp_path / "matrix.png").read_bytes().startswith(b"\x89PNG")
 
@@ -189,14 +196,20 @@ def test_a_trial_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.Mo
     ]
     oracle = Oracle(fails_at=2)
     first = trial.run_trial(jobs[:2], log, workers=1, console=console, discoverer=oracle)
-    assert [o.verdict for o in first] == ["no_missing_effect", "failed"]
+    assert [case.outcome.verdict for case in first] == ["no_missing_effect", "failed"]
     with log.open("a", encoding="utf-8") as file:
         file.write('{"key": "none/30 dB/se')  # a run that was cut off while it wrote
     oracle = Oracle()
     second = trial.run_trial(jobs, log, workers=1, console=console, discoverer=oracle)
-    assert [o.verdict for o in second] == ["no_missing_effect"] * 3
+    assert [case.outcome.verdict for case in second] == ["no_missing_effect"] * 3
     assert [record.name for record in oracle.seen] == ["case-0001", "case-0002"]
     assert trial.run_trial(jobs, log, workers=1, console=console, discoverer=Oracle(fails_at=1)) == second
+    for entry in map(json.loads, log.read_text().splitlines()[-2:]):
+        assert entry["commit"] == commit()
+        assert entry["code"] == package_version()
+        assert entry["processor"]
+        assert entry["seconds"] >= 0.0
+        assert entry["processor_seconds"] >= 0.0
     for record in oracle.seen:
         assert not record.truth
         assert not record.noise_sd

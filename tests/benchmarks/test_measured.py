@@ -14,7 +14,7 @@ from rich.console import Console
 
 from benchmarks import measured
 from benchmarks.measured_tests.discovering import Answer, Effect, read_answer, says_pinched
-from benchmarks.measured_tests.filing import code_version, file_result, filed, identity, is_current, shown_response
+from benchmarks.measured_tests.filing import file_result, filed, identity, is_current, shown_response
 from benchmarks.measured_tests.gallery import draw_gallery
 from benchmarks.measured_tests.page import write_page
 from benchmarks.measured_tests.specimens import DATA, Label, MeasuredTest, load, names, nrmse, parted, read_frame
@@ -28,6 +28,7 @@ from benchmarks.measured_tests.tables import (
     row,
     sums,
 )
+from benchmarks.running import code_version
 from bwbn_bayes import Record, UserError
 
 FRAME = """\
@@ -278,6 +279,41 @@ def test_labels_are_counted():
     assert "median error 0.14" in totals[2]["what"]
 
 
+def labelled(name: str, loops: str, index: float, strength: float, commit: str) -> tuple[MeasuredTest, dict[str, Any]]:
+    label = Label(loops=loops, zero_force_ratio=0.1, failure="Shear")
+    test = MeasuredTest(name=name, record=cyclic(name=name), n_fitted=200, rule="path", label=label)
+    found = {**whole_entry(test, index, strength), "commit": commit, "seconds": 61.4, "processor": "Some CPU"}
+    found["identity"] = {**found["identity"], "code": f"code of {commit}"}
+    signature = {"measure": "pinching index", "identified": {"mean": index, "low": 0.05, "high": 0.25}}
+    effects = [
+        {"name": "slip_lock", "storeys": [1], "probability": 0.999, "signature": signature},
+        {"name": "coulomb_friction", "storeys": [1], "probability": 0.61, "signature": None},
+        {"name": "gap_impact", "storeys": [1], "probability": 0.2, "signature": None},
+    ]
+    found["result"]["facts"] |= {"effects": effects, "unnamed_force": {"share": 0.16}}
+    return test, found
+
+
+def test_whole_records_are_on_the_page_with_names_intervals_seconds_and_versions(tmp_path):
+    made = [labelled("one", "pinched", 0.2, 0.07, "abc1234"), labelled("two", "fat", 0.5, 0.06, "def5678")]
+    tests = [*(test for test, _ in made), labelled("three", "fat", 0.5, 0.06, "")[0]]
+    *_, facts = measured.gather(tests, {(test.name, "whole"): entry for test, entry in made})
+    write_page(json.loads(json.dumps(facts)), {}, tmp_path / "page.md")
+    page = (tmp_path / "page.md").read_text()
+    (row,) = [line for line in page.splitlines() if line.startswith("| one |")]
+    assert [cell.strip() for cell in row.strip("|").split("|")] == [
+        "one", "pinched", "pinched", "10.0 %", "16 %", "slip_lock (> 0.99), possibly coulomb_friction (0.61)",
+        "0.100", "0.200", "0.050 to 0.250", "0.060", "0.070", "61",
+    ]  # fmt: skip
+    assert "| pinched said of the pinched | >= 10 of 12 | 1 of 1 |" in page
+    assert "| `discover`, whole record | `abc1234` | `code of abc1234` | one |" in page
+    assert "| `discover`, whole record | `def5678` | `code of def5678` | two |" in page
+    assert "- `discover`, whole record: not run on three." in page
+    assert "on Some CPU." in page
+    assert "| three |" not in page
+    assert "## The first part" not in page
+
+
 def test_a_run_is_filed_resumed_drawn_and_written(tmp_path):
     runs = []
 
@@ -307,7 +343,10 @@ def test_a_run_is_filed_resumed_drawn_and_written(tmp_path):
     assert figures["loops"].read_bytes().startswith(b"\x89PNG")
     write_page(facts, figures, tmp_path / "page.md")
     page = (tmp_path / "page.md").read_text()
-    assert "| loops | 321 | 62 % | 1.0 / 2.0 |" in page
+    assert "| loops | 321 | 62 % | 1.0 / 2.0 |\n" in page
+    assert "- bad, bwbn: ValueError: no" in page
+    assert "- Pinching4: not run." in page
+    assert "BWBN: not run" not in page
     assert "(figures/loops.png)" in page
 
 
@@ -339,17 +378,21 @@ def test_repeat_cycles_are_tabulated_with_what_their_intervals_hold(tmp_path):
         held_out = {"before": 0.3, "after": 0.08, "coverage_90": coverage}
         facts = {"verdict": "effects_found", "effects": [], "elapsed_s": 1.0, "errors": [5.0, 8.0],
                  "gap": {"fit": {"before": 0.2, "after": 0.05}, "held_out": held_out}}  # fmt: skip
-        return {"result": {"facts": facts}, "identity": {"code": "a"}}
+        return {"result": {"facts": facts}, "identity": {"code": "a", "name": "twice"}}
 
     rows = [repeat_row(test, filed_with(coverage)) for coverage in (0.79, 0.8, 0.97, 0.98)]
     assert [one.is_covered for one in rows] == [False, True, True, False]
     assert (rows[0].n_points, rows[0].n_held_out, rows[0].given, rows[0].errors) == (121, 60, 30.0, (5.0, 8.0))
     (total,) = repeat_sums(rows)
-    assert total == {"what": "coverage within 80 to 97 %", "count": 2, "total": 4}
+    assert total == {"what": "coverage within 80 to 97 %", "count": 2, "total": 4, "asked": "all"}
     console = Console(file=io.StringIO(), width=160)
     measured.print_repeats(console, rows[:2])
     assert "coverage within 80 to 97 %: 1 of 2 specimens" in console.file.getvalue()
     *_, repeated, facts = measured.gather([test], {("twice", "repeats"): filed_with(0.9)})
     assert [one.coverage for one in repeated] == [0.9]
     write_page(facts, {}, tmp_path / "page.md")
-    assert "| twice | 121 | 60 | 30.0 | 5.0 / 8.0 | 90 % |" in (tmp_path / "page.md").read_text()
+    page = (tmp_path / "page.md").read_text()
+    assert "| twice | 121 | 60 | 30.0 | 5.0 / 8.0 | 90 % |" in page
+    assert "| coverage within 80 to 97 % | all | 1 of 1 |" in page
+    assert "## The first part" not in page
+    assert "## Columns" not in page

@@ -1,0 +1,91 @@
+"""Cases that trials have filed, one line of JSON each, and who ran them: version of the code, processor, seconds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from benchmarks.blind.scoring import Outcome, case_outcome
+
+Json = Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiledCase:
+    """A case as filed, and how it came out.
+
+    Attributes
+    ----------
+    entry : mapping
+        ``key``, ``truth``, ``discovery``; of cases run since they are recorded also ``commit``, ``code`` (hash of what
+        the package's code does), ``processor``, ``seconds`` and ``processor_seconds``.
+    outcome : Outcome
+    """
+
+    entry: Json
+    outcome: Outcome
+
+    @classmethod
+    def of(cls, entry: Json) -> Self:
+        """Score what is filed."""
+        return cls(entry=entry, outcome=case_outcome(entry["truth"], entry["discovery"]))
+
+    @property
+    def version(self) -> tuple[str, str]:
+        """Commit and hash of the code that ran it; empty where not recorded."""
+        return str(self.entry.get("commit", "")), str(self.entry.get("code", ""))
+
+    @property
+    def processor(self) -> str:
+        """That ran it; empty where not recorded."""
+        return str(self.entry.get("processor", ""))
+
+    @property
+    def seconds(self) -> float | None:
+        """By the clock [s]: of the whole run where recorded, else as discovery itself tells."""
+        value = self.entry.get("seconds", self.outcome.elapsed_s)
+        return None if value is None else float(value)
+
+    @property
+    def processor_seconds(self) -> float | None:
+        """Of all threads [s]; None where not recorded."""
+        value = self.entry.get("processor_seconds")
+        return None if value is None else float(value)
+
+
+def filed_entries(path: Path) -> dict[str, dict[str, Any]]:
+    """Entries by key, of one that was tried again the last; a line cut short is left out."""
+    found = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        try:
+            entry = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        found[entry["key"]] = entry
+    return found
+
+
+def finished_entries(path: Path) -> dict[str, dict[str, Any]]:
+    """Entries by key without those that failed, which are to be tried again."""
+    return {key: entry for key, entry in filed_entries(path).items() if "error" not in entry["discovery"]}
+
+
+def other_cases(logs: Sequence[Path], own: set[str]) -> list[FiledCase]:
+    """Cases that other trials have filed: failures too, each case once, and none that this trial holds.
+
+    Of a case that several files hold the last file's counts.
+
+    Raises
+    ------
+    FileNotFoundError
+        If a file is not there.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for log in logs:
+        if not log.exists():
+            raise FileNotFoundError(log)
+        found |= filed_entries(log)
+    return [FiledCase.of(entry) for key, entry in found.items() if key not in own]

@@ -428,8 +428,8 @@ def _of_state(one: Explanation, force: StateForce, run: Run) -> Explanation:
     """With a force of one state, under white errors or autoregressive ones, as is more probable."""
     posterior = on_threads(force.posterior, run.settings.n_workers)
     found = laplace(posterior, force.modes)
-    # One of many kinds of such a force, and of an unknown scale.
-    weighed = found.log_evidence + force.scale_gain - float(np.log(N_KINDS))
+    # One of many kinds of such a force, of unknown scale and smoothness.
+    weighed = found.log_evidence + force.gain_over - float(np.log(N_KINDS))
     evidence = replace(found, log_evidence=weighed)
     if posterior.record.has_time and autoregressive_bound(posterior, force.modes) > 0.0:
         coloured = autoregressive(posterior, force.modes)

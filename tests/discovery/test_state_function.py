@@ -86,13 +86,14 @@ def test_the_tie_is_the_ratio_of_two_normal_priors(record: Record) -> None:
     placed = PlacedEffect(effect=StateFunction(state="drift", reach=0.2, scale=5.0), storeys=(2,))
     model = replace(MODEL, effects=(placed,))
     plain = posterior_of(record).with_model(model)
-    tied = TiedPosterior(model=model, record=record, engine=plain.engine, noise=plain.noise, narrower=0.2)
+    tied = TiedPosterior(model=model, record=record, engine=plain.engine, noise=plain.noise, scale=0.2, smoothness=0.5)
     assert [model.space.names[i].split("[")[0] for i in tied.columns] == [p.symbol for p in own._WEIGHTS]
     rng = np.random.default_rng(1)
     points = rng.uniform(0.49, 0.51, (3, model.space.n_dim))
     weights = model.space.from_unit(points)[:, tied.columns]
     sd = 5.0 * np.array([hat.sd for hat in own._HATS])
-    ratio = np.sum(norm.logpdf(weights, scale=0.2 * sd) - norm.logpdf(weights, scale=sd), axis=1)
+    narrow = 0.2 * sd * np.array([2.0 ** (-0.5 * hat.level) for hat in own._HATS])
+    ratio = np.sum(norm.logpdf(weights, scale=narrow) - norm.logpdf(weights, scale=sd), axis=1)
     np.testing.assert_allclose(tied.log_likelihood(points) - plain.log_likelihood(points), ratio, rtol=1e-6)
     slope = tied.linearise(points).gradient - plain.linearise(points).gradient
     for column in tied.columns[:3]:

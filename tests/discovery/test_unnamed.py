@@ -251,7 +251,7 @@ def test_where_the_force_explains_what_was_taken_for_noise_the_noise_is_smaller(
     density = 2.0 * norm.pdf(scales) * (scales[1] - scales[0])
     expected = logsumexp([marginal(s) for s in scales], b=density) - marginal(0.0)
     for floor in (np.ones(2), level):
-        log_evidence, _, weights = replace(own, floor=floor).settled()
+        log_evidence, _, weights, _ = replace(own, floor=floor).settled()
         assert log_evidence - own.alone == pytest.approx(expected, abs=1.0)
         np.testing.assert_allclose(weights, [8.0, -8.0, 0.0], atol=1.5)
 

@@ -1,12 +1,12 @@
 """A force of no known law that is a function of one state of its storey.
 
 That state is the drift, the drift rate or the hysteretic displacement. The function is a sum of triangular hats, coarse
-and fine, with independent weights whose variance halves from level to level: a Brownian motion on either side of zero,
-which may be anything continuous, and in which what changes fast costs what it needs. Corners are rounded over the
-finest spacing, which makes quadratic splines of the finest hats, so that smooth functions are met closely. It is a law
-like others, solved by the engine and fitted with the other parameters, first to the beginning of the record: a force
-that is large bends the motion, and what follows to first order from a model without it
-(:mod:`~bwbn_bayes.inference.unnamed.storey`) is then far from what it does.
+and fine, with independent weights whose variance halves from level to level, a Brownian motion on either side of zero,
+or falls faster, a smoother process: it may be anything continuous, and what changes fast costs what it needs. Scale and
+smoothness are integrated out. Corners are rounded over the finest spacing, which makes quadratic splines of the finest
+hats, so that smooth functions are met closely. It is a law like others, solved by the engine and fitted with the other
+parameters, first to the beginning of the record: a force that is large bends the motion, and what follows to first
+order from a model without it (:mod:`~bwbn_bayes.inference.unnamed.storey`) is then far from what it does.
 
 References
 ----------
@@ -24,6 +24,7 @@ from typing import ClassVar, NamedTuple, Self, override
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 from scipy.stats import norm
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, Effect, Slots, symbol
@@ -46,6 +47,11 @@ _N_ITERATIONS, _N_LAST, _N_CANDIDATES, _N_KEPT = 12, 30, 4, 2
 """Steps on a part of the record and on the whole; points from which they go, and fits kept."""
 _REACH, _FEWEST = 50.0, 2
 """How far below the best a state goes on [nat]; after two parts of the record the better half does, these at least."""
+_SMOOTHNESS = (0.0, 0.5, 1.0)
+"""Beyond a Brownian motion's, over which is integrated: with one half the force changes in proportion to the state, up
+to a logarithm; with one its slope is itself a Brownian motion's, or nearly."""
+_N_TURNS, _SAME_SCALE = 5, 0.25
+"""In which the fit and the force's scale find each other, and the log ratio of scales that ends it."""
 _SOURCE = "Ciesielski 1961"
 _STATES = {"drift": DRIFT, "drift_rate": DRIFT_RATE, "hysteretic_displacement": HYSTERETIC_DISPLACEMENT}
 STATES = tuple(_STATES)
@@ -170,16 +176,19 @@ class TiedPosterior(Posterior):
 
     Parameters
     ----------
-    narrower : float
-        Standard deviation of the weights' prior over that in which the unit cube is uniform.
+    scale : float
+        Standard deviation of the coarsest weights' prior over that in which the unit cube is uniform.
+    smoothness : float
+        Halvings by which that of the others falls from level to level, beyond a Brownian motion's.
     """
 
-    narrower: float = 1.0
+    scale: float = 1.0
+    smoothness: float = 0.0
 
     @property
     @override
     def about(self) -> str:
-        return f"{super().about}, weights tied {self.narrower!r}"
+        return f"{super().about}, weights of scale {self.scale!r} and smoothness {self.smoothness!r}"
 
     @cached_property
     def columns(self) -> NDArray[np.int64]:
@@ -191,7 +200,7 @@ class TiedPosterior(Posterior):
     def log_likelihood_of(self, misfit: Floats, points: Floats) -> Floats:
         """With the log ratio of the two priors added."""
         standard = norm.ppf(points[:, self.columns])
-        tie = -0.5 * self._tied * np.sum(np.square(standard), axis=1) - len(_WEIGHTS) * np.log(self.narrower)
+        tie = -0.5 * np.square(standard) @ self._tied - np.sum(np.log(self._narrower))
         return np.asarray(super().log_likelihood_of(misfit, points) + tie)
 
     @override
@@ -205,9 +214,19 @@ class TiedPosterior(Posterior):
         information[:, columns, columns] += self._tied * np.square(growth)
         return replace(local, gradient=gradient, information=information)
 
-    @property
-    def _tied(self) -> float:
-        return 1.0 / self.narrower**2 - 1.0
+    @cached_property
+    def _narrower(self) -> Floats:
+        """Standard deviation of each weight's prior over that of its cube."""
+        return self.scale * _smoothed(self.smoothness)
+
+    @cached_property
+    def _tied(self) -> Floats:
+        return 1.0 / np.square(self._narrower) - 1.0
+
+
+def _smoothed(smoothness: float) -> Floats:
+    """Standard deviations of weights ``(n_weights,)`` over those of a Brownian motion."""
+    return np.array([2.0 ** (-smoothness * hat.level) for hat in _HATS])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,19 +235,19 @@ class StateForce:
 
     Attributes
     ----------
-    scale_gain : float
-        What integrating its scale out adds to the log evidence that it has at the scale of the posterior. [nat]
+    gain_over : float
+        What integrating scale and smoothness out adds to the log evidence that it has at those of the posterior. [nat]
     storey : int
     effect : StateFunction
     posterior : TiedPosterior
-        Of the model with it, its scale that of the prior.
+        Of the model with it, at the scale and smoothness that most of its evidence comes from.
     modes : tuple of Mode
         Optima of that, best first.
     weights : (n_weights,) array
         What they are expected to be. [N]
     """
 
-    scale_gain: float
+    gain_over: float
     storey: int
     effect: StateFunction
     posterior: TiedPosterior
@@ -314,7 +333,7 @@ class _Rival:
             noise=posterior.noise,
             solves=posterior.solves,
             journal=posterior.journal,
-            narrower=share / _WIDE,
+            scale=share / _WIDE,
         )
         start = np.full((len(points), view.space.n_dim), 0.5)
         start[:, [view.space.names.index(name) for name in posterior.space.names]] = points
@@ -334,22 +353,45 @@ class _Rival:
         return replace(self, modes=modes, points=np.array([mode.point for mode in modes]))
 
     def weighed(self, share: float) -> StateForce:
-        """With what integrating its scale out adds to its evidence, and the weights that it then has."""
+        """At the scale and smoothness that most of its evidence comes from, with what integrating over both adds there.
+
+        What gives way to what depends on them: they and the fit are found in turns.
+        """
+        rival, kept = self, (1.0, 0.0)
+        for _ in range(_N_TURNS):
+            every = {smoothness: rival._sums(share, smoothness) for smoothness in _SMOOTHNESS}
+            found = {smoothness: sums.settled() for smoothness, sums in every.items()}
+            smoothness = max(found, key=lambda own: found[own].log_evidence)
+            scale = found[smoothness].scale
+            if smoothness == kept[1] and abs(np.log(scale / kept[0])) < _SAME_SCALE:
+                break
+            kept = scale, smoothness
+            rival = rival._refitted(replace(rival.posterior, scale=scale * share / _WIDE, smoothness=smoothness))
+        whole = logsumexp([own.log_evidence for own in found.values()]) - np.log(len(found))
+        return StateForce(
+            gain_over=float(whole - every[kept[1]].at_scale(kept[0])),
+            storey=rival.storey,
+            effect=rival.effect,
+            posterior=rival.posterior,
+            modes=rival.modes,
+            weights=rival._sd(share, smoothness) * found[smoothness].weights,
+        )
+
+    def _refitted(self, posterior: TiedPosterior) -> Self:
+        modes = distinct(*polish(posterior, self.points, n_iterations=_N_LAST, reach=_REACH))[:_N_KEPT]
+        return replace(self, posterior=posterior, modes=modes, points=np.array([mode.point for mode in modes]))
+
+    def _sd(self, share: float, smoothness: float) -> Floats:
+        """Of the weights, where the scale is one. [N]."""
+        return share * self.largest * np.array([hat.sd for hat in _HATS]) * _smoothed(smoothness)
+
+    def _sums(self, share: float, smoothness: float) -> Sums:
+        """About the best fit."""
         view, point = self.posterior, self.points[0]
         values = view.split(point[None])[0]
-        slopes, sd = Slopes.at(view, point), share * self.largest * np.array([hat.sd for hat in _HATS])
-        columns = view.columns
+        slopes, sd, columns = Slopes.at(view, point), self._sd(share, smoothness), view.columns
         per_unit = view.model.space.unit_scale(values)[0, columns]
         answers = (slopes.base.T[columns] * (sd / per_unit)[:, None]).reshape(-1, *slopes.residual.shape)
         others = slopes.base.T[np.setdiff1d(np.arange(view.space.n_dim), columns)]
         present = values[0, columns] / sd
-        sums = Sums.of(slopes, view.noise, others, answers, unforced=slopes.residual, present=present)
-        log_evidence, _, weights = sums.settled()
-        return StateForce(
-            scale_gain=log_evidence - sums.at_scale(1.0),
-            storey=self.storey,
-            effect=self.effect,
-            posterior=view,
-            modes=self.modes,
-            weights=sd * weights,
-        )
+        return Sums.of(slopes, view.noise, others, answers, unforced=slopes.residual, present=present)

@@ -320,7 +320,7 @@ class Neighbourhood:
 
     def _of_kind(self, kind: str, processes: Mapping[int, tuple[Floats, Floats]], alone: float) -> Estimate:
         sums = self._sums([answered for _, answered in processes.values()])
-        log_evidence, step, weights = sums.settled()
+        log_evidence, step, weights, _ = sums.settled()
         ends = np.cumsum([len(histories) for histories, _ in processes.values()])[:-1]
         return Estimate(
             gain=log_evidence - alone,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -21,6 +22,19 @@ _N_TURNS, _SETTLED = 8, 1e-2
 """In which the noise level and the force's scale find each other, and the relative change of the level that ends it."""
 _MUCH = 1.5
 """Times the noise's power that a model takes for noise, from which a second start is worth its time."""
+
+
+class Settled(NamedTuple):
+    """A log evidence, but for a constant, and what is expected where most of it comes from.
+
+    Steps of the other parameters ``(n_base,)``, weights of the force ``(n_weights,)``, and its scale over the standard
+    deviation of the scale's prior.
+    """
+
+    log_evidence: float
+    others: Floats
+    weights: Floats
+    scale: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,15 +105,15 @@ class Sums:
         """Log evidence without the force, but for a constant."""
         return self.without(np.ones(len(self.level)))[0]
 
-    def settled(self) -> tuple[float, Floats, Floats]:
-        """The log evidence, but for a constant, and what the other parameters and the weights are expected to be.
+    def settled(self) -> Settled:
+        """What noise levels and scale come to.
 
         With the force the noise may be smaller: its level and the force's scale are looked for in turns. A model that
         lacks much takes it for noise: they begin at the model-free level too.
         """
         by_itself = np.square(self.level / np.maximum(self.floor, 1e-300))
         starts = (np.ones(len(by_itself)), *([by_itself] if np.any(by_itself > _MUCH) else []))
-        return max((self._settled_from(start) for start in starts), key=lambda found: found[0])
+        return max((self._settled_from(start) for start in starts), key=lambda found: found.log_evidence)
 
     def at_scale(self, scale: float) -> float:
         """The log evidence at one scale, over the standard deviation of its prior, and at the noise level given."""
@@ -116,10 +130,10 @@ class Sums:
         added = 0.5 * np.sum(np.square(pull) / hold - tied * np.square(present) - np.log(hold / tied), axis=1)
         return added, (pull / hold) @ turned.T, np.square(scales)
 
-    def _settled_from(self, precision: Floats) -> tuple[float, Floats, Floats]:
+    def _settled_from(self, precision: Floats) -> Settled:
         """From a precision ``(n_blocks,)`` on, over that without the force."""
-        best, n = -np.inf, self.n_base
-        others, weights = np.zeros(n), np.zeros(self.products.shape[1] - n - 1)
+        n = self.n_base
+        best = Settled(-np.inf, np.zeros(n), np.zeros(self.products.shape[1] - n - 1), 1.0)
         for _ in range(_N_TURNS):
             plain, left, taken = self.without(precision)
             by_scale, steps, variance = self._by_scale(left, _RELATIVE_SCALES)
@@ -127,13 +141,13 @@ class Sums:
             at = int(np.argmax(by_scale + np.log(_DENSITY)))
             step = steps[at]
             beside = taken[:, -1] - taken[:, :-1] @ step
-            if log_evidence > best:
-                best, others, weights = log_evidence, beside, self.present + step
+            if log_evidence > best.log_evidence:
+                best = Settled(log_evidence, beside, self.present + step, float(_RELATIVE_SCALES[at]))
             wanted = self._precision(precision, np.concatenate([beside, step]), float(variance[at]))
             if np.all(np.abs(np.log(wanted / precision)) < _SETTLED):
                 break
             precision = wanted
-        return best, others, weights
+        return best
 
     def without(self, precision: Floats) -> tuple[float, Floats, Floats]:
         """Log evidence without the force, but for a constant; the products with the slopes projected out; what was.

@@ -169,14 +169,14 @@ class NormalCoordinates:
     def _log_density_in_y(self, y: Floats) -> tuple[float, Floats]:
         target, problem, point = self.posterior, self.problem, np.empty((1, self.n_dim))
         point[0, self.order] = ndtr(y)
-        none = -np.inf, np.zeros_like(y)
-        if not np.isfinite(target.log_prior(point)[0]):
+        none, log_prior = (-np.inf, np.zeros_like(y)), target.log_prior(point)[0]
+        if not np.isfinite(log_prior):
             return none
         whole = problem.squared_residuals_and_slopes(target.split(point)[0], problem.measured)
         misfit, slopes = whole[..., 0], whole[..., 1:]
         if not np.all(np.isfinite(misfit)):
             return none
-        value = target.log_likelihood_of(misfit, point)[0] + target.log_prior(point)[0] - 0.5 * y @ y
+        value = target.log_likelihood_of(misfit, point)[0] + log_prior - 0.5 * y @ y
         return float(value), target.gradient_of(misfit, slopes, point)[0, self.order] * _density(y) - y
 
 

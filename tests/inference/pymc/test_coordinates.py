@@ -64,7 +64,7 @@ def test_the_bends_of_the_sdof_case_are_taken_out() -> None:
     posterior = posterior_of(sdof_model(), record)
     mode = climbed(posterior, true_point(sdof_model(), record))
     bent = NormalCoordinates.at(posterior, mode.point)
-    straight = replace(bent, bend=np.zeros_like(bent.bend), log_scale=np.zeros_like(bent.log_scale))
+    straight = replace(bent, bend=np.zeros_like(bent.bend))
     x = np.random.default_rng(2).standard_normal((400, posterior.n_dim))
     assert effective_share(log_weights(bent, x)) > 0.7
     assert effective_share(log_weights(straight, x)) < 0.5

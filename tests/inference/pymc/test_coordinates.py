@@ -59,15 +59,15 @@ def test_the_density_is_that_of_the_posterior_and_the_map(posterior: Posterior) 
 
 
 def test_the_bends_of_the_sdof_case_are_taken_out() -> None:
-    """By a linear map NUTS found 57 effective ones in 500 draws: beta and n bend the stiff directions."""
-    record = recorded(1)
-    posterior = posterior_of(sdof_model(), record)
-    mode = climbed(posterior, true_point(sdof_model(), record))
-    bent = NormalCoordinates.at(posterior, mode.point)
+    """On ten seconds of it beta and n bend stiff directions: by a linear map NUTS had 57 effective draws of 500."""
+    model, record = sdof_model(), recorded(1)
+    posterior = posterior_of(model, record).until(10.0)
+    bent = NormalCoordinates.at(posterior, climbed(posterior, true_point(model, record)).point)
     straight = replace(bent, bend=np.zeros_like(bent.bend))
     x = np.random.default_rng(2).standard_normal((400, posterior.n_dim))
-    assert effective_share(log_weights(bent, x)) > 0.7
-    assert effective_share(log_weights(straight, x)) < 0.5
+    bent_weights = log_weights(bent, x)
+    assert effective_share(bent_weights) > 0.7
+    assert np.var(bent_weights) < 0.3 * np.var(log_weights(straight, x))
 
 
 def test_its_normalisation_is_the_evidence() -> None:

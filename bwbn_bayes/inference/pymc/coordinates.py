@@ -2,8 +2,8 @@
 
 In ``y``, the prior is standard normal. About the mode of the posterior's density there a linear map makes its second
 order round. What is left bends stiff directions along wide ones, so that paths must be as fine as the stiffest is
-narrow and as long as the widest is wide. A triangular map takes the bends out to third order, one coordinate of the
-unit cube after the other::
+narrow and as long as the widest is wide [2]_. A triangular map [1]_ takes the bends out to third order, one coordinate
+of the unit cube after the other::
 
     y[k] = origin[k] + factor[k, :k] w[:k] + factor[k, k] (x[k] + sum(bend[k, i, j] w[i] w[j])),    i, j < k
 
@@ -194,7 +194,7 @@ def _local(posterior: Posterior, y: Floats) -> _Local:
         log_density=value,
         gradient=found.gradient * slope - y,
         information=found.information * slope[:, :, None] * slope[:, None, :],
-        diagonal=np.maximum(1.0 + found.gradient * y * slope, 1.0),
+        diagonal=np.maximum(1.0 + found.gradient * y * slope, 1.0),  # away from the mode it need not be positive
     )
 
 

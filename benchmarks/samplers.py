@@ -29,12 +29,13 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import pymc as pm
 import pytensor.tensor as pt
 import xarray as xr
+from pymc.model.core import ValueGradFunction
 from scipy import special
 
 from bwbn_bayes import simulate, to_pymc
@@ -42,8 +43,9 @@ from bwbn_bayes.inference.accuracy import LADDER, choose_scheme
 from bwbn_bayes.inference.importance import laplace_mixture, sample_importance
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish
+from bwbn_bayes.inference.pymc.coordinates import NormalCoordinates
 from bwbn_bayes.inference.pymc.forward import forward_problem
-from bwbn_bayes.inference.pymc.nuts import LaplaceStart, laplace_start, sample_nuts
+from bwbn_bayes.inference.pymc.nuts import sample_nuts
 from bwbn_bayes.inference.pymc.roads import values_of
 from bwbn_bayes.inference.pymc.smc import KernelName, sample_smc
 from bwbn_bayes.inference.summary import processor_name
@@ -220,14 +222,38 @@ def _regression(case: Regression, sampler: str, seed: int, draws: int) -> tuple[
         found = found._replace(values=special.ndtri(found.values), n_solves=sum(case.n_solves))
         return answer, found, time.perf_counter() - began
     twin = case.twin()
-    factor = np.linalg.cholesky(covariance)
-    rng = np.random.default_rng(seed)
-    points = tuple({"theta": mean + factor @ rng.standard_normal(case.n_dim)} for _ in range(2))
-    start = LaplaceStart(points=points, covariance=covariance)
     began = time.perf_counter()
-    tree, found = _pymc(twin, start, sampler, seed, draws)
+    if sampler == "nuts":
+        whitened = _Whitened.of(twin, mean, covariance)
+        run = sample_nuts(whitened, draws=draws, chains=2, seed=seed)
+        values = mean + run.coordinates.reshape(-1, case.n_dim) @ whitened.factor.T
+        return answer, Found(values, float("nan"), float("nan"), run.n_solves), time.perf_counter() - began
+    tree, found = _smc(twin, sampler, seed, draws)
     found = found._replace(values=np.asarray(tree["posterior"]["theta"]).reshape(-1, case.n_dim))
     return answer, found, time.perf_counter() - began
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Whitened:
+    """A PyMC model in the coordinates of the exact posterior."""
+
+    both: ValueGradFunction
+    mean: Floats
+    factor: Floats
+
+    @classmethod
+    def of(cls, twin: pm.Model, mean: Floats, covariance: Floats) -> Self:
+        both = twin.logp_dlogp_function(ravel_inputs=True)
+        both.set_extra_values({})
+        return cls(both=both, mean=mean, factor=np.linalg.cholesky(covariance))
+
+    @property
+    def n_dim(self) -> int:
+        return len(self.mean)
+
+    def log_density(self, x: Floats) -> tuple[float, Floats]:
+        value, gradient = self.both(self.mean + self.factor @ x)
+        return float(value), gradient @ self.factor
 
 
 def _structure(path: Path, sampler: str, seed: int, draws: int) -> tuple[Answer, Found, float]:
@@ -239,9 +265,14 @@ def _structure(path: Path, sampler: str, seed: int, draws: int) -> tuple[Answer,
         found = _tmcmc(posterior, sampler, seed, draws)
         found = found._replace(values=space.from_unit(found.values), n_solves=posterior.solves.total)
         return answer, found, time.perf_counter() - began
+    if sampler == "nuts":
+        coordinates = NormalCoordinates.at(posterior, mode.point)
+        run = sample_nuts(coordinates, draws=draws, chains=2, seed=seed)
+        values = space.from_unit(coordinates.points(run.coordinates.reshape(-1, space.n_dim)))
+        found = Found(values, float("nan"), float("nan"), coordinates.problem.solves.total)
+        return answer, found, time.perf_counter() - began
     twin = to_pymc(posterior.model, posterior.record, noise=posterior.noise, engine=posterior.engine)
-    start = laplace_start(twin, space, mode, 2, np.random.default_rng(seed))
-    tree, found = _pymc(twin, start, sampler, seed, draws)
+    tree, found = _smc(twin, sampler, seed, draws)
     n_solves = forward_problem(posterior.model, posterior.record, posterior.engine).solves.total
     return answer, found._replace(values=values_of(tree, space), n_solves=n_solves), time.perf_counter() - began
 
@@ -272,14 +303,10 @@ def _tmcmc(target: Target, sampler: str, seed: int, draws: int) -> Found:
     return Found(cloud.particles, cloud.log_evidence, cloud.log_evidence_se, cloud.n_solves)
 
 
-def _pymc(twin: pm.Model, start: LaplaceStart, sampler: str, seed: int, draws: int) -> tuple[xr.DataTree, Found]:
-    empty = np.empty((0, 0))
-    if sampler == "nuts":
-        nuts = sample_nuts(twin, start, draws=draws, tune=500, chains=2, seed=seed)
-        return nuts.tree, Found(empty, float("nan"), float("nan"), nuts.n_solves)
+def _smc(twin: pm.Model, sampler: str, seed: int, draws: int) -> tuple[xr.DataTree, Found]:
     kernels: Mapping[str, KernelName] = {"smc imh": "imh", "smc mh": "mh", "smc batched": "batched"}
     run = sample_smc(twin, draws=draws, chains=2, seed=seed, kernel=kernels[sampler])
-    return run.tree, Found(empty, run.log_evidence, run.log_evidence_se, run.n_solves)
+    return run.tree, Found(np.empty((0, 0)), run.log_evidence, run.log_evidence_se, run.n_solves)
 
 
 def cells(quick: bool, seeds: int) -> Iterator[tuple[str, str, int, int]]:

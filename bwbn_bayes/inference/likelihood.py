@@ -412,6 +412,32 @@ class Posterior:
         result[ok] = self.noise.log_likelihood(self._of_all_blocks(misfit[ok]), self._n_times, noise_values)
         return result
 
+    def gradient_of(self, misfit: Floats, slopes: Floats, points: Floats) -> Floats:
+        """Gradient ``(n_draws, n_dim)`` of the log likelihood in unit coordinates from squared residuals.
+
+        Parameters
+        ----------
+        misfit : (n_draws, n_blocks) array
+        slopes : (n_draws, n_blocks, n_parameters) array
+            Their derivatives, in the parameters' own units.
+        points : (n_draws, n_dim) array
+            Where they belong to.
+        """
+        values, noise_values = self.split(points)
+        d = self.model.space.n_dim
+        gradient = np.zeros((len(points), self.n_dim))
+        gradient[:, :d] = -0.5 * np.einsum("nc,ncp->np", self._precision(misfit, noise_values), slopes)
+        every, n_times = self._of_all_blocks(misfit), self._n_times
+        for c in range(self.n_dim - d):
+            sd = noise_values[:, c]
+            gradient[:, d + c] = every[:, c] / sd**3 - n_times[c] / sd
+        return np.asarray(gradient * self.space.unit_scale(np.hstack([values, noise_values])))
+
+    def _precision(self, misfit: Floats, noise_values: Floats) -> Floats:
+        """Of the blocks that are there, ``(n_draws, n_blocks)``."""
+        found = self.noise.precision(self._of_all_blocks(misfit), self._n_times, noise_values)
+        return np.asarray(found)[:, : misfit.shape[1]]
+
     def most(self, promised: Floats) -> Floats:
         """What the log likelihood gains at most, ``(n_draws,)``, where its expansion promises this."""
         return self.noise.most(promised, self._n_times)
@@ -427,20 +453,17 @@ class Posterior:
         own = None if free is None else free[:, :d]
         equations = normal_equations(self.engine, self.model, values, self.record, self.noise.correlation, own)
         ok = np.all(np.isfinite(equations.misfit), axis=1)
-        own_misfit = np.where(ok[:, None], equations.misfit, 1.0)
-        misfit, n_times = self._of_all_blocks(own_misfit), self._n_times
-        weight = (self.noise.precision(misfit, n_times, noise_values) * ok[:, None])[:, : own_misfit.shape[1]]
+        misfit = np.where(ok[:, None], equations.misfit, 1.0)
+        weight, n_times = self._precision(misfit, noise_values) * ok[:, None], self._n_times
         scale = self.space.unit_scale(np.hstack([values, noise_values]))
         scale = scale if free is None else np.where(free, scale, 0.0)
-        gradient, information = np.zeros((len(points), self.n_dim)), np.zeros((len(points), self.n_dim, self.n_dim))
-        gradient[:, :d] = np.einsum("nc,ncp->np", weight, np.nan_to_num(equations.gradient))
+        gradient = self.gradient_of(misfit, -2.0 * np.nan_to_num(equations.gradient), points) * ok[:, None]
+        information = np.zeros((len(points), self.n_dim, self.n_dim))
         information[:, :d, :d] = np.einsum("nc,ncpq->npq", weight, np.nan_to_num(equations.information))
         for c in range(self.n_dim - d):
-            sd = noise_values[:, c]
-            gradient[:, d + c] = ok * (misfit[:, c] / sd**3 - n_times[c] / sd)
-            information[:, d + c, d + c] = ok * 2.0 * n_times[c] / sd**2
+            information[:, d + c, d + c] = ok * 2.0 * n_times[c] / noise_values[:, c] ** 2
         return Linearisation(
-            log_likelihood=np.where(ok, self.log_likelihood_of(own_misfit, points), -np.inf),
-            gradient=gradient * scale,
+            log_likelihood=np.where(ok, self.log_likelihood_of(misfit, points), -np.inf),
+            gradient=gradient if free is None else np.where(free, gradient, 0.0),
             information=information * scale[:, :, None] * scale[:, None, :],
         )

@@ -10,8 +10,9 @@ import xarray as xr
 
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.pymc.coordinates import NormalCoordinates
 from bwbn_bayes.inference.pymc.model import named_parameters, to_pymc
-from bwbn_bayes.inference.pymc.nuts import NutsRun, Sampler, laplace_start, sample_nuts
+from bwbn_bayes.inference.pymc.nuts import Sampler, convergence, sample_nuts
 from bwbn_bayes.inference.pymc.smc import KernelName, SmcRun, sample_smc
 from bwbn_bayes.inference.summary import Draws
 from bwbn_bayes.parameters import Floats, ParameterSpace
@@ -23,7 +24,8 @@ DIVERGENT_LIMIT = 0.01
 """Share of divergent trajectories above which NUTS is called unfit."""
 SPREAD_LIMIT = 1.0
 """Largest difference between the log evidences of two chains. [nat]"""
-_TUNE = 300
+_TUNE = 100
+"""Draws in which the length of a step is found; all else is known from the fit."""
 
 Say = Callable[[str, StageFacts | None], None]
 
@@ -54,7 +56,7 @@ def sample_road(
     posterior : Posterior
         At its final scheme.
     modes : sequence of Mode
-        Best first; NUTS starts there, SMC starts from the prior.
+        Best first; NUTS moves in coordinates about it, SMC starts from the prior.
     method : {"smc", "nuts"}
         Which sampler.
     plain : bool
@@ -68,19 +70,27 @@ def sample_road(
     say : callable
         Told what is being done.
     """
-    twin = to_pymc(posterior.model, posterior.record, noise=posterior.noise, engine=posterior.engine)
     draws = max(particles // N_CHAINS, 8 * (posterior.n_dim + 1))
     if method == "smc":
-        kernel: KernelName = "imh" if plain else "batched"
-        say(f"sampling by PyMC's sequential Monte Carlo, kernel {kernel}", None)
-        run = sample_smc(twin, draws=draws, chains=N_CHAINS, seed=seed, kernel=kernel, listener=_stage_listener(say))
-        posterior.solves.add(run.n_solves)
-        return Road(_draws(posterior, run.tree, run.effective_sample_size), _evidences(run), (_spread_check(run),))
+        return _by_smc(posterior, draws, plain, seed, say)
     say(f"sampling by NUTS of {sampler}", None)
-    start = laplace_start(twin, posterior.space, modes[0], N_CHAINS, np.random.default_rng(seed))
-    nuts = sample_nuts(twin, start, sampler=sampler, draws=draws, tune=_TUNE, chains=N_CHAINS, seed=seed)
-    posterior.solves.add(nuts.n_solves)
-    return Road(_draws(posterior, nuts.tree, nuts.least_ess), {}, _nuts_checks(nuts))
+    coordinates = NormalCoordinates.at(posterior, modes[0].point)
+    run = sample_nuts(coordinates, sampler=sampler, draws=draws, tune=_TUNE, chains=N_CHAINS, seed=seed)
+    posterior.solves.add(run.n_solves)
+    points = coordinates.points(run.coordinates.reshape(-1, posterior.n_dim))
+    r_hat, effective = convergence(points.reshape(run.coordinates.shape), posterior.space.names)
+    checks = _nuts_checks(run.n_divergences, len(points), r_hat)
+    return Road(_draws(posterior, points, effective), {}, checks)
+
+
+def _by_smc(posterior: Posterior, draws: int, plain: bool, seed: int, say: Say) -> Road:
+    twin = to_pymc(posterior.model, posterior.record, noise=posterior.noise, engine=posterior.engine)
+    kernel: KernelName = "imh" if plain else "batched"
+    say(f"sampling by PyMC's sequential Monte Carlo, kernel {kernel}", None)
+    run = sample_smc(twin, draws=draws, chains=N_CHAINS, seed=seed, kernel=kernel, listener=_stage_listener(say))
+    posterior.solves.add(run.n_solves)
+    points = posterior.space.to_unit(values_of(run.tree, posterior.space))
+    return Road(_draws(posterior, points, run.effective_sample_size), _evidences(run), (_spread_check(run),))
 
 
 def values_of(tree: xr.DataTree, space: ParameterSpace) -> Floats:
@@ -98,8 +108,7 @@ def values_of(tree: xr.DataTree, space: ParameterSpace) -> Floats:
     return values
 
 
-def _draws(posterior: Posterior, tree: xr.DataTree, effective: float) -> Draws:
-    points = posterior.space.to_unit(values_of(tree, posterior.space))
+def _draws(posterior: Posterior, points: Floats, effective: float) -> Draws:
     return Draws(
         points=points,
         log_likelihood=posterior.log_likelihood(points),
@@ -153,9 +162,8 @@ def _spread_check(run: SmcRun) -> Check:
     )
 
 
-def _nuts_checks(run: NutsRun) -> tuple[Check, ...]:
-    n_draws = run.tree["posterior"].sizes["chain"] * run.tree["posterior"].sizes["draw"]
-    share = run.n_divergences / n_draws
+def _nuts_checks(n_divergences: int, n_draws: int, r_hat: float) -> tuple[Check, ...]:
+    share = n_divergences / n_draws
     unfit = (
         "" if share <= DIVERGENT_LIMIT else ": the likelihood is not smooth enough for NUTS, take importance or tmcmc"
     )
@@ -165,13 +173,13 @@ def _nuts_checks(run: NutsRun) -> tuple[Check, ...]:
             value=share,
             limit=DIVERGENT_LIMIT,
             passed=share <= DIVERGENT_LIMIT,
-            sentence=f"{run.n_divergences} of {n_draws} trajectories diverged{unfit}.",
+            sentence=f"{n_divergences} of {n_draws} trajectories diverged{unfit}.",
         ),
         Check(
             name="R-hat",
-            value=run.worst_r_hat,
+            value=r_hat,
             limit=R_HAT_LIMIT,
-            passed=run.worst_r_hat < R_HAT_LIMIT,
-            sentence=f"The largest R-hat is {run.worst_r_hat:.3f}.",
+            passed=r_hat < R_HAT_LIMIT,
+            sentence=f"The largest R-hat is {r_hat:.3f}.",
         ),
     )

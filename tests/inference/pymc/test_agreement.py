@@ -18,7 +18,8 @@ from bwbn_bayes.inference.importance import sample_importance
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.nested_laplace import Sheet
-from bwbn_bayes.inference.pymc.nuts import laplace_start, sample_nuts
+from bwbn_bayes.inference.pymc.coordinates import NormalCoordinates
+from bwbn_bayes.inference.pymc.nuts import convergence, sample_nuts
 from bwbn_bayes.inference.pymc.roads import values_of
 from bwbn_bayes.inference.pymc.smc import sample_smc
 from bwbn_bayes.inference.tmcmc.sampler import sample
@@ -67,9 +68,10 @@ def roads(
     from_start = partial(bridge, modes=(mode,), nested=sheet.nested) if bent else sample
     cloud = from_start(posterior, n_particles=draws, rng_seed=1)
     smc = sample_smc(twin, draws=draws, chains=2, seed=1)
-    start = laplace_start(twin, space, mode, 2, np.random.default_rng(3))
-    nuts = sample_nuts(twin, start, draws=nuts_draws or draws, tune=100, chains=2, seed=1)
+    coordinates = NormalCoordinates.at(posterior, mode.point)
+    nuts = sample_nuts(coordinates, draws=nuts_draws or draws, tune=100, chains=2, seed=1)
     assert nuts.n_divergences <= 0.01 * 2 * (nuts_draws or draws)
+    _, nuts_size = convergence(nuts.coordinates, space.names)
     ess = arviz_stats.ess(smc.tree["posterior"].dataset)
     size = min(float(v.min()) for v in ess.data_vars.values())
     found = {
@@ -77,7 +79,7 @@ def roads(
         "tmcmc": moments(space.from_unit(cloud.particles), min(cloud.stages[-1].effective_sample_size, draws)),
         # Particles of one chain descend from each other: worth no more than a fifth of their number.
         "smc": moments(values_of(smc.tree, space), min(size, 0.2 * 2 * draws)),
-        "nuts": moments(values_of(nuts.tree, space), nuts.least_ess),
+        "nuts": moments(space.from_unit(coordinates.points(nuts.coordinates.reshape(-1, space.n_dim))), nuts_size),
     }
     evidences = {
         "importance": (weighted.log_evidence, weighted.log_evidence_se),

@@ -37,7 +37,6 @@ from bwbn_bayes.inference.likelihood import (
     default_noise,
 )
 from bwbn_bayes.inference.pymc.model import complete, draws_of, noise_log_likelihood, observations
-from bwbn_bayes.inference.pymc.nuts import by_variable
 from bwbn_bayes.inference.pymc.operators import SquaredResiduals
 from bwbn_bayes.inference.pymc.priors import prior_twin
 from bwbn_bayes.parameters import Floats, ParameterSpace, Prior
@@ -86,19 +85,6 @@ def test_what_does_not_belong_together_is_a_user_error() -> None:
         to_pymc(small_model(), second)
     with pytest.raises(UserError, match="2 scales for 1 channels"):
         to_pymc(small_model(), record, noise=IntegratedNoise(shape=1.0, scale=(0.1, 0.1)))
-
-
-def test_sampled_noise_with_priors_of_several_kinds_has_starts() -> None:
-    """Each prior is then a variable of its own."""
-    record = small_record()
-    rng = np.random.default_rng(1)
-    two = record.with_channels(record.channels | {"drift_1": 0.01 * rng.standard_normal(record.n_times)})
-    noise = SampledNoise(channels=tuple(two.channels), priors=(HalfNormal(0.2), LogNormal(0.1, 0.5)))
-    posterior = Posterior(model=small_model(), record=two, engine=ENGINE, noise=noise)
-    values = posterior.space.from_unit(posterior.space.sample_unit(rng, 4))
-    named = by_variable(to_pymc(small_model(), two, noise=noise, engine=ENGINE), posterior.space, values)
-    for i in (1, 2):
-        np.testing.assert_array_equal(named[f"noise_sd_{i}"], values[:, -3 + i])
 
 
 def test_noise_twins_agree_with_the_noise_models() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from bwbn_bayes.discovery.explanation import Explanation
@@ -53,6 +55,8 @@ def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
     else:
         posterior = one.evidence.posterior
         here = Neighbourhood(posterior=posterior, point=found.point, share=UNNAMED_SCALE, forces=found.forces)
+        if not np.isfinite(here.log_likelihood):  # what is right to first order need not be solvable as a whole
+            here = replace(here, point=one.evidence.modes[0].point, forces={})
         rows = here.rows
         forces = {at: over_time(force, record, one.model) for at, force in found.forces.items()}
     whole = np.sqrt(np.mean(np.square(rows["restoring_force"]), axis=1))

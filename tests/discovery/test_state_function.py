@@ -7,13 +7,18 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import norm
 
+from bwbn_bayes.discovery.evidence import laplace
+from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.unnamed_facts import _of_storey
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed import state_function as own
-from bwbn_bayes.inference.unnamed.state_function import StateFunction, TiedPosterior, state_forces
+from bwbn_bayes.inference.unnamed.pulses import knots_of
+from bwbn_bayes.inference.unnamed.state_function import StateForce, StateFunction, TiedPosterior, state_forces
+from bwbn_bayes.inference.unnamed.storey import Estimate
 from bwbn_bayes.parameters import Floats, Uniform
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -28,9 +33,9 @@ MODEL = ShearBuilding(
 )
 
 
-def window(drift: Floats | float) -> Floats | float:
+def window(drift: Floats | float) -> Floats:
     """A storey that stiffens between two drifts: no law of the catalogue. [N]."""
-    return 0.8 * np.tanh((drift - 0.06) / 0.012) + 0.8 * np.tanh(5.0)
+    return np.asarray(0.8 * np.tanh((drift - 0.06) / 0.012) + 0.8 * np.tanh(5.0))
 
 
 def test_a_hat_is_a_triangle_seen_through_a_slit() -> None:
@@ -106,14 +111,22 @@ def test_the_tie_is_the_ratio_of_two_normal_priors(record: Record) -> None:
     assert tied.about != plain.about
 
 
-def test_it_is_found_in_its_storey_as_a_function_of_its_state(record: Record) -> None:
+@pytest.fixture(scope="module")
+def plain(record: Record) -> Explanation:
+    """The model as given, fitted."""
     posterior = posterior_of(record)
     modes = distinct(*polish(posterior, np.full((1, posterior.n_dim), 0.5), n_iterations=20))
-    points = np.array([mode.point for mode in modes])
-    best = max(
-        state_forces(posterior, points, UNNAMED_SCALE, np.random.default_rng(1)),
-        key=lambda force: force.modes[0].log_likelihood,
-    )
+    return Explanation(added=(), posterior=posterior, modes=modes, evidence=laplace(posterior, modes), n_places=3)
+
+
+@pytest.fixture(scope="module")
+def best(plain: Explanation) -> StateForce:
+    """The force beside it that explains most."""
+    found = state_forces(plain.posterior, plain.points, UNNAMED_SCALE, np.random.default_rng(1))
+    return max(found, key=lambda force: force.modes[0].log_likelihood)
+
+
+def test_it_is_found_in_its_storey_as_a_function_of_its_state(record: Record, best: StateForce) -> None:
     assert (best.storey, best.effect.state) == (2, "drift")
     rows = best.posterior.engine.simulate(
         best.posterior.model, best.posterior.split(best.modes[0].point[None])[0], record, ("drift_2",)
@@ -131,3 +144,23 @@ def test_it_is_found_in_its_storey_as_a_function_of_its_state(record: Record) ->
         ).values[0]
     )
     assert np.std(residual) < 1.15 * 0.01
+
+
+def test_its_shape_is_told_over_its_state(plain: Explanation, best: StateForce, record: Record) -> None:
+    with_force = replace(plain, posterior=best.posterior, modes=best.modes, unnamed=(2,), estimate=best)
+    told = _of_storey(with_force, 0.99)
+    assert (told.storey, told.over, told.function) == (2, "drift", "of the drift alone")
+    assert 0.02 < told.share < 1.0
+    # One value of the force at each drift.
+    order = np.argsort(told.state)
+    jumps = np.abs(np.diff(told.force[order])) / np.ptp(told.force)
+    assert np.max(jumps[np.diff(told.state[order]) < 1e-3 * np.ptp(told.state)]) < 0.05
+    assert len(told.force) == record.n_times
+
+
+def test_what_cannot_be_solved_with_a_force_to_first_order_is_told_of_the_model_alone(plain: Explanation) -> None:
+    knots = knots_of(plain.posterior.record, MODEL)
+    force = {2: np.full(len(knots.times), 1e150)}
+    estimate = Estimate(gain=1.0, kind="of no simple kind", forces=force, point=plain.best)
+    told = _of_storey(replace(plain, unnamed=(2,), estimate=estimate), 0.99)
+    assert np.all(np.isfinite(told.state))

@@ -16,7 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
-from bwbn_bayes.discovery.evidence import autoregressive, autoregressive_bound, laplace
+from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation, key_of
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
@@ -25,12 +25,10 @@ from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import Run, all_but, hypotheses_of, on_one_thread, on_threads, score_all
 from bwbn_bayes.discovery.second_look import rescanned, searched, widened
 from bwbn_bayes.discovery.unfinished import Unfinished
+from bwbn_bayes.discovery.unnamed import follow, weigh_to_first_order
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
-from bwbn_bayes.inference.unnamed import N_KINDS, UNNAMED_SCALE
-from bwbn_bayes.inference.unnamed.state_function import StateForce, state_forces
-from bwbn_bayes.inference.unnamed.storey import unnamed_forces
 from bwbn_bayes.parameters import Floats
 
 MOST_LATER = 12
@@ -44,8 +42,6 @@ _DEEPER_AFTER = 2
 building's best explanation leaves is not noise yet."""
 _N_KEPT = 40
 """Fits of a round that become explanations."""
-_N_UNNAMED = 8
-"""Explanations of a building that are weighed with an unnamed force, beside those that have less than the best."""
 _MOST_RESHAPED = 2
 """Rounds in which forms of free shape are tried at a specimen."""
 _TOGETHER = ("strength_degradation", "stiffness_degradation")
@@ -74,7 +70,7 @@ def search(given: Explanation, run: Run) -> Pool:
             parent = _next(pool, run)
             if not deeper and (parent is None or number == _DEEPER_AFTER) and not pool.laws_alone.best.is_noise:
                 deeper = True
-                _follow(pool, run)
+                follow(pool, run)
                 if not pool.beliefs.best.is_noise:
                     _look_deeper(given, pool, run)
                 parent = _next(pool, run)
@@ -84,8 +80,8 @@ def search(given: Explanation, run: Run) -> Pool:
             n_whole += not run.stopped
         if not given.is_specimen:
             if not pool.laws_alone.best.is_noise:
-                _follow(pool, run)
-            _unnamed(pool, run)
+                follow(pool, run)
+            weigh_to_first_order(pool, run, REACH)
             _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
     if run.stopped:
         sentence = (
@@ -365,77 +361,3 @@ def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:
         elapsed_s=run.elapsed,
     )
     run.say(sentence, known)
-
-
-def _unnamed(pool: Pool, run: Run) -> None:
-    """The best explanations of a building, each with less, and the model as given, beside an unnamed force."""
-    best = pool.laws_alone
-    most = best.log_joint[0]
-    near = [one for one, log in zip(best.explanations, best.log_joint, strict=True) if log > most - REACH]
-    wanted = {one.effects_key: one for one in near[:_N_UNNAMED]}
-    wanted |= {key: one for key, one in pool.plain.items() if key < best.best.effects_key}
-    run.say(f"weighing {len(wanted)} explanations beside a force of no known law")
-    behind = dict(zip((one.effects_key for one in best.explanations), most - best.log_joint, strict=True))
-    asked = [(one, float(behind[key]), run) for key, one in wanted.items()]
-    tell = "weighed {} explanations with a force of no known law"
-    for _, found in run.pace.each(_to_first_order, asked, run.settings.n_workers, tell):
-        for one in found:
-            pool.add_unnamed(one)
-
-
-def _to_first_order(asked: tuple[Explanation, float, Run]) -> list[Explanation]:
-    """An explanation with an unnamed force in each storey, and in all; so many nats behind the best without one."""
-    one, behind, run = asked
-    posterior, best = on_one_thread(one.evidence.posterior), one.evidence.modes[0].point
-    found = unnamed_forces(posterior, best, UNNAMED_SCALE, all_but(one.added, run), matters=behind)
-    evidence = one.evidence
-    return [
-        replace(
-            one,
-            unnamed=place,
-            estimate=own,
-            evidence=replace(evidence, log_evidence=evidence.log_evidence + own.gain, method="Laplace"),
-        )
-        for place, own in found.items()
-    ]
-
-
-def _follow(pool: Pool, run: Run) -> None:
-    """Fit forces of one state beside the best laws, the model as given, and what lacks one effect of the best."""
-    whole = pool.laws_alone.best.effects_key
-    keys = dict.fromkeys([frozenset(), whole, *(whole - {one} for one in whole)])
-    wanted = [key for key in keys if key in pool.plain and key not in pool.followed]
-    streams = run.rng.spawn(len(wanted))
-    asked = [(pool.plain[key], own, run) for key, own in zip(wanted, streams, strict=True)]
-    if not asked or run.must_stop():
-        return
-    run.say(f"fitting forces of one state beside {len(asked)} explanations")
-    tell = "fitted forces of one state beside {} explanations"
-    for (one, *_), found in run.pace.each(_with_state_forces, asked, run.settings.n_workers, tell):
-        pool.followed.add(one.effects_key)
-        for own in found:
-            pool.add_unnamed(own)
-
-
-def _with_state_forces(asked: tuple[Explanation, np.random.Generator, Run]) -> list[Explanation]:
-    """An explanation with a force of one state of a storey."""
-    one, rng, run = asked
-    found = state_forces(on_one_thread(one.posterior), one.points, UNNAMED_SCALE, rng)
-    return [_of_state(one, force, run) for force in found]
-
-
-def _of_state(one: Explanation, force: StateForce, run: Run) -> Explanation:
-    """With a force of one state, under white errors or autoregressive ones, as is more probable."""
-    posterior = on_threads(force.posterior, run.settings.n_workers)
-    found = laplace(posterior, force.modes)
-    # One of many kinds of such a force, of unknown scale and smoothness.
-    weighed = found.log_evidence + force.gain_over - float(np.log(N_KINDS))
-    evidence = replace(found, log_evidence=weighed)
-    if posterior.record.has_time and autoregressive_bound(posterior, force.modes) > 0.0:
-        coloured = autoregressive(posterior, force.modes)
-        gained = coloured.log_evidence - found.log_evidence
-        if gained > 0.0:
-            evidence = replace(coloured, log_evidence=evidence.log_evidence + gained)
-    return replace(
-        one, posterior=posterior, modes=force.modes, unnamed=(force.storey,), estimate=force, evidence=evidence
-    )

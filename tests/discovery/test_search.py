@@ -115,8 +115,8 @@ def test_a_building_is_looked_at_deeper_where_two_effects_leave_more_than_noise(
 
     building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True)
     monkeypatch.setattr(searching, "_look_deeper", look_deeper)
-    monkeypatch.setattr(searching, "_follow", lambda *_: None)
-    monkeypatch.setattr(searching, "_unnamed", lambda *_: None)
+    monkeypatch.setattr(searching, "follow", lambda *_: None)
+    monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)
     monkeypatch.setattr(Explanation, "is_noise", property(lambda one: len(one.added) >= noise_from))
     monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
     monkeypatch.setattr(sys.modules[__name__], "TEST", building)
@@ -137,9 +137,9 @@ def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch
             pool.add_unnamed(replace(bare, unnamed=(1,), evidence=cast(Any, SimpleNamespace(log_evidence=500.0))))
 
     building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True)
-    monkeypatch.setattr(searching, "_follow", follow)
+    monkeypatch.setattr(searching, "follow", follow)
     monkeypatch.setattr(searching, "_look_deeper", lambda *_: pytest.fail("a force has explained it already"))
-    monkeypatch.setattr(searching, "_unnamed", lambda *_: None)
+    monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)
     monkeypatch.setattr(Explanation, "is_noise", property(lambda one: one.unnamed is not None))
     monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
     monkeypatch.setattr(sys.modules[__name__], "TEST", building)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from bwbn_bayes.discovery import search, workflow
+from bwbn_bayes.discovery import unnamed, workflow
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, hypotheses, scales_of
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
@@ -48,7 +48,7 @@ def without_unnamed(monkeypatch: pytest.MonkeyPatch) -> None:
     def nothing(*_: Any, **__: Any) -> dict[tuple[int, ...], Estimate]:
         return {}
 
-    monkeypatch.setattr(search, "unnamed_forces", nothing)
+    monkeypatch.setattr(unnamed, "unnamed_forces", nothing)
 
 
 def test_without_hypotheses_a_smooth_disagreement_is_an_unnamed_force(record: Record) -> None:

@@ -100,3 +100,13 @@ def test_a_nearly_elastic_building_needs_no_other_method() -> None:
     assert facts.method == "importance"
     assert all(check.passed for check in facts.checks), facts.checks
     assert all(abs(p.z_score or 0.0) < 4.0 for p in facts.parameters)
+
+
+def test_a_slice_without_weight_is_left_out() -> None:
+    """Draws far out, whose weights vanish, filled the first slices of a fit, which then had no mean."""
+    rng = np.random.default_rng(4)
+    points = np.concatenate([rng.uniform(0.45, 0.55, (1000, 2)), rng.uniform(0.9, 1.0, (1000, 2))])
+    log_ratio = np.where(np.arange(2000) < 1000, 0.0, -2000.0) + 0.1 * rng.standard_normal(2000)
+    fitted = FittedMixture.to(summarised(points, np.zeros(2000), log_ratio))
+    assert fitted is not None
+    assert np.all(np.isfinite(fitted.log_density(points[:1000])))

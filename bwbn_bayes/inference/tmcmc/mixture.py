@@ -12,6 +12,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from bwbn_bayes.inference.tmcmc.target import Floats, Integers
+from bwbn_bayes.parameters import Booleans
 
 SIZES = (1, 2, 4)
 _ITERATIONS = 10
@@ -124,17 +125,24 @@ def _expectation_maximisation(points: Floats, weights: Floats, size: int) -> Gau
     along = centred @ np.linalg.eigh(covariance)[1][:, -1]
     ranks = np.empty(n, dtype=np.int64)
     ranks[np.argsort(along, kind="stable")] = np.arange(n)
-    shares = np.eye(size)[ranks * size // n].T * weights
-    mixture = _maximise(points, shares, covariance)
+    slices = np.eye(size)[ranks * size // n].T * weights
+    # A slice may hold no weight at all.
+    fed = slices[_are_fed(slices, n_dim)] if size > 1 else slices
+    mixture = _maximise(points, fed if len(fed) else weights[None], covariance)
     for _ in range(_ITERATIONS if size > 1 else 0):
         log_parts = mixture.log_parts(points)
         shares = np.exp(log_parts - np.logaddexp.reduce(log_parts, axis=0)) * weights
-        effective = np.sum(shares, axis=1) ** 2 / np.sum(shares**2, axis=1).clip(min=1e-300)
-        kept = effective > 2.0 * (n_dim + 1)
+        kept = _are_fed(shares, n_dim)
         if not np.any(kept):
             break
         mixture = _maximise(points, shares[kept], covariance)
     return mixture
+
+
+def _are_fed(shares: Floats, n_dim: int) -> Booleans:
+    """Which components ``(k,)`` have enough effective points for a covariance."""
+    effective = np.sum(shares, axis=1) ** 2 / np.sum(shares**2, axis=1).clip(min=1e-300)
+    return np.asarray(effective > 2.0 * (n_dim + 1))
 
 
 def _maximise(points: Floats, shares: Floats, covariance: Floats) -> GaussianMixture:

@@ -90,7 +90,8 @@ def test_the_hidden_effect_is_named_at_its_place(name: str) -> None:
 
 
 DOUBLED: dict[str, dict[str, Any]] = {
-    "search": {"MOST_LATER": 24, "REACH": 12.0, "BEAM": 4, "_N_KEPT": 80, "_N_UNNAMED": 16, "_N_TOGETHER": 1024},
+    "search": {"MOST_LATER": 24, "REACH": 12.0, "BEAM": 4, "_N_KEPT": 80, "_N_TOGETHER": 1024},
+    "unnamed": {"_N_UNNAMED": 16},
     "pool": {
         "_MOST_COLOURED": 8, "_COLOURED_REACH": 800.0, "_MOST_SHARED": 8, "_MOST_SAMPLED": 12,
         "_SAMPLED_REACH": 20.0, "_N_SAMPLED": 800,

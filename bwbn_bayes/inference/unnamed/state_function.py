@@ -359,7 +359,8 @@ class _Rival:
         """
         rival, kept = self, (1.0, 0.0)
         for _ in range(_N_TURNS):
-            every = {smoothness: rival._sums(share, smoothness) for smoothness in _SMOOTHNESS}
+            slopes = Slopes.at(rival.posterior, rival.points[0])
+            every = {smoothness: rival._sums(slopes, share, smoothness) for smoothness in _SMOOTHNESS}
             found = {smoothness: sums.settled() for smoothness, sums in every.items()}
             smoothness = max(found, key=lambda own: found[own].log_evidence)
             scale = found[smoothness].scale
@@ -385,11 +386,11 @@ class _Rival:
         """Of the weights, where the scale is one. [N]."""
         return share * self.largest * np.array([hat.sd for hat in _HATS]) * _smoothed(smoothness)
 
-    def _sums(self, share: float, smoothness: float) -> Sums:
-        """About the best fit."""
-        view, point = self.posterior, self.points[0]
-        values = view.split(point[None])[0]
-        slopes, sd, columns = Slopes.at(view, point), self._sd(share, smoothness), view.columns
+    def _sums(self, slopes: Slopes, share: float, smoothness: float) -> Sums:
+        """About the best fit, where the slopes are."""
+        view = self.posterior
+        values, _ = view.split(self.points[:1])
+        sd, columns = self._sd(share, smoothness), view.columns
         per_unit = view.model.space.unit_scale(values)[0, columns]
         answers = (slopes.base.T[columns] * (sd / per_unit)[:, None]).reshape(-1, *slopes.residual.shape)
         others = slopes.base.T[np.setdiff1d(np.arange(view.space.n_dim), columns)]

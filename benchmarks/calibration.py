@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +29,7 @@ from benchmarks.calibrating.outcome import Outcome, judged
 from benchmarks.calibrating.records import CONDITIONS, Replicate, replicate
 from benchmarks.calibrating.summary import Calibration, Wrong, calibration, wrong
 from benchmarks.calibrating.wrong import KINDS, force_replicate, wrong_replicate
+from benchmarks.running import filed_lines
 from bwbn_bayes import Settings, el_centro, identify
 from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
@@ -48,10 +48,8 @@ class Kept:
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._found: dict[str, Outcome] = {}
-        for line in path.read_text(encoding="utf-8").splitlines() if path is not None and path.exists() else ():
-            with suppress(json.JSONDecodeError):
-                entry = json.loads(line)
-                self._found[entry["key"]] = Outcome(**entry["outcome"])
+        for entry in filed_lines(path) if path is not None else ():
+            self._found[entry["key"]] = Outcome(**entry["outcome"])
 
     def outcome(self, key: str, run_it: Callable[[], Outcome]) -> Outcome:
         """The kept outcome, or that of running it, which is then kept."""

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -21,6 +20,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.running import filed_lines
 from bwbn_bayes import Settings, identify, simulate
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -92,12 +92,8 @@ def run_case(file: ModelFile, seed: int, case: int, snr_db: float) -> Case:
 
 def finished(path: Path | None) -> dict[str, Case]:
     """Cases kept in a file, by key; a line that a kill cut short is none."""
-    found = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path is not None and path.exists() else ():
-        with suppress(json.JSONDecodeError):
-            entry = json.loads(line)
-            found[entry["key"]] = Case(**entry["case"])
-    return found
+    entries = filed_lines(path) if path is not None else ()
+    return {entry["key"]: Case(**entry["case"]) for entry in entries}
 
 
 def keep(path: Path | None, key: str, case: Case) -> None:

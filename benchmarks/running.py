@@ -1,15 +1,18 @@
-"""How a filed result came about: version of the code, processor, seconds."""
+"""What a trial files: lines of JSON, and how each came about: version of the code, processor, seconds."""
 
 from __future__ import annotations
 
 import ast
 import hashlib
+import json
 import subprocess
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from bwbn_bayes.inference.summary import processor_name
 
@@ -17,6 +20,13 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "bwbn_bayes"
 _NOT_DECIDING = ("cli", "report", "reproduction")
 """Rooms of the package that decide nothing about a discovery."""
+
+
+def filed_lines(path: Path) -> Iterator[dict[str, Any]]:
+    """What a file holds, one line of JSON each; a line cut short is left out, and nothing is where no file is."""
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        with suppress(json.JSONDecodeError):
+            yield json.loads(line)
 
 
 @cache

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
 from benchmarks.blind.scoring import Outcome, case_outcome
+from benchmarks.running import filed_lines
 
 Json = Mapping[str, Any]
 
@@ -58,14 +58,7 @@ class FiledCase:
 
 def filed_entries(path: Path) -> dict[str, dict[str, Any]]:
     """Entries by key, of one that was tried again the last; a line cut short is left out."""
-    found = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
-        try:
-            entry = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        found[entry["key"]] = entry
-    return found
+    return {entry["key"]: entry for entry in filed_lines(path)}
 
 
 def finished_entries(path: Path) -> dict[str, dict[str, Any]]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.measured_tests.fitting import thinned
 from benchmarks.measured_tests.specimens import MeasuredTest
+from benchmarks.running import filed_lines
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import finite
 
@@ -29,14 +30,7 @@ def identity(test: MeasuredTest, what: str, code: str, seed: int) -> dict[str, A
 
 def filed(path: Path) -> dict[tuple[str, str], dict[str, Any]]:
     """The last result of each test and kind, by name and kind; a line cut short is left out."""
-    found = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
-        try:
-            entry = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        found[entry["identity"]["name"], entry["identity"]["what"]] = entry
-    return found
+    return {(entry["identity"]["name"], entry["identity"]["what"]): entry for entry in filed_lines(path)}
 
 
 def is_current(entry: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> bool:

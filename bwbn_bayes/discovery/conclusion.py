@@ -20,7 +20,7 @@ from bwbn_bayes.discovery.run import Run, hypotheses_of, score_all
 from bwbn_bayes.discovery.sentences import badly_sampled, sentences
 from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.signatures import signature_of
-from bwbn_bayes.discovery.unnamed_facts import unnamed_facts
+from bwbn_bayes.discovery.unnamed_facts import beside_it, unnamed_facts
 from bwbn_bayes.discovery.where import unexplained_share
 from bwbn_bayes.inference.identify import identify_from
 from bwbn_bayes.inference.settings import Settings
@@ -60,6 +60,7 @@ def conclude(
     gap = _gap(given, present, record, record.kept, run)
     if held_out is not None:
         gap = replace(gap, held_out=_gap_held_out(given, present, held_out, believed, run))
+    gap = beside_it(believed, held_out, gap, run.rng)
     elapsed = run.elapsed
     run.say("sampling the posterior of the final model")
     result = identify_from(
@@ -72,7 +73,7 @@ def conclude(
     )
     borne_out = {} if present.is_noise else _borne_out(believed)
     added = tuple(_added(one, borne_out.get(one.name, 1.0), present, believed, result, run) for one in present.added)
-    unnamed = unnamed_facts(pool, believed)
+    unnamed = unnamed_facts(believed)
     share = (
         0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given.disagreement, present.disagreement)
     )

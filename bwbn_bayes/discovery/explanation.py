@@ -15,6 +15,7 @@ from bwbn_bayes.discovery.where import Disagreement, disagreement
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.residuals import leaves_noise, leaves_quiet
+from bwbn_bayes.inference.unnamed.reading import ReadingError
 from bwbn_bayes.inference.unnamed.state_function import StateForce
 from bwbn_bayes.inference.unnamed.storey import Estimate
 from bwbn_bayes.parameters import Floats
@@ -22,6 +23,9 @@ from bwbn_bayes.structures.structure import Structure
 
 Key = frozenset[tuple[tuple[str, ...], tuple[int, ...]]]
 """Symbols and places of effects: each form of each effect has symbols of its own."""
+
+Place = tuple[int, ...] | str
+"""Where something is that has no name: storeys in which a force acts, or a channel whose reading has an error."""
 
 _N_STARTS = 3
 
@@ -40,12 +44,13 @@ class Explanation:
         Optima of that, best first.
     evidence : Evidence
         Under its own account of the errors.
-    unnamed : tuple of int or None
-        Storeys in which it has a force of no known law, ``(1,)`` for a specimen; None where it has none.
-    estimate : Estimate or StateForce, optional
-        What is expected of a building's unnamed force; a force of one state is part of the model in ``posterior``.
+    unnamed : tuple of int, str or None
+        Storeys in which it has a force of no known law, ``(1,)`` for a specimen, or the channel whose sensor has an
+        error of no known kind; None where it has neither.
+    estimate : Estimate, StateForce or ReadingError, optional
+        What is expected of it in a building; a force of one state is part of the model in ``posterior``.
     n_places : int
-        Places at which the unnamed force could be: one storey, or all.
+        Places at which it could be: one storey, all, or a channel.
     starts : (n, n_dim) array, optional
         Further points from which fits start.
     """
@@ -54,14 +59,14 @@ class Explanation:
     posterior: Posterior
     modes: tuple[Mode, ...]
     evidence: Evidence
-    unnamed: tuple[int, ...] | None = None
-    estimate: Estimate | StateForce | None = None
+    unnamed: Place | None = None
+    estimate: Estimate | StateForce | ReadingError | None = None
     n_places: int = 1
     starts: Floats | None = None
 
     @property
     def has_unnamed(self) -> bool:
-        """Whether a force of no known law is part of it."""
+        """Whether something without a name is part of it."""
         return self.unnamed is not None
 
     @property
@@ -98,7 +103,9 @@ class Explanation:
     def label(self) -> str:
         """Its effects in words."""
         parts = [hypothesis.label for hypothesis in self.added]
-        if self.unnamed is not None:
+        if isinstance(self.unnamed, str):
+            parts.append(f"an error of no known kind in {self.unnamed}")
+        elif self.unnamed is not None:
             place = " in every storey" if len(self.unnamed) > 1 else f" in storey {self.unnamed[0]}"
             parts.append(f"a force of no known law{place if self.n_places > 1 else ''}")
         return " + ".join(parts) or "the model as given"
@@ -133,9 +140,16 @@ class Explanation:
         return cross_validated(self.evidence.posterior, self.evidence.modes[0].point)
 
     @cached_property
+    def whole(self) -> tuple[Posterior, Floats]:
+        """Its posterior with what has no name acting, or taken off the record, and the fit that goes with it."""
+        if isinstance(self.estimate, Estimate | ReadingError):
+            return self.estimate.beside(self.posterior)
+        return self.posterior, self.best
+
+    @cached_property
     def is_noise(self) -> bool:
-        """Whether what it leaves could be noise."""
-        return leaves_noise(self.posterior, self.best)
+        """Whether what it leaves could be noise; of a specimen with an unnamed force, what its law leaves."""
+        return leaves_noise(*self.whole)
 
     @cached_property
     def is_quiet(self) -> bool:

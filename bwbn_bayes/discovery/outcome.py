@@ -209,15 +209,46 @@ class UnnamedForce:
 
 
 @dataclass(frozen=True, kw_only=True)
+class UnnamedReading:
+    """The error of no known kind of a sensor beside the improved model, as it was inferred.
+
+    Attributes
+    ----------
+    channel : str
+    probability : float
+        That something without a name is part of the model.
+    share : float
+        The error's root mean square over that of the channel.
+    function : str
+        What it is a function of, in words.
+    shown, error : (n_times,) arrays
+        What the model has the sensor show, and what it shows beyond that. [unit of the channel]
+    """
+
+    channel: str
+    probability: float
+    share: float
+    function: str
+    shown: Floats
+    error: Floats
+
+    def as_json(self) -> dict[str, Any]:
+        """``unnamed_reading`` of ``discovery.json``."""
+        return {name: getattr(self, name) for name in ("channel", "probability", "share", "function")}
+
+
+@dataclass(frozen=True, kw_only=True)
 class Gap:
     """The gap between model and record, before and after; with the one on data that the fit did not see, if any.
 
+    Of a building ``nameless`` is what is left beside something unnamed, where that is likely and can be predicted.
     Held-out samples among the fitted ones have predictive intervals too.
     """
 
     noise_floor: float
     before: Prediction
     after: Prediction
+    nameless: Prediction | None = None
     held_out: Gap | None = None
     interval: PredictiveInterval | None = None
 
@@ -251,7 +282,7 @@ class Discovery:
         The verdict in words, the most important first.
     unexplained_share : float
         Of the residual energy beyond the noise, what is left at the end.
-    unnamed : UnnamedForce or None
+    unnamed : UnnamedForce, UnnamedReading or None
         The force of no known law, where one is likely.
     binding : tuple of str
         Parameters whose prior, as given, keeps them from where the record wants them, in sentences.
@@ -286,7 +317,7 @@ class Discovery:
     probabilities: Mapping[str, float]
     sentences: tuple[str, ...]
     unexplained_share: float
-    unnamed: UnnamedForce | None
+    unnamed: UnnamedForce | UnnamedReading | None
     binding: tuple[str, ...]
     added: tuple[Added, ...]
     steps: tuple[Step, ...]
@@ -320,6 +351,8 @@ class Discovery:
             "noise_floor": self.gap.noise_floor,
             "fit": {"before": self.gap.before.nrmse, "after": self.gap.after.nrmse},
         }
+        if self.gap.nameless is not None:
+            gap["fit"]["beside_unnamed"] = self.gap.nameless.nrmse
         apart, unseen = self.held_out, self.gap.held_out
         if apart is not None and unseen is not None:
             before, after = unseen.before, unseen.after
@@ -336,6 +369,8 @@ class Discovery:
                 "noise_floor": unseen.noise_floor,
                 "coverage_90": None if unseen.interval is None else unseen.interval.coverage,
             }
+            if unseen.nameless is not None:
+                gap["held_out"]["beside_unnamed"] = unseen.nameless.nrmse
         facts: dict[str, Any] = {
             "schema": SCHEMA,
             "finished": True,
@@ -355,7 +390,8 @@ class Discovery:
                 "cross_validated": self.cross_validated,
             },
             "probabilities": {name: p for name, p in self.probabilities.items() if p >= LEAST_SHOWN},
-            "unnamed_force": None if self.unnamed is None else self.unnamed.as_json(),
+            "unnamed_force": self.unnamed.as_json() if isinstance(self.unnamed, UnnamedForce) else None,
+            "unnamed_reading": self.unnamed.as_json() if isinstance(self.unnamed, UnnamedReading) else None,
             "binding_priors": list(self.binding),
             **steps_as_json(self.steps),
             "detection_limits": [
@@ -405,7 +441,8 @@ def _candidates(steps: tuple[Step, ...]) -> list[dict[str, Any]]:
     return [
         {
             "effects": [{"name": h.name, "form": h.effect.form, "storeys": list(h.storeys)} for h in one.added],
-            "unnamed_force": None if one.unnamed is None else list(one.unnamed),
+            "unnamed_force": list(one.unnamed) if isinstance(one.unnamed, tuple) else None,
+            "unnamed_reading": one.unnamed if isinstance(one.unnamed, str) else None,
             "probability": probability,
             "log_joint": log_joint,
             "log_evidence": one.evidence.log_evidence,

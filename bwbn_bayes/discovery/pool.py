@@ -18,7 +18,7 @@ from bwbn_bayes.discovery.evidence import (
     sampled,
     with_shared,
 )
-from bwbn_bayes.discovery.explanation import Explanation, Key, key_of
+from bwbn_bayes.discovery.explanation import Explanation, Key, Place, key_of
 from bwbn_bayes.discovery.probability import Beliefs, beliefs
 from bwbn_bayes.discovery.race import FAR
 from bwbn_bayes.discovery.run import Run, beside
@@ -53,12 +53,12 @@ class Pool:
     run: Run
     plain: dict[Key, Explanation] = field(default_factory=dict)
     """Without an unnamed force."""
-    unnamed: dict[tuple[Key, tuple[int, ...]], Explanation] = field(default_factory=dict)
-    """With one, by its place."""
+    unnamed: dict[tuple[Key, Place], Explanation] = field(default_factory=dict)
+    """With something unnamed, by its place."""
     expanded: set[Key] = field(default_factory=set)
     """What further effects were tried on."""
-    followed: set[Key] = field(default_factory=set)
-    """Beside what forces of one state were fitted."""
+    asked: set[tuple[Key, str]] = field(default_factory=set)
+    """Beside what something unnamed was looked for, and of which kind."""
     reshaped: set[Key] = field(default_factory=set)
     """What was tried, or could not be solved, with an effect in a free shape."""
     white: dict[Key, float] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class Pool:
     _coloured: set[Key] = field(default_factory=set)
     _bounds: dict[Key, float] = field(default_factory=dict)
     """Log evidence of each under autoregressive errors, at least."""
-    _sampled: set[tuple[Key, tuple[int, ...] | None]] = field(default_factory=set)
+    _sampled: set[tuple[Key, Place | None]] = field(default_factory=set)
 
     def add(self, found: Iterable[Explanation]) -> None:
         """Take explanations in; of two of the same effects the better fit stays."""
@@ -76,16 +76,16 @@ class Pool:
                 self.plain[key], self.white[key] = one, one.evidence.log_evidence
                 self._coloured.discard(key)
                 self._bounds.pop(key, None)
-                self.followed.discard(key)
+                self.asked -= {pair for pair in self.asked if pair[0] == key}
                 self._sampled.discard((key, None))
                 for place in [place for place in self.unnamed if place[0] == key]:
                     del self.unnamed[place]
                     self._sampled.discard(place)
 
     def add_unnamed(self, one: Explanation) -> None:
-        """Take in an explanation with an unnamed force in a building.
+        """Take in an explanation of a building with something unnamed.
 
-        Of forces of different kinds at one place the better one is shown, with the evidence of all.
+        Of such as are of different kinds at one place the better one is shown, with the evidence of all.
         """
         assert one.unnamed is not None
         key = one.effects_key, one.unnamed

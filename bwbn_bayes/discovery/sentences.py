@@ -8,7 +8,7 @@ import numpy as np
 
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import Prediction
-from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce
+from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.probability import NAMED, Beliefs
 from bwbn_bayes.discovery.where import Disagreement
 from bwbn_bayes.elements.catalogue import title_of
@@ -27,7 +27,11 @@ def evidence_in_words(log_bayes_factor: float) -> str:
 
 
 def sentences(
-    believed: Beliefs, added: tuple[Added, ...], unnamed: UnnamedForce | None, before: Disagreement, gap: Gap
+    believed: Beliefs,
+    added: tuple[Added, ...],
+    unnamed: UnnamedForce | UnnamedReading | None,
+    before: Disagreement,
+    gap: Gap,
 ) -> tuple[str, ...]:
     """The verdict in words, the most important first.
 
@@ -37,7 +41,7 @@ def sentences(
         The posterior over all explanations.
     added : tuple of Added
         Effects of the improved model.
-    unnamed : UnnamedForce or None
+    unnamed : UnnamedForce, UnnamedReading or None
         Where one is likely.
     before : Disagreement
         Of the model as given.
@@ -49,15 +53,29 @@ def sentences(
         return (*first, *_runner_up(believed), *_gap(gap, changed=False))
     own = [_effect(one) for one in added]
     if unnamed is not None:
-        own.append(
-            f"A force of no known law at {unnamed.place} takes up what the model does not: "
-            f"{100.0 * unnamed.share:.0f} % of the force (probability {probability_in_words(unnamed.probability)})"
-            f"{f', a force {unnamed.function}' if unnamed.function else ''}."
-        )
+        own.append(_unnamed(unnamed, gap))
     places = {f"acceleration_{storey}" for one in added for storey in one.hypothesis.storeys}
     spots = [spot for spot in before.spots if spot.channel in places]
     where = [f"Where it showed: {spot.sentence}." for spot in (*spots, *before.spots)[:1]]
     return (*first, *own, *_runner_up(believed), *_gap(gap, changed=bool(added)), *where)
+
+
+def _unnamed(one: UnnamedForce | UnnamedReading, gap: Gap) -> str:
+    """What has no name: where it is, how large, what it is a function of, and what is left beside it."""
+    if isinstance(one, UnnamedForce):
+        what, whole, again = f"A force of no known law at {one.place}", "force", "a force"
+    else:
+        what, whole, again = f"An error of no known kind in {one.channel}", "reading", "an error"
+    share, kind = f"{100.0 * one.share:.0f} % of the {whole}", f", {again} {one.function}" if one.function else ""
+    left = [f"{100.0 * own.nameless.nrmse:.2g} % of the {on}" for on, own in _parts(gap) if own.nameless is not None]
+    beside = f" With it {' and '.join(left)} is left." if left else ""
+    sure = f"(probability {probability_in_words(one.probability)})"
+    return f"{what} takes up what the model does not: {share} {sure}{kind}.{beside}"
+
+
+def _parts(gap: Gap) -> list[tuple[str, Gap]]:
+    """The gap on what was fitted, and on what was held out."""
+    return [("fitted record", gap), *([("held-out data", gap.held_out)] if gap.held_out is not None else [])]
 
 
 def _first(believed: Beliefs, added: tuple[Added, ...]) -> str:
@@ -73,13 +91,19 @@ def _first(believed: Beliefs, added: tuple[Added, ...]) -> str:
         return f"The model lacks {titles}{meaning} ({sure})."
     if believed.verdict == "partly_explained":
         what = f"The model lacks {titles}, and more" if titles else "What the model lacks is only partly known"
-        left = "stays a force of no known law" if believed.best.has_unnamed else "stays what no smooth force explains"
+        left = (
+            f"stays {_nameless(believed.best)}" if believed.best.has_unnamed else "stays what no smooth force explains"
+        )
         return f"{what}: beside it {left} ({sure})."
     if believed.best.has_unnamed:
-        rest = "no catalogued effect explains it better than a force of no known law"
+        rest = f"no catalogued effect explains it better than {_nameless(believed.best)}"
     else:
         rest = "neither a catalogued effect nor a smooth force of the storeys explains it"
     return f"Model and record disagree, and {rest} ({sure})."
+
+
+def _nameless(best: Explanation) -> str:
+    return "an error of a sensor" if isinstance(best.unnamed, str) else "a force of no known law"
 
 
 def _effect(one: Added) -> str:
@@ -133,9 +157,7 @@ def nats_in_words(nats: float) -> str:
 
 def _gap(gap: Gap, *, changed: bool) -> tuple[str, ...]:
     told = []
-    for what, one in (("fitted record", gap), ("held-out data", gap.held_out)):
-        if one is None:
-            continue
+    for what, one in _parts(gap):
         noise = f"noise alone leaves {100.0 * one.noise_floor:.1f} %"
         before, after = _error(one.before), _error(one.after)
         if not changed:

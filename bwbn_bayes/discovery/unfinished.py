@@ -73,6 +73,7 @@ class Unfinished:
             },
             "probabilities": {name: p for name, p in self.believed.names.items() if p >= LEAST_SHOWN},
             "unnamed_force": None,
+            "unnamed_reading": None,
             "binding_priors": list(self.binding),
             **steps_as_json(self.steps),
             "detection_limits": [],

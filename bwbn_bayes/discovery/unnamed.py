@@ -1,25 +1,42 @@
-"""Explanations of a building beside a force of no known law: to first order, and as a function of one state."""
+"""Explanations of a building beside what has no name: a sensor's error, a force to first order, one of a state."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from bwbn_bayes.discovery.evidence import autoregressive, autoregressive_bound, laplace
-from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.explanation import Explanation, Key
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import Run, all_but, on_one_thread, on_threads
 from bwbn_bayes.inference.unnamed import N_KINDS, UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.reading import ReadingError, reading_errors
 from bwbn_bayes.inference.unnamed.state_function import StateForce, state_forces
 from bwbn_bayes.inference.unnamed.storey import unnamed_forces
 
 _N_UNNAMED = 8
 """Explanations that are weighed to first order at most, beside those that have less than the best."""
 
+_Asked = tuple[Explanation, float, np.random.Generator, Run]
+"""An explanation, how far it is behind the best [nat], and a random stream of its own."""
+
+
+def follow(pool: Pool, run: Run) -> None:
+    """Look beside the best laws, the model as given, and what lacks one effect of the best, for what has no name.
+
+    Errors of sensors cost least, then forces to first order, then those of one state.
+    """
+    whole = pool.laws_alone.best.effects_key
+    keys = dict.fromkeys([frozenset(), whole, *(whole - {one} for one in whole)])
+    for kind in _KINDS:
+        if kind is not _with_reading_errors or len(pool.laws_alone.best.posterior.record.parts) == 1:
+            _ask(kind, keys, pool, run)
+
 
 def weigh_to_first_order(pool: Pool, run: Run, reach: float) -> None:
-    """The best explanations, those so many nats behind, what has less, and the model as given, beside such a force.
+    """The best explanations, those so many nats behind, what has less, and the model as given, beside a force.
 
     Parameters
     ----------
@@ -32,20 +49,51 @@ def weigh_to_first_order(pool: Pool, run: Run, reach: float) -> None:
     best = pool.laws_alone
     most = best.log_joint[0]
     near = [one for one, log in zip(best.explanations, best.log_joint, strict=True) if log > most - reach]
-    wanted = {one.effects_key: one for one in near[:_N_UNNAMED]}
-    wanted |= {key: one for key, one in pool.plain.items() if key < best.best.effects_key}
-    run.say(f"weighing {len(wanted)} explanations beside a force of no known law")
-    behind = dict(zip((one.effects_key for one in best.explanations), most - best.log_joint, strict=True))
-    asked = [(one, float(behind[key]), run) for key, one in wanted.items()]
-    tell = "weighed {} explanations with a force of no known law"
-    for _, found in run.pace.each(_to_first_order, asked, run.settings.n_workers, tell):
-        for one in found:
-            pool.add_unnamed(one)
+    wanted = [
+        *(one.effects_key for one in near[:_N_UNNAMED]),
+        *(key for key in pool.plain if key < near[0].effects_key),
+    ]
+    _ask(_to_first_order, wanted, pool, run)
 
 
-def _to_first_order(asked: tuple[Explanation, float, Run]) -> list[Explanation]:
-    """An explanation with an unnamed force in each storey, and in all; so many nats behind the best without one."""
-    one, behind, run = asked
+def _ask(kind: Callable[[_Asked], list[Explanation]], keys: Iterable[Key], pool: Pool, run: Run) -> None:
+    """Take in explanations with something unnamed of a kind, of which each is asked once.
+
+    Where the model as given with something unnamed is the best and leaves noise, nothing speaks for another.
+    """
+    if (most := pool.beliefs.best).has_unnamed and not most.added and most.is_noise:
+        return
+    what, best = _KINDS[kind], pool.laws_alone
+    behind = dict(zip((one.effects_key for one in best.explanations), best.log_joint[0] - best.log_joint, strict=True))
+    wanted = [key for key in dict.fromkeys(keys) if key in pool.plain and (key, what) not in pool.asked]
+    if not wanted or run.must_stop():
+        return
+    streams = run.rng.spawn(len(wanted))
+    asked = [(pool.plain[key], float(behind[key]), own, run) for key, own in zip(wanted, streams, strict=True)]
+    run.say(f"fitting {what} beside {len(asked)} explanations")
+    for (one, *_), found in run.pace.each(
+        kind, asked, run.settings.n_workers, f"fitted {what} beside {{}} explanations"
+    ):
+        pool.asked.add((one.effects_key, what))
+        for own in found:
+            pool.add_unnamed(own)
+
+
+def _with_reading_errors(asked: _Asked) -> list[Explanation]:
+    """An explanation with an error of no known kind in each channel."""
+    one, *_, run = asked
+    found = reading_errors(on_one_thread(one.posterior), one.points, UNNAMED_SCALE)
+    return [_with_reading_error(one, own, run) for own in found]
+
+
+def _with_reading_error(one: Explanation, found: ReadingError, run: Run) -> Explanation:
+    evidence = laplace(on_threads(found.posterior, run.settings.n_workers), found.modes)
+    return replace(one, unnamed=found.channel, estimate=found, evidence=evidence)
+
+
+def _to_first_order(asked: _Asked) -> list[Explanation]:
+    """An explanation with an unnamed force in each storey, and in all."""
+    one, behind, _, run = asked
     posterior, best = on_one_thread(one.evidence.posterior), one.evidence.modes[0].point
     found = unnamed_forces(posterior, best, UNNAMED_SCALE, all_but(one.added, run), matters=behind)
     evidence = one.evidence
@@ -60,26 +108,9 @@ def _to_first_order(asked: tuple[Explanation, float, Run]) -> list[Explanation]:
     ]
 
 
-def follow(pool: Pool, run: Run) -> None:
-    """Fit forces of one state beside the best laws, the model as given, and what lacks one effect of the best."""
-    whole = pool.laws_alone.best.effects_key
-    keys = dict.fromkeys([frozenset(), whole, *(whole - {one} for one in whole)])
-    wanted = [key for key in keys if key in pool.plain and key not in pool.followed]
-    streams = run.rng.spawn(len(wanted))
-    asked = [(pool.plain[key], own, run) for key, own in zip(wanted, streams, strict=True)]
-    if not asked or run.must_stop():
-        return
-    run.say(f"fitting forces of one state beside {len(asked)} explanations")
-    tell = "fitted forces of one state beside {} explanations"
-    for (one, *_), found in run.pace.each(_with_state_forces, asked, run.settings.n_workers, tell):
-        pool.followed.add(one.effects_key)
-        for own in found:
-            pool.add_unnamed(own)
-
-
-def _with_state_forces(asked: tuple[Explanation, np.random.Generator, Run]) -> list[Explanation]:
+def _with_state_forces(asked: _Asked) -> list[Explanation]:
     """An explanation with a force of one state of a storey."""
-    one, rng, run = asked
+    one, _, rng, run = asked
     found = state_forces(on_one_thread(one.posterior), one.points, UNNAMED_SCALE, rng)
     return [_of_state(one, force, run) for force in found]
 
@@ -99,3 +130,11 @@ def _of_state(one: Explanation, force: StateForce, run: Run) -> Explanation:
     return replace(
         one, posterior=posterior, modes=force.modes, unnamed=(force.storey,), estimate=force, evidence=evidence
     )
+
+
+_KINDS: dict[Callable[[_Asked], list[Explanation]], str] = {
+    _with_reading_errors: "errors of sensors",
+    _to_first_order: "forces of no known law",
+    _with_state_forces: "forces of one state",
+}
+"""What is looked for beside laws, the cheapest first, in words."""

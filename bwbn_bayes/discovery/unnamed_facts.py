@@ -1,4 +1,4 @@
-"""What is known of the unnamed force at the end: where it acts, how likely it is, its share and its shape."""
+"""What is known of what has no name at the end: where, how likely, its share, its shape, what is left beside it."""
 
 from __future__ import annotations
 
@@ -7,24 +7,70 @@ from dataclasses import replace
 import numpy as np
 
 from bwbn_bayes.discovery.explanation import Explanation
-from bwbn_bayes.discovery.outcome import UnnamedForce
-from bwbn_bayes.discovery.pool import Pool
+from bwbn_bayes.discovery.held_out import HeldOut, predict
+from bwbn_bayes.discovery.outcome import Gap, UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.probability import POSSIBLE, Beliefs
 from bwbn_bayes.discovery.where import storey_in_words
 from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.reading import ReadingError
 from bwbn_bayes.inference.unnamed.state_function import StateForce
-from bwbn_bayes.inference.unnamed.storey import Neighbourhood, over_time
+from bwbn_bayes.inference.unnamed.storey import Estimate, Neighbourhood, over_time
 
 
-def unnamed_facts(pool: Pool, believed: Beliefs) -> UnnamedForce | None:
-    """The unnamed force of the most probable explanation that has one; None where one is less likely than not."""
+def nameless(believed: Beliefs) -> Explanation | None:
+    """The most probable explanation that has something unnamed; None where that is less likely than not."""
     chosen = next((one for one in believed.explanations if one.has_unnamed), None)
-    if believed.unnamed < POSSIBLE or chosen is None:
+    return chosen if believed.unnamed >= POSSIBLE else None
+
+
+def unnamed_facts(believed: Beliefs) -> UnnamedForce | UnnamedReading | None:
+    """What is unnamed in :func:`nameless`, if there is one."""
+    chosen = nameless(believed)
+    if chosen is None:
         return None
-    tell = _of_specimen if pool.shared is not None else _of_storey
-    return tell(chosen, believed.unnamed)
+    if isinstance(chosen.estimate, ReadingError):
+        return _of_sensor(chosen, chosen.estimate, believed.unnamed)
+    return (_of_specimen if chosen.is_specimen else _of_storey)(chosen, believed.unnamed)
+
+
+def beside_it(believed: Beliefs, held_out: HeldOut | None, gap: Gap, rng: np.random.Generator) -> Gap:
+    """The gap with what is left beside what has no name; on held-out data where that is the same function there.
+
+    Such are a force of one state, and an error of what a sensor shows; what changes in time is known of one record.
+    """
+    chosen = nameless(believed)
+    if chosen is None or chosen.is_specimen:
+        return gap
+    posterior, point = chosen.whole
+    gap = replace(gap, nameless=predict(posterior, point, posterior.record, rng, counted=posterior.record.kept))
+    if held_out is None or gap.held_out is None:
+        return gap
+    record, found = held_out.record, chosen.estimate
+    if isinstance(found, ReadingError) and found.is_of_shown and found.channel in record.channels:
+        row = list(record.channels).index(found.channel)
+        shown = predict(posterior, point, record, rng).values[row]
+        own = {**record.channels, found.channel: record.channels[found.channel] - found.error_at(shown)}
+        record = record.with_channels(own)
+    elif not isinstance(found, StateForce):
+        return gap
+    unseen = predict(posterior, point, record, rng, counted=held_out.counted)
+    return replace(gap, held_out=replace(gap.held_out, nameless=unseen))
+
+
+def _of_sensor(one: Explanation, found: ReadingError, probability: float) -> UnnamedReading:
+    """Its expectation, over what the model has the sensor show."""
+    kept = one.posterior.record.kept
+    measured = one.posterior.record.channels[found.channel][kept]
+    return UnnamedReading(
+        channel=found.channel,
+        probability=probability,
+        share=float(np.sqrt(np.mean(np.square(found.error[kept])) / np.mean(np.square(measured)))),
+        function=found.kind,
+        shown=found.shown[kept],
+        error=found.error[kept],
+    )
 
 
 def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
@@ -47,7 +93,7 @@ def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
 def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
     """What is expected of it, in the storey where it is the largest share of the force."""
     found, record = one.estimate, one.posterior.record
-    assert found is not None
+    assert isinstance(found, Estimate | StateForce)
     if isinstance(found, StateForce):
         values = one.posterior.split(one.best[None])[0]
         rows = {kind: own[0] for kind, own in observe(one.posterior.engine, one.model, values, record).items()}

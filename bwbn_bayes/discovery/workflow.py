@@ -193,9 +193,15 @@ def _explained(posterior: Posterior, modes: tuple[Mode, ...]) -> Explanation:
         posterior=posterior,
         modes=modes,
         evidence=laplace(posterior, modes),
-        n_places=len(places_of(posterior.model.n_links)),
+        n_places=_n_places(posterior.model, record),
         starts=np.array([mode.point for mode in distinct(points, local)[:2]]),
     )
+
+
+def _n_places(model: Structure, record: Record) -> int:
+    """At which something without a name is looked for: storeys and all of them, and of one record its channels."""
+    has_sensors = not model.is_driven and len(record.parts) == 1
+    return len(places_of(model.n_links)) + (len(record.channels) if has_sensors else 0)
 
 
 def _points(modes: Sequence[Mode]) -> Floats:

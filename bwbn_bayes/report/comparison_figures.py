@@ -77,7 +77,7 @@ def _history(axis: Axes, part: Part, row: int, window: tuple[float, float]) -> N
     axis.set_xlim(window)
     mark_parts(axis, part.begins)
     axis.yaxis.set_major_locator(MaxNLocator(3))
-    axis.set_title(f"{_title(part.channels[row])} [{_unit(part.channels[row])}]".capitalize())
+    axis.set_title(f"{_title(part.channels[row])} [{unit_of(part.channels[row])}]".capitalize())
 
 
 def _loops(loops: tuple[CycleLoop, ...]) -> Drawing:
@@ -176,7 +176,10 @@ def _title(channel: str) -> str:
     return f"{kind.replace('_', ' ')}, {place} {number}" if kind else channel
 
 
-def _unit(channel: str) -> str:
+def unit_of(channel: str) -> str:
+    """What a channel is drawn in."""
     if "acceleration" in channel:
         return "m/s²"
+    if channel.startswith("velocity"):
+        return "m/s"
     return "N" if channel.startswith("force") else "m"

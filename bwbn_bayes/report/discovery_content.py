@@ -31,18 +31,22 @@ _MASSES_TIMES = "masses times measured accelerations"
 
 @dataclass(frozen=True, kw_only=True)
 class GapBar:
-    """Error of one data set: of the model as given, as improved (None where nothing was added), and of noise alone."""
+    """Error of one data set: of the model as given, as improved, and of noise alone.
+
+    None stands for improved where nothing was added, and for what has no name where nothing is known of it.
+    """
 
     label: str
     before: Prediction
     after: Prediction | None
+    nameless: Prediction | None
     floor: float
 
     @property
     def bars(self) -> tuple[tuple[str, Prediction], ...]:
-        """``as given`` and, where something was added, ``improved``."""
-        given = (("as given", self.before),)
-        return given if self.after is None else (*given, ("improved", self.after))
+        """``as given``; ``improved`` where something was added; ``with what has no name`` where that is known."""
+        every = (("as given", self.before), ("improved", self.after), ("with what has no name", self.nameless))
+        return tuple((name, seen) for name, seen in every if seen is not None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,17 +162,16 @@ def gather_discovery(discovery: Discovery) -> DiscoveryContent:
 
 def _gaps(discovery: Discovery) -> tuple[GapBar, ...]:
     gap, apart, changed = discovery.gap, discovery.held_out, bool(discovery.added)
-    bars = [("fitted record", gap.before, gap.after, gap.noise_floor)]
-    if apart and gap.held_out:
-        bars.append((apart.label, gap.held_out.before, gap.held_out.after, gap.held_out.noise_floor))
+    parts = [("fitted record", gap), *([(apart.label, gap.held_out)] if apart and gap.held_out else [])]
     return tuple(
         GapBar(
             label=label,
-            before=before,
-            after=after if changed else None,
-            floor=floor,
+            before=own.before,
+            after=own.after if changed else None,
+            nameless=own.nameless,
+            floor=own.noise_floor,
         )
-        for label, before, after, floor in bars
+        for label, own in parts
     )
 
 

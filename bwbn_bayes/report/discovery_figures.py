@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from bwbn_bayes.discovery.held_out import Prediction
-from bwbn_bayes.discovery.outcome import UnnamedForce
+from bwbn_bayes.discovery.outcome import UnnamedForce, UnnamedReading
 from bwbn_bayes.records.cycles import cycle_numbers
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report.canvas import (
@@ -28,7 +28,7 @@ from bwbn_bayes.report.canvas import (
     legend,
     mark_parts,
 )
-from bwbn_bayes.report.comparison_figures import draw_comparison
+from bwbn_bayes.report.comparison_figures import draw_comparison, unit_of
 from bwbn_bayes.report.discovery_content import (
     DiscoveryContent,
     ExplanationBar,
@@ -82,16 +82,16 @@ def draw_discovery(content: DiscoveryContent) -> tuple[Drawing, ...]:
 
 
 def _gap(gaps: tuple[GapBar, ...]) -> Drawing:
-    changed = any(gap.after is not None for gap in gaps)
-    figure, axes = canvas(len(gaps), 0.55 + (1.15 if changed else 0.85) * len(gaps))
+    changed, most = any(gap.after is not None for gap in gaps), max(len(gap.bars) for gap in gaps)
+    figure, axes = canvas(len(gaps), 0.55 + (0.55 + 0.3 * most) * len(gaps))
     near = [seen.nrmse + seen.nrmse_se for gap in gaps for _, seen in gap.bars if not seen.runs_away_after]
     reach = 118.0 * max(*near, *(gap.floor for gap in gaps))
     for axis, gap in zip(axes, gaps, strict=True):
-        for row, ((_, seen), colour) in enumerate(zip(gap.bars, (GIVEN, IDENTIFIED), strict=False)):
+        for row, ((_, seen), colour) in enumerate(zip(gap.bars, _colours(gap), strict=True)):
             _gap_bar(axis, row, seen, gap.floor, colour, reach)
         axis.axvline(100.0 * gap.floor, color=INK, linewidth=1.0, dashes=DASHES)
         axis.set_yticks(range(len(gap.bars)), [name for name, _ in gap.bars])
-        axis.set_ylim(len(gap.bars) - 0.5, -0.5)
+        axis.set_ylim(most - 0.5, -0.5)
         axis.set_xlim(0.0, reach)
         axis.set_title(f"{gap.label.capitalize()}; noise alone (dashed) {100.0 * gap.floor:.3g} %")
         axis.grid(visible=False, axis="y")
@@ -105,6 +105,10 @@ def _gap(gaps: tuple[GapBar, ...]) -> Drawing:
         f"error over time.{held_out}",
         "; ".join(_gap_in_words(gap) for gap in gaps) + ".",
     )
+
+
+def _colours(gap: GapBar) -> tuple[str, ...]:
+    return (GIVEN, *(IDENTIFIED,) * (len(gap.bars) - 1))
 
 
 def _gap_bar(axis: Axes, row: int, seen: Prediction, floor: float, colour: str, reach: float) -> None:
@@ -272,10 +276,37 @@ def _explanations(bars: tuple[ExplanationBar, ...], n_weighed: int) -> Drawing |
     )
 
 
-def _unnamed(found: UnnamedForce | None, record: Record) -> Drawing | None:
-    """Its force against the state that it is a function of, or the drift, coloured by time or by a specimen's cycle."""
+def _unnamed(found: UnnamedForce | UnnamedReading | None, record: Record) -> Drawing | None:
+    """What has no name, against what it may be a function of."""
     if found is None:
         return None
+    return _unnamed_force(found, record) if isinstance(found, UnnamedForce) else _unnamed_reading(found, record)
+
+
+def _unnamed_reading(found: UnnamedReading, record: Record) -> Drawing:
+    """A sensor's error against what it should show, and over time."""
+    figure, (against, over) = canvas(2, 4.6)
+    unit = unit_of(found.channel)
+    times = record.times[record.kept]
+    norm = Normalize(vmin=float(times[0]), vmax=float(times[-1]))
+    against.scatter(found.shown, found.error, c=times, cmap=ORDER_MAP, norm=norm, s=3.0, linewidths=0.0)
+    against.set_xlabel(f"what the model has the sensor show [{unit}]")
+    over.plot(times, found.error, color=INK, linewidth=0.6)
+    over.set_xlabel("time [s]")
+    for axis in (against, over):
+        axis.set_ylabel(f"error [{unit}]")
+    _colour_bar(figure, [against], norm, ORDER_MAP, "time [s]")
+    return finished(
+        figure,
+        "unnamed_reading.png",
+        f"What {found.channel} shows beyond the motion: an error {found.function}. One line above is a sensor that "
+        "bends or saturates, a fan one whose gain changes; below, what comes and goes slowly is drift.",
+        f"Error of no known kind in {found.channel}; its share {100.0 * found.share:.0f} %.",
+    )
+
+
+def _unnamed_force(found: UnnamedForce, record: Record) -> Drawing:
+    """Its force against the state that it is a function of, or the drift, coloured by time or by a specimen's cycle."""
     figure, (axis,) = canvas(1, 2.9)
     of_specimen = record.excitation_kind == "displacement"
     over = "displacement" if of_specimen else (found.over or "drift").replace("_", " ")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.discovery.outcome import Discovery, UnnamedForce
 from bwbn_bayes.discovery.probability import NAMED
 from bwbn_bayes.discovery.sentences import probability_in_words
 from bwbn_bayes.records.record import Record
@@ -67,6 +67,7 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
         new_equations=_written(content.new_equations),
         drift_ratios=quantity_table(content.drift_ratios, "storey"),
         unnamed=discovery.unnamed,
+        unnamed_is_force=isinstance(discovery.unnamed, UnnamedForce),
         unnamed_share=percent(discovery.unnamed.share) if discovery.unnamed is not None else "",
         unnamed_sure=probability_in_words(discovery.unnamed.probability) if discovery.unnamed is not None else "",
         steps=discovery.steps,

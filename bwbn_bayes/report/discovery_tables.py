@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from markupsafe import Markup
 
 from bwbn_bayes.discovery.candidates import place_in_words
-from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, SignatureFacts
+from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, SignatureFacts, UnnamedReading
 from bwbn_bayes.discovery.sentences import evidence_in_words, nats_in_words, probability_in_words, runner_up
 from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.elements.catalogue import title_of
@@ -58,8 +58,14 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
             figures.append(KeyFigure(value=inside, label="of the held-out points lie inside their 90 % intervals"))
     if discovery.unnamed is not None:
         share = percent(discovery.unnamed.share)
-        figures.append(KeyFigure(value=share, label="of the force follows no known law"))
+        figures.append(KeyFigure(value=share, label=_nameless(discovery)))
     return tuple(figures)
+
+
+def _nameless(discovery: Discovery) -> str:
+    if isinstance(discovery.unnamed, UnnamedReading):
+        return f"of {discovery.unnamed.channel} is an error of no known kind"
+    return "of the force follows no known law"
 
 
 def _error_figure(what: str, gap: Gap, *, changed: bool) -> KeyFigure:

@@ -14,7 +14,7 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
-from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed import UNNAMED_SCALE, hats
 from bwbn_bayes.inference.unnamed import state_function as own
 from bwbn_bayes.inference.unnamed.pulses import knots_of
 from bwbn_bayes.inference.unnamed.state_function import StateForce, StateFunction, TiedPosterior, state_forces
@@ -39,8 +39,8 @@ def window(drift: Floats | float) -> Floats:
 
 
 def test_a_hat_is_a_triangle_seen_through_a_slit() -> None:
-    x, slit = np.linspace(-1.4, 1.4, 61), np.linspace(-own._ROUNDED, own._ROUNDED, 2001)
-    for hat in own._HATS:
+    x, slit = np.linspace(-1.4, 1.4, 61), np.linspace(-hats._ROUNDED, hats._ROUNDED, 2001)
+    for hat in hats.HATS:
         seen = x[:, None] + slit
         half = 2.0**-hat.level
         triangle = np.maximum(0.0, 1.0 - np.abs(hat.side * seen - hat.centre) / half)
@@ -52,7 +52,7 @@ def test_a_hat_is_a_triangle_seen_through_a_slit() -> None:
 def test_its_weights_are_those_of_a_brownian_motion() -> None:
     """Of unit variance at the end of the reach: the variance at x is x, of what 64 corners resolve."""
     x = np.array([-0.75, -0.5, 0.25, 0.5, 0.625, 1.0])
-    basis = np.array([hat.sd * hat.over(x) for hat in own._HATS])
+    basis = np.array([hat.sd * hat.over(x) for hat in hats.HATS])
     covariance = basis.T @ basis
     same_side = np.sign(x)[:, None] == np.sign(x)
     expected = np.where(same_side, np.minimum.outer(np.abs(x), np.abs(x)), 0.0)
@@ -96,8 +96,8 @@ def test_the_tie_is_the_ratio_of_two_normal_priors(record: Record) -> None:
     rng = np.random.default_rng(1)
     points = rng.uniform(0.49, 0.51, (3, model.space.n_dim))
     weights = model.space.from_unit(points)[:, tied.columns]
-    sd = 5.0 * np.array([hat.sd for hat in own._HATS])
-    narrow = 0.2 * sd * np.array([2.0 ** (-0.5 * hat.level) for hat in own._HATS])
+    sd = 5.0 * np.array([hat.sd for hat in hats.HATS])
+    narrow = 0.2 * sd * np.array([2.0 ** (-0.5 * hat.level) for hat in hats.HATS])
     ratio = np.sum(norm.logpdf(weights, scale=narrow) - norm.logpdf(weights, scale=sd), axis=1)
     np.testing.assert_allclose(tied.log_likelihood(points) - plain.log_likelihood(points), ratio, rtol=1e-6)
     slope = tied.linearise(points).gradient - plain.linearise(points).gradient

@@ -1,17 +1,10 @@
 """A force of no known law that is a function of one state of its storey.
 
-That state is the drift, the drift rate or the hysteretic displacement. The function is a sum of triangular hats, coarse
-and fine, with independent weights whose variance halves from level to level, a Brownian motion on either side of zero,
-or falls faster, a smoother process: it may be anything continuous, and what changes fast costs what it needs. Scale and
-smoothness are integrated out. Corners are rounded over the finest spacing, which makes quadratic splines of the finest
-hats, so that smooth functions are met closely. It is a law like others, solved by the engine and fitted with the other
-parameters, first to the beginning of the record: a force that is large bends the motion, and what follows to first
-order from a model without it (:mod:`~bwbn_bayes.inference.unnamed.storey`) is then far from what it does.
-
-References
-----------
-.. [1] Z. Ciesielski, "Hölder conditions for realizations of Gaussian processes", Trans. Am. Math. Soc. 99, 1961 (the
-   hats of Faber and Schauder and their weights for a Brownian motion).
+That state is the drift, the drift rate or the hysteretic displacement, and the function one of many scales
+(:mod:`~bwbn_bayes.inference.unnamed.hats`), whose size and smoothness are integrated out. It is a law like others,
+solved by the engine and fitted with the other parameters, first to the beginning of the record: a force that is large
+bends the motion, and what follows to first order from a model without it
+(:mod:`~bwbn_bayes.inference.unnamed.storey`) is then far from what it does.
 """
 
 from __future__ import annotations
@@ -19,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, NamedTuple, Self, override
+from typing import ClassVar, Self, override
 
 import numpy as np
 import sympy as sp
@@ -33,12 +26,11 @@ from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, best_of, cloud, distinct, first_window, polish, windows
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.summary import observe
+from bwbn_bayes.inference.unnamed.hats import HATS, SMOOTHNESS, SOURCE, smoothed
 from bwbn_bayes.inference.unnamed.sums import Sums
 from bwbn_bayes.parameters import Booleans, Floats, Normal, Parameter, Value
 from bwbn_bayes.structures.structure import PlacedEffect
 
-_N_LEVELS = 5
-"""Beyond the coarsest: the finest hats are a thirty-second of the reach wide on either side."""
 _ROOM = 1.25
 """Reach of the state over its largest without the force."""
 _WIDE = 0.5
@@ -47,67 +39,22 @@ _N_ITERATIONS, _N_LAST, _N_CANDIDATES, _N_KEPT = 12, 30, 4, 2
 """Steps on a part of the record and on the whole; points from which they go, and fits kept."""
 _REACH, _FEWEST = 50.0, 2
 """How far below the best a state goes on [nat]; after two parts of the record the better half does, these at least."""
-_SMOOTHNESS = (0.0, 0.5, 1.0)
-"""Beyond a Brownian motion's, over which is integrated: with one half the force changes in proportion to the state, up
-to a logarithm; with one its slope is itself a Brownian motion's, or nearly."""
 _N_TURNS, _SAME_SCALE = 5, 0.25
 """In which the fit and the force's scale find each other, and the log ratio of scales that ends it."""
-_SOURCE = "Ciesielski 1961"
 _STATES = {"drift": DRIFT, "drift_rate": DRIFT_RATE, "hysteretic_displacement": HYSTERETIC_DISPLACEMENT}
 STATES = tuple(_STATES)
 """What the force may be a function of."""
 
 
-class _Hat(NamedTuple):
-    """One function of the basis: a triangle with rounded corners, on one side of zero, of a level, about a centre."""
-
-    level: int
-    side: int
-    centre: float
-
-    @property
-    def sd(self) -> float:
-        """Of its weight, for a Brownian motion of unit variance at the end of the reach."""
-        return float(2.0 ** (-0.5 * (self.level + 1))) if self.level else 1.0
-
-    @property
-    def corners(self) -> tuple[tuple[float, float], ...]:
-        """Where it would bend, and half by how much; the coarsest stays at one beyond the reach, the others vanish."""
-        if self.level == 0:
-            return (0.0, 0.5), (float(self.side), -0.5)
-        wide = 2.0**-self.level
-        places = (self.side * (self.centre + step * wide) for step in (-1.0, 0.0, 1.0))
-        return tuple(zip(places, (0.5 / wide, -1.0 / wide, 0.5 / wide), strict=True))
-
-    @property
-    def knots(self) -> tuple[tuple[float, float], ...]:
-        """Where its second derivative jumps, with factors of ``x |x|`` about there, whose differences round corners."""
-        factor = 0.25 / _ROUNDED
-        return tuple((at + step * _ROUNDED, -step * factor * by) for at, by in self.corners for step in (1.0, -1.0))
-
-    def over(self, x: Floats) -> Floats:
-        """Its value."""
-        bent = sum(by * (x - at) * np.abs(x - at) for at, by in self.knots)
-        return np.asarray(bent + (0.5 if self.level == 0 else 0.0))
-
-
-_ROUNDED = 0.5 ** (_N_LEVELS + 1)
-"""Of the reach, over which corners are rounded on either side: half the finest spacing."""
-_HATS = tuple(
-    _Hat(level, side, centre)
-    for level in range(_N_LEVELS + 1)
-    for side in (1, -1)
-    for centre in (np.arange(1, 2**level, 2) / 2**level if level else (1.0,))
-)
 _WEIGHTS = tuple(
-    Parameter(symbol=f"w_{number}", unit="N", neutral=0.0, description="weight of a hat", source=_SOURCE)
-    for number in range(len(_HATS))
+    Parameter(symbol=f"w_{number}", unit="N", neutral=0.0, description="weight of a hat", source=SOURCE)
+    for number in range(len(HATS))
 )
 _PER = {
-    "drift": Parameter(symbol="per_u", unit="1/m", neutral=0.0, description="one over the reach", source=_SOURCE),
-    "drift_rate": Parameter(symbol="per_v", unit="s/m", neutral=0.0, description="one over the reach", source=_SOURCE),
+    "drift": Parameter(symbol="per_u", unit="1/m", neutral=0.0, description="one over the reach", source=SOURCE),
+    "drift_rate": Parameter(symbol="per_v", unit="s/m", neutral=0.0, description="one over the reach", source=SOURCE),
     "hysteretic_displacement": Parameter(
-        symbol="per_z", unit="1/m", neutral=0.0, description="one over the reach", source=_SOURCE
+        symbol="per_z", unit="1/m", neutral=0.0, description="one over the reach", source=SOURCE
     ),
 }
 
@@ -132,7 +79,7 @@ class StateFunction(Effect):
 
     name: ClassVar[str] = "state_function"
     summary: ClassVar[str] = "a force of no known law"
-    source: ClassVar[str] = _SOURCE
+    source: ClassVar[str] = SOURCE
     residual: ClassVar[str] = "whatever a force of one state leaves"
     confusable: ClassVar[str] = "every law of that state"
     parameters: ClassVar[tuple[Parameter, ...]] = (*_WEIGHTS, *_PER.values())
@@ -140,7 +87,7 @@ class StateFunction(Effect):
     @property
     @override
     def values(self) -> Mapping[str, Value]:
-        weights = {p.symbol: Normal(0.0, self.scale * one.sd) for p, one in zip(_WEIGHTS, _HATS, strict=True)}
+        weights = {p.symbol: Normal(0.0, self.scale * one.sd) for p, one in zip(_WEIGHTS, HATS, strict=True)}
         return {**weights, **{p.symbol: 1.0 / self.reach if at == self.state else 0.0 for at, p in _PER.items()}}
 
     @classmethod
@@ -156,16 +103,16 @@ class StateFunction(Effect):
     def fill(self, slots: Slots) -> Slots:
         x = sum(state * symbol(_PER[at].symbol) for at, state in _STATES.items())
         knots: dict[float, sp.Expr] = {}
-        for parameter, hat in zip(_WEIGHTS, _HATS, strict=True):
+        for parameter, hat in zip(_WEIGHTS, HATS, strict=True):
             for at, by in hat.knots:
                 knots[at] = knots.get(at, sp.S.Zero) + sp.Rational(by) * symbol(parameter.symbol)
         bent = sum(by * (x - sp.Rational(at)) * sp.Abs(x - sp.Rational(at)) for at, by in knots.items())
-        level = sum(symbol(p.symbol) / 2 for p, hat in zip(_WEIGHTS, _HATS, strict=True) if hat.level == 0)
+        level = sum(symbol(p.symbol) / 2 for p, hat in zip(_WEIGHTS, HATS, strict=True) if hat.level == 0)
         return replace(slots, added_force=slots.added_force + bent + level)
 
     def force(self, weights: Floats, state: Floats) -> Floats:
         """The force ``(n_times,)`` [N] at a history of its state, of weights ``(n_weights,)`` [N]."""
-        return np.asarray(weights @ np.array([one.over(state / self.reach) for one in _HATS]))
+        return np.asarray(weights @ np.array([one.over(state / self.reach) for one in HATS]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,16 +164,11 @@ class TiedPosterior(Posterior):
     @cached_property
     def _narrower(self) -> Floats:
         """Standard deviation of each weight's prior over that of its cube."""
-        return self.scale * _smoothed(self.smoothness)
+        return self.scale * smoothed(self.smoothness)
 
     @cached_property
     def _tied(self) -> Floats:
         return 1.0 / np.square(self._narrower) - 1.0
-
-
-def _smoothed(smoothness: float) -> Floats:
-    """Standard deviations of weights ``(n_weights,)`` over those of a Brownian motion."""
-    return np.array([2.0 ** (-smoothness * hat.level) for hat in _HATS])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -360,7 +302,7 @@ class _Rival:
         rival, kept = self, (1.0, 0.0)
         for _ in range(_N_TURNS):
             slopes = Slopes.at(rival.posterior, rival.points[0])
-            every = {smoothness: rival._sums(slopes, share, smoothness) for smoothness in _SMOOTHNESS}
+            every = {smoothness: rival._sums(slopes, share, smoothness) for smoothness in SMOOTHNESS}
             found = {smoothness: sums.settled() for smoothness, sums in every.items()}
             smoothness = max(found, key=lambda own: found[own].log_evidence)
             scale = found[smoothness].scale
@@ -384,7 +326,7 @@ class _Rival:
 
     def _sd(self, share: float, smoothness: float) -> Floats:
         """Of the weights, where the scale is one. [N]."""
-        return share * self.largest * np.array([hat.sd for hat in _HATS]) * _smoothed(smoothness)
+        return share * self.largest * np.array([hat.sd for hat in HATS]) * smoothed(smoothness)
 
     def _sums(self, slopes: Slopes, share: float, smoothness: float) -> Sums:
         """About the best fit, where the slopes are."""

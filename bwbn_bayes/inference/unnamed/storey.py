@@ -82,6 +82,10 @@ class Estimate:
     forces: Mapping[int, Floats]
     point: Floats
 
+    def beside(self, posterior: Posterior) -> tuple[Posterior, Floats]:
+        """A model's posterior with the forces acting, and the parameters ``(n_dim,)`` that go with them."""
+        return acting(posterior, self.forces), self.point
+
 
 def unnamed_forces(
     posterior: Posterior, point: Floats, share: float, carried: tuple[Effect, ...] = (), *, matters: float = 0.0
@@ -151,6 +155,13 @@ def pulled(record: Record, model: Structure, forces: Mapping[int, Floats]) -> Re
                 name = f"applied_force_{floor}"
                 on_floors[name] = on_floors.get(name, np.zeros(record.n_times)) + own
     return record.driven_by(record.excitation, on_floors)
+
+
+def acting(posterior: Posterior, forces: Mapping[int, Floats]) -> Posterior:
+    """The posterior with forces of storeys ``(n_knots,)`` acting on the floors that these join."""
+    record, model = posterior.record, posterior.model
+    histories = {storey: over_time(force, record, model) for storey, force in forces.items()}
+    return replace(posterior, record=pulled(record, model, histories))
 
 
 def functions(states: Mapping[str, Floats], knots: Knots, place: int, most: int = _MOST_FUNCTIONS) -> dict[str, Floats]:
@@ -234,10 +245,8 @@ class Neighbourhood:
 
     @cached_property
     def view(self) -> Posterior:
-        """The posterior with the forces acting on the floors that their storeys join."""
-        record, model = self.posterior.record, self.posterior.model
-        forces = {storey: over_time(force, record, model) for storey, force in self.forces.items()}
-        return replace(self.posterior, record=pulled(record, model, forces))
+        """The posterior with the forces acting."""
+        return acting(self.posterior, self.forces)
 
     @cached_property
     def log_likelihood(self) -> float:

@@ -8,7 +8,16 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from bwbn_bayes.discovery.outcome import SCHEMA, Added, DetectionLimit, Discovery, SignatureFacts, Step, UnnamedForce
+from bwbn_bayes.discovery.outcome import (
+    SCHEMA,
+    Added,
+    DetectionLimit,
+    Discovery,
+    SignatureFacts,
+    Step,
+    UnnamedForce,
+    UnnamedReading,
+)
 from bwbn_bayes.discovery.where import Spot
 
 NUMBER = (int, float)
@@ -181,6 +190,21 @@ def test_a_force_of_no_known_law_is_written_with_its_share(run):
     facts = written(replace(run.discovery, verdict="unexplained", added=(), unnamed=force))
     check(facts, CONTRACT)
     assert facts["unnamed_force"] == {"storey": 1, "place": "storey 1", "probability": 0.98, "share": 0.12}
+
+
+def test_an_error_of_a_sensor_has_a_key_of_its_own(run):
+    error = UnnamedReading(
+        channel="acceleration_1", probability=0.98, share=0.12, function="that changes in time", shown=np.zeros(3),
+        error=np.zeros(3),
+    )  # fmt: skip
+    gap = replace(run.discovery.gap, nameless=replace(run.discovery.gap.after, nrmse=0.03))
+    facts = written(replace(run.discovery, verdict="unexplained", added=(), unnamed=error, gap=gap))
+    check(facts, CONTRACT)
+    assert facts["unnamed_force"] is None
+    assert facts["unnamed_reading"] == {
+        "channel": "acceleration_1", "probability": 0.98, "share": 0.12, "function": "that changes in time",
+    }  # fmt: skip
+    assert facts["gap"]["fit"]["beside_unnamed"] == 0.03
 
 
 def test_the_places_of_the_disagreement_are_those_found(run):

@@ -1,5 +1,6 @@
 """The verdict in words: strengths by Kass and Raftery's grades, no certainty, what runs away without a number."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.held_out import Prediction
-from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce
+from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.sentences import evidence_in_words, probability_in_words, sentences
 
 NOWHERE: Any = SimpleNamespace(spots=())
@@ -15,7 +16,10 @@ NOWHERE: Any = SimpleNamespace(spots=())
 
 def believed(verdict: str, probability: float, *, has_unnamed: bool = False, runner_up: float | None = None) -> Any:
     """With a runner-up so many nats behind the best, or alone."""
-    best = SimpleNamespace(placed=frozenset({("slip_lock", (2,))}), has_unnamed=has_unnamed, label="the best")
+    unnamed = (1,) if has_unnamed else None
+    best = SimpleNamespace(
+        placed=frozenset({("slip_lock", (2,))}), has_unnamed=has_unnamed, unnamed=unnamed, label="the best"
+    )
     other = SimpleNamespace(placed=frozenset({("backlash", (2,))}), has_unnamed=False, label="backlash in storey 2")
     explanations = (best,) if runner_up is None else (best, best, other)
     return SimpleNamespace(
@@ -182,6 +186,23 @@ def test_what_has_no_name_is_told_first(verdict: str, effects: tuple[Added, ...]
     assert told[0].startswith(first)
     share = "at storey 1 takes up what the model does not: 12 % of the force (probability 0.93)"
     assert any(share in sentence for sentence in told) == is_force
+
+
+def test_an_error_of_a_sensor_is_told_with_what_is_left_beside_it() -> None:
+    error = UnnamedReading(
+        channel="acceleration_2", probability=0.97, share=0.2, function="of what the sensor shows",
+        shown=np.zeros(2), error=np.zeros(2),
+    )  # fmt: skip
+    seen = replace(gap(0.2, 0.2, replace(gap(0.3, 0.3), nameless=prediction(0.05))), nameless=prediction(0.02))
+    best = believed("unexplained", 0.97, has_unnamed=True)
+    best.best.unnamed = "acceleration_2"
+    told = sentences(best, (), error, NOWHERE, seen)
+    assert told[0].endswith("no catalogued effect explains it better than an error of a sensor (probability 0.97).")
+    assert told[1] == (
+        "An error of no known kind in acceleration_2 takes up what the model does not: 20 % of the reading "
+        "(probability 0.97), an error of what the sensor shows. With it 2 % of the fitted record and 5 % of the "
+        "held-out data is left."
+    )
 
 
 def test_a_gain_that_not_all_of_the_record_bears_out_is_told() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.held_out import HeldOut
-from bwbn_bayes.discovery.outcome import UnnamedForce
+from bwbn_bayes.discovery.outcome import UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
@@ -49,13 +49,18 @@ def variants(found):
     unnamed = UnnamedForce(
         storey=1, place="storey <1>", probability=0.97, share=0.12, state=drift, force=np.sin(40.0 * drift)
     )
+    reading = UnnamedReading(
+        channel="acceleration_1", probability=0.97, share=0.12, function="of what the sensor shows", shown=drift,
+        error=drift**3,
+    )  # fmt: skip
+    beside = replace(found.gap, nameless=found.gap.after)
     alone = replace(found.gap, held_out=None)
     step = replace(found.steps[0], sentence="Nothing <more> was found.")
     given = {"added": (), "improved": found.model, "after": found.before}
     return {
         "effects_found": found,
         "partly_explained": replace(found, verdict="partly_explained", unnamed=unnamed),
-        "unexplained": replace(found, verdict="unexplained", unnamed=unnamed, **given),
+        "unexplained": replace(found, verdict="unexplained", unnamed=reading, gap=beside, **given),
         "no_missing_effect": replace(
             found, verdict="no_missing_effect", gap=alone, held_out=None, steps=(step,), limits=(), **given
         ),
@@ -119,7 +124,11 @@ def test_every_verdict_renders_with_its_sentences_and_figures(case):
     assert all(len(image["alt"]) > 20 for image in reader.images)
     assert ("posterior.png" in names) == bool(discovery.added)
     assert ("The equations that changed" in text) == bool(discovery.added)
-    assert ("The force of no known law" in text) == ("unnamed_force.png" in names) == (discovery.unnamed is not None)
+    for kind, title, figure in (
+        (UnnamedForce, "The force of no known law", "unnamed_force.png"),
+        (UnnamedReading, "The error of no known kind", "unnamed_reading.png"),
+    ):
+        assert (title in text) == (figure in names) == isinstance(discovery.unnamed, kind)
     assert "explanations.png" in names
     assert ("No held-out record" in text) == (discovery.held_out is None)
     assert (files.html.parent / "identify" / "report.html").is_file()

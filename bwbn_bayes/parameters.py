@@ -217,6 +217,24 @@ class LogNormal(Prior):
     def distribution(self) -> Any:
         return stats.lognorm(self.log_sd, scale=self.median)
 
+    @override
+    def quantile(self, probability: Floats | float) -> Floats:
+        return np.asarray(self.median * np.exp(self.log_sd * special.ndtri(probability)))
+
+    @override
+    def probability(self, value: Floats | float) -> Floats:
+        with np.errstate(divide="ignore"):
+            standard = np.log(np.maximum(value, 0.0) / self.median) / self.log_sd
+        return np.asarray(special.ndtr(standard))
+
+    @override
+    def log_density(self, value: Floats | float) -> Floats:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logarithm = np.log(np.asarray(value, dtype=np.float64))
+            standard = (logarithm - np.log(self.median)) / self.log_sd
+            log_density = -0.5 * np.square(standard) - logarithm - _log_normalisation(self.log_sd)
+        return np.where(np.asarray(value) > 0.0, log_density, -np.inf)
+
     def __str__(self) -> str:
         return f"LogNormal({self.median:g}, {self.log_sd:g})"
 

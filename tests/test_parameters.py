@@ -92,7 +92,18 @@ def test_the_written_out_half_normal_is_scipys_far_into_its_tails():
     np.testing.assert_allclose(prior.quantile(SHARES[:3]), 0.7 * np.sqrt(np.pi / 2.0) * SHARES[:3], **EXACT)
 
 
+def test_the_written_out_log_normal_is_scipys_far_into_its_tails():
+    prior, known = LogNormal(3.0, 0.4), stats.lognorm(0.4, scale=3.0)
+    values = np.array([0.0, *(3.0 * np.exp(0.4 * STANDARD))])
+    np.testing.assert_allclose(prior.quantile(SHARES), known.ppf(SHARES), **EXACT)
+    np.testing.assert_allclose(prior.probability(values), known.cdf(values), **EXACT)
+    np.testing.assert_allclose(prior.log_density(values), known.logpdf(values), **EXACT)
+    np.testing.assert_array_equal(prior.log_density(np.array([-1.0, np.nan])), [-np.inf, -np.inf])
+    np.testing.assert_array_equal(prior.probability(np.array([-1.0])), [0.0])
+
+
 def test_the_written_out_priors_end_where_they_should():
+    np.testing.assert_array_equal(LogNormal(3.0, 0.4).quantile(np.array([0.0, 1.0])), [0.0, np.inf])
     np.testing.assert_array_equal(Normal(2.0, 0.5).quantile(np.array([0.0, 1.0])), [-np.inf, np.inf])
     np.testing.assert_array_equal(HalfNormal(0.7).quantile(np.array([0.0, 1.0])), [0.0, np.inf])
 

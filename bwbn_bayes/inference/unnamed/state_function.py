@@ -17,8 +17,7 @@ from typing import ClassVar, Self, override
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
-from scipy.special import logsumexp
-from scipy.stats import norm
+from scipy.special import logsumexp, ndtri
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
@@ -146,16 +145,16 @@ class TiedPosterior(Posterior):
     @override
     def log_likelihood_of(self, misfit: Floats, points: Floats) -> Floats:
         """With the log ratio of the two priors added."""
-        standard = norm.ppf(points[:, self.columns])
+        standard = ndtri(points[:, self.columns])
         tie = -0.5 * np.square(standard) @ self._tied - np.sum(np.log(self._narrower))
         return np.asarray(super().log_likelihood_of(misfit, points) + tie)
 
     @override
     def linearise(self, points: Floats, free: Booleans | None = None) -> Linearisation:
         local, columns = super().linearise(points, free), self.columns
-        standard = norm.ppf(points[:, columns])
+        standard = ndtri(points[:, columns])
         # By the unit coordinate, in which a standard normal's quantile grows by one over its density.
-        growth = 1.0 / norm.pdf(standard) * (1.0 if free is None else free[:, columns])
+        growth = np.sqrt(2.0 * np.pi) * np.exp(0.5 * np.square(standard)) * (1.0 if free is None else free[:, columns])
         gradient, information = local.gradient.copy(), local.information.copy()
         gradient[:, columns] -= self._tied * standard * growth
         information[:, columns, columns] += self._tied * np.square(growth)

@@ -15,6 +15,7 @@ from bwbn_bayes.discovery.where import Disagreement, disagreement
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.residuals import leaves_noise, leaves_quiet
+from bwbn_bayes.inference.unnamed.further_link import FurtherLink, Span
 from bwbn_bayes.inference.unnamed.reading import ReadingError
 from bwbn_bayes.inference.unnamed.state_function import StateForce
 from bwbn_bayes.inference.unnamed.storey import Estimate
@@ -24,8 +25,9 @@ from bwbn_bayes.structures.structure import Structure
 Key = frozenset[tuple[tuple[str, ...], tuple[int, ...]]]
 """Symbols and places of effects: each form of each effect has symbols of its own."""
 
-Place = tuple[int, ...] | str
-"""Where something is that has no name: storeys in which a force acts, or a channel whose reading has an error."""
+Place = tuple[int, ...] | Span | str
+"""Where something is that has no name: storeys in which a force acts, nodes that a link joins, or a channel whose
+reading has an error."""
 
 _N_STARTS = 3
 
@@ -44,13 +46,13 @@ class Explanation:
         Optima of that, best first.
     evidence : Evidence
         Under its own account of the errors.
-    unnamed : tuple of int, str or None
-        Storeys in which it has a force of no known law, ``(1,)`` for a specimen, or the channel whose sensor has an
-        error of no known kind; None where it has neither.
-    estimate : Estimate, StateForce or ReadingError, optional
-        What is expected of it in a building; a force of one state is part of the model in ``posterior``.
+    unnamed : tuple of int, Span, str or None
+        Storeys in which it has a force of no known law, ``(1,)`` for a specimen, the nodes of a further link, or the
+        channel whose sensor has an error of no known kind; None where it has none of these.
+    estimate : Estimate, StateForce, FurtherLink or ReadingError, optional
+        What is expected of it in a building; a link and a force of one state are part of the model in ``posterior``.
     n_places : int
-        Places at which it could be: one storey, all, or a channel.
+        Places at which it could be: one storey, all, two nodes, or a channel.
     starts : (n, n_dim) array, optional
         Further points from which fits start.
     """
@@ -60,7 +62,7 @@ class Explanation:
     modes: tuple[Mode, ...]
     evidence: Evidence
     unnamed: Place | None = None
-    estimate: Estimate | StateForce | ReadingError | None = None
+    estimate: Estimate | StateForce | FurtherLink | ReadingError | None = None
     n_places: int = 1
     starts: Floats | None = None
 
@@ -105,6 +107,8 @@ class Explanation:
         parts = [hypothesis.label for hypothesis in self.added]
         if isinstance(self.unnamed, str):
             parts.append(f"an error of no known kind in {self.unnamed}")
+        elif isinstance(self.unnamed, Span):
+            parts.append(f"a further link between {self.unnamed.in_words}")
         elif self.unnamed is not None:
             place = " in every storey" if len(self.unnamed) > 1 else f" in storey {self.unnamed[0]}"
             parts.append(f"a force of no known law{place if self.n_places > 1 else ''}")

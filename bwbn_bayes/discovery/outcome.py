@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bwbn_bayes.discovery.candidates import Hypothesis, place_in_words
-from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.explanation import Explanation, Place
 from bwbn_bayes.discovery.held_out import HeldOut, Prediction
 from bwbn_bayes.discovery.predictive import PredictiveInterval
 from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Verdict
 from bwbn_bayes.discovery.where import Disagreement
 from bwbn_bayes.elements.catalogue import title_of
+from bwbn_bayes.inference.unnamed.further_link import Span
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Result, finite
@@ -186,6 +187,8 @@ class UnnamedForce:
         Its root mean square over that of the force; of a force in every storey, where that is largest.
     function : str
         What a building's is a function of, in words.
+    nodes : tuple of int
+        Of a further link, the two that it joins (0 is the ground); else none.
     over : {"drift", "drift_rate", "hysteretic_displacement", ""}
         The one state that it is a function of; empty where there is no such, and it is shown over the drift.
     state, force : (n_times,) arrays
@@ -197,6 +200,7 @@ class UnnamedForce:
     probability: float
     share: float
     function: str = ""
+    nodes: tuple[int, ...] = ()
     over: str = ""
     state: Floats
     force: Floats
@@ -204,7 +208,7 @@ class UnnamedForce:
     def as_json(self) -> dict[str, Any]:
         """``unnamed_force`` of ``discovery.json``."""
         facts = {name: getattr(self, name) for name in ("storey", "place", "probability", "share")}
-        known = {"function": self.function, "over": self.over}
+        known = {"function": self.function, "over": self.over, "nodes": list(self.nodes)}
         return {**facts, **{name: text for name, text in known.items() if text}}
 
 
@@ -436,13 +440,21 @@ def steps_as_json(steps: tuple[Step, ...]) -> dict[str, Any]:
     return {"steps": told, "candidates": _candidates(steps)}
 
 
+def _place_as_json(place: Place | None) -> dict[str, Any]:
+    """Where an explanation has something unnamed: storeys of a force, nodes of a link, or the channel of a reading."""
+    return {
+        "unnamed_force": list(place) if isinstance(place, tuple) and not isinstance(place, Span) else None,
+        "unnamed_link": list(place) if isinstance(place, Span) else None,
+        "unnamed_reading": place if isinstance(place, str) else None,
+    }
+
+
 def _candidates(steps: tuple[Step, ...]) -> list[dict[str, Any]]:
     """What the last round believed."""
     return [
         {
             "effects": [{"name": h.name, "form": h.effect.form, "storeys": list(h.storeys)} for h in one.added],
-            "unnamed_force": list(one.unnamed) if isinstance(one.unnamed, tuple) else None,
-            "unnamed_reading": one.unnamed if isinstance(one.unnamed, str) else None,
+            **_place_as_json(one.unnamed),
             "probability": probability,
             "log_joint": log_joint,
             "log_evidence": one.evidence.log_evidence,

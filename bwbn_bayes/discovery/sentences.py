@@ -12,6 +12,7 @@ from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForc
 from bwbn_bayes.discovery.probability import NAMED, Beliefs
 from bwbn_bayes.discovery.where import Disagreement
 from bwbn_bayes.elements.catalogue import title_of
+from bwbn_bayes.inference.unnamed.further_link import Span
 from bwbn_bayes.results import Facts
 
 _STRENGTHS = ((10.0, "overwhelming"), (5.0, "strong"), (2.3, "weak"), (-np.inf, "hardly any"))
@@ -63,7 +64,9 @@ def sentences(
 def _unnamed(one: UnnamedForce | UnnamedReading, gap: Gap) -> str:
     """What has no name: where it is, how large, what it is a function of, and what is left beside it."""
     if isinstance(one, UnnamedForce):
-        what, whole, again = f"A force of no known law at {one.place}", "force", "a force"
+        # "A link between the ground and floor 2"
+        what = f"{one.place[:1].upper()}{one.place[1:]}" if one.nodes else f"A force of no known law at {one.place}"
+        whole, again = "force", "a force"
     else:
         what, whole, again = f"An error of no known kind in {one.channel}", "reading", "an error"
     share, kind = f"{100.0 * one.share:.0f} % of the {whole}", f", {again} {one.function}" if one.function else ""
@@ -103,6 +106,8 @@ def _first(believed: Beliefs, added: tuple[Added, ...]) -> str:
 
 
 def _nameless(best: Explanation) -> str:
+    if isinstance(best.unnamed, Span):
+        return "a link that the model lacks"
     return "an error of a sensor" if isinstance(best.unnamed, str) else "a force of no known law"
 
 

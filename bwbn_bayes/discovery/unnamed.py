@@ -1,4 +1,4 @@
-"""Explanations of a building beside what has no name: a sensor's error, a force to first order, one of a state."""
+"""Explanations of a building beside what has no name: an error of a sensor, a link, or a force in a storey."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from bwbn_bayes.discovery.explanation import Explanation, Key
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import Run, all_but, on_one_thread, on_threads
 from bwbn_bayes.inference.unnamed import N_KINDS, UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.further_link import further_links
 from bwbn_bayes.inference.unnamed.reading import ReadingError, reading_errors
 from bwbn_bayes.inference.unnamed.state_function import StateForce, state_forces
 from bwbn_bayes.inference.unnamed.storey import unnamed_forces
@@ -26,7 +27,7 @@ _Asked = tuple[Explanation, float, np.random.Generator, Run]
 def follow(pool: Pool, run: Run) -> None:
     """Look beside the best laws, the model as given, and what lacks one effect of the best, for what has no name.
 
-    Errors of sensors cost least, then forces to first order, then those of one state.
+    Errors of sensors and links between floors cost least, then forces to first order, then those of one state.
     """
     whole = pool.laws_alone.best.effects_key
     keys = dict.fromkeys([frozenset(), whole, *(whole - {one} for one in whole)])
@@ -91,6 +92,20 @@ def _with_reading_error(one: Explanation, found: ReadingError, run: Run) -> Expl
     return replace(one, unnamed=found.channel, estimate=found, evidence=evidence)
 
 
+def _with_further_links(asked: _Asked) -> list[Explanation]:
+    """An explanation with a link between each two floors that none joins, as likely beforehand as a force's kinds."""
+    one, *_, run = asked
+    found: list[Explanation] = []
+    for link in further_links(on_one_thread(one.posterior), one.points):
+        posterior = on_threads(link.posterior, run.settings.n_workers)
+        own, modes = laplace(posterior, link.modes), link.modes
+        evidence = replace(own, log_evidence=own.log_evidence - float(np.log(N_KINDS)))
+        found.append(
+            replace(one, posterior=posterior, modes=modes, unnamed=link.span, estimate=link, evidence=evidence)
+        )
+    return found
+
+
 def _to_first_order(asked: _Asked) -> list[Explanation]:
     """An explanation with an unnamed force in each storey, and in all."""
     one, behind, _, run = asked
@@ -134,6 +149,7 @@ def _of_state(one: Explanation, force: StateForce, run: Run) -> Explanation:
 
 _KINDS: dict[Callable[[_Asked], list[Explanation]], str] = {
     _with_reading_errors: "errors of sensors",
+    _with_further_links: "further links",
     _to_first_order: "forces of no known law",
     _with_state_forces: "forces of one state",
 }

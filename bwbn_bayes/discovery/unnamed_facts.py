@@ -14,6 +14,7 @@ from bwbn_bayes.discovery.where import storey_in_words
 from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
+from bwbn_bayes.inference.unnamed.further_link import FurtherLink, Span
 from bwbn_bayes.inference.unnamed.reading import ReadingError
 from bwbn_bayes.inference.unnamed.state_function import StateForce
 from bwbn_bayes.inference.unnamed.storey import Estimate, Neighbourhood, over_time
@@ -32,13 +33,16 @@ def unnamed_facts(believed: Beliefs) -> UnnamedForce | UnnamedReading | None:
         return None
     if isinstance(chosen.estimate, ReadingError):
         return _of_sensor(chosen, chosen.estimate, believed.unnamed)
+    if isinstance(chosen.estimate, FurtherLink):
+        return _of_link(chosen, chosen.estimate.span, believed.unnamed)
     return (_of_specimen if chosen.is_specimen else _of_storey)(chosen, believed.unnamed)
 
 
 def beside_it(believed: Beliefs, held_out: HeldOut | None, gap: Gap, rng: np.random.Generator) -> Gap:
     """The gap with what is left beside what has no name; on held-out data where that is the same function there.
 
-    Such are a force of one state, and an error of what a sensor shows; what changes in time is known of one record.
+    Such are a link, a force of one state, and an error of what a sensor shows; what changes in time is known of one
+    record.
     """
     chosen = nameless(believed)
     if chosen is None or chosen.is_specimen:
@@ -53,7 +57,7 @@ def beside_it(believed: Beliefs, held_out: HeldOut | None, gap: Gap, rng: np.ran
         shown = predict(posterior, point, record, rng).values[row]
         own = {**record.channels, found.channel: record.channels[found.channel] - found.error_at(shown)}
         record = record.with_channels(own)
-    elif not isinstance(found, StateForce):
+    elif not isinstance(found, StateForce | FurtherLink):
         return gap
     unseen = predict(posterior, point, record, rng, counted=held_out.counted)
     return replace(gap, held_out=replace(gap.held_out, nameless=unseen))
@@ -87,6 +91,23 @@ def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
         share=float(np.std(force) / np.sqrt(np.mean(np.square(measured)))),
         state=record.excitation[record.kept],
         force=force,
+    )
+
+
+def _of_link(one: Explanation, span: Span, probability: float) -> UnnamedForce:
+    """Its force over the drift between its nodes; the share is that of the largest force in a storey, both rms."""
+    kept, values = one.posterior.record.kept, one.posterior.split(one.best[None])[0]
+    rows = observe(one.posterior.engine, one.model, values, one.posterior.record)
+    *storeys, own = rows["restoring_force"][0]
+    return UnnamedForce(
+        storey=span.upper,
+        place=f"a link between {span.in_words}",
+        probability=probability,
+        share=float(np.std(own) / max(np.std(force) for force in storeys)),
+        function="of the drift between the two and its rate",
+        nodes=span,
+        state=rows["drift"][0][-1][kept],
+        force=own[kept],
     )
 
 

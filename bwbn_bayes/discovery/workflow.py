@@ -33,6 +33,7 @@ from bwbn_bayes.inference.accuracy import LADDER, choose_scheme
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, settled
 from bwbn_bayes.inference.residuals import noise_floors
+from bwbn_bayes.inference.unnamed.further_link import spans
 from bwbn_bayes.inference.unnamed.pulses import with_pulse
 from bwbn_bayes.inference.unnamed.storey import places_of
 from bwbn_bayes.parameters import Floats
@@ -199,9 +200,9 @@ def _explained(posterior: Posterior, modes: tuple[Mode, ...]) -> Explanation:
 
 
 def _n_places(model: Structure, record: Record) -> int:
-    """At which something without a name is looked for: storeys and all of them, and of one record its channels."""
+    """At which something without a name is looked for: storeys and all of them, nodes, and of one record channels."""
     has_sensors = not model.is_driven and len(record.parts) == 1
-    return len(places_of(model.n_links)) + (len(record.channels) if has_sensors else 0)
+    return len(places_of(model.n_links)) + len(spans(model)) + (len(record.channels) if has_sensors else 0)
 
 
 def _points(modes: Sequence[Mode]) -> Floats:

@@ -1,6 +1,6 @@
 """From evidences to answers: which explanation, which class of them, which effect and where, each with a probability.
 
-An explanation is the model as given with some effects added and with or without a force of no known law. Each has a
+An explanation is the model as given with some effects added and with or without something that has no name. Each has a
 prior, made of the numbers below and of nothing else, and an evidence; the posterior over all of them is summed up by
 class, by effect and by place. Held-out data play no part.
 """
@@ -21,8 +21,8 @@ from bwbn_bayes.parameters import Floats
 NOTHING_MISSING = 0.5
 """Prior probability that the model as given is all there is."""
 UNNAMED = 0.2
-"""Prior probability, where something is missing, that a force of no known law is part of it: the catalogue holds
-most of what structures do."""
+"""Prior probability, where something is missing, that something without a name is part of it (a force, a link, an error
+of a sensor): the catalogue holds most of what structures and sensors do."""
 ANOTHER = 0.2
 """Prior probability of each further effect once there is one: structures that lack two are rarer."""
 NAMED = 0.9
@@ -117,7 +117,7 @@ class Beliefs:
 
     @cached_property
     def unnamed(self) -> float:
-        """Probability that a force of no known law is part of the model."""
+        """Probability that something without a name is part of the model."""
         return self._sum(lambda one: one.has_unnamed)
 
     def of_places(self, name: str) -> dict[tuple[int, ...], float]:

@@ -1,4 +1,4 @@
-"""The unnamed force: what a structure does beyond its law, as a Gaussian process of force."""
+"""What has no name: a force beyond the law, a link that a building lacks, an error of a sensor."""
 
 UNNAMED_SCALE = 0.1
 """Standard deviation of the unnamed force's scale about zero, over the largest force: a law that leaves more is a

@@ -77,7 +77,7 @@ def test_links_are_tried_where_there_is_none() -> None:
 
 @pytest.mark.parametrize("span", [Span(0, 2), Span(1, 3)])
 def test_a_brace_past_a_floor_is_found_with_its_stiffness(span: Span) -> None:
-    alone, found = evidences(record_of({tuple(span): 12.0}))
+    alone, found = evidences(record_of({(span.lower, span.upper): 12.0}))
     best = max(found, key=lambda one: found[one][0])
     assert best == span
     log_evidence, stiffness, is_noise = found[span]

@@ -10,6 +10,7 @@ import pytest
 from bwbn_bayes.discovery.cross_validation import CrossValidation
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.probability import ANOTHER, NOTHING_MISSING, UNNAMED, beliefs, log_prior
+from bwbn_bayes.inference.unnamed.further_link import Span
 
 VARIANTS = {"slip_lock": 4, "cubic_stiffness": 8}
 N_EFFECTS = 20
@@ -144,6 +145,11 @@ def test_an_explanation_tells_where_its_unnamed_force_is() -> None:
     assert explanation(0.0).label == "the model as given"
     assert explanation(0.0, unnamed=(2,)).label == "a force of no known law in storey 2"
     assert replace(explanation(0.0, unnamed=(1,)), n_places=1).label == "a force of no known law"
+    linked = replace(explanation(0.0), unnamed=Span(0, 2))
+    assert linked.label == "a further link between the ground and floor 2"
+    misread = replace(explanation(0.0), unnamed="acceleration_3")
+    assert misread.label == "an error of no known kind in acceleration_3"
+    assert linked.has_unnamed and misread.has_unnamed
 
 
 def test_an_effect_is_placed_where_it_comes_into_play() -> None:

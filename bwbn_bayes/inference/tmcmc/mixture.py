@@ -25,8 +25,9 @@ def drawn(weights: Floats, rng: np.random.Generator, n: int) -> Integers:
 
     They are those of ``rng.choice``, which checks the probabilities at every call: more time than the draw takes.
     """
-    levels = weights.cumsum()
-    return (levels / levels[-1]).searchsorted(rng.random(n), side="right")
+    levels: Floats = weights.cumsum()
+    indices: Integers = (levels / levels[-1]).searchsorted(rng.random(n), side="right")
+    return indices
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,9 @@ class GaussianMixture:
     @cached_property
     def _log_peaks(self) -> Floats:
         """Log of each component's weighted density at its mean; every step of every chain asks for it."""
-        log_scales: Floats = np.log(np.diagonal(self.inverses, axis1=1, axis2=2)).sum(axis=1) + np.log(self.weights)
-        return log_scales - 0.5 * self.means.shape[1] * np.log(2.0 * np.pi)
+        log_scales = np.log(np.diagonal(self.inverses, axis1=1, axis2=2)).sum(axis=1) + np.log(self.weights)
+        log_peaks: Floats = log_scales - 0.5 * self.means.shape[1] * np.log(2.0 * np.pi)
+        return log_peaks
 
     def inflated(self, factor: float) -> GaussianMixture:
         """The same mixture with every standard deviation multiplied by ``factor``."""

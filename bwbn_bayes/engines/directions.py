@@ -57,6 +57,10 @@ class Directions:
         same = np.all(~moves | (self.seed == first), axis=0)
         return np.where(np.any(moves, axis=0), np.where(same, first, own), self.nowhere)
 
+    def arrays(self, own: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
+        """:attr:`seed`, :meth:`column` and :attr:`active` as a kernel takes them, rows last."""
+        return np.moveaxis(self.seed, 0, 2).ravel(), self.column(own).ravel(), np.moveaxis(self.active, 0, 2).ravel()
+
     @classmethod
     def of(cls, moved: NDArray[np.int64], nowhere: int, wanted: Booleans) -> Directions:
         """Directions for the parameters that move ``moved[parameter, storey]`` and that each draw wants.

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -100,22 +100,21 @@ def _called(address: int, parameters: tuple[str, ...]) -> Callable[..., None]:
         else:
             words.append(ctypes.c_double if kind == "float" else ctypes.c_int64)
     function = ctypes.CFUNCTYPE(None, *words)(address)
+    elements = [_ELEMENTS.get(kind.removesuffix("_2d")) for kind in parameters]
 
     def call(*arguments: Any) -> None:
-        function(*(word for pair in zip(parameters, arguments, strict=True) for word in _words(*pair)))
+        given: list[Any] = []
+        for element, argument in zip(elements, arguments, strict=True):
+            if element is None:
+                given.append(argument)
+                continue
+            if argument.dtype != element or not argument.flags.c_contiguous:
+                raise TypeError(f"a kernel takes arrays of {element} that lie row after row, not of {argument.dtype}")
+            given.append(argument.__array_interface__["data"][0])
+            given += argument.shape
+        function(*given)
 
     return call
 
 
 _ELEMENTS = {"floats": np.dtype(np.float64), "integers": np.dtype(np.int64)}
-
-
-def _words(kind: str, argument: Any) -> Iterator[Any]:
-    element = _ELEMENTS.get(kind.removesuffix("_2d"))
-    if element is None:
-        yield argument
-        return
-    if argument.dtype != element or not argument.flags.c_contiguous:
-        raise TypeError(f"a kernel takes {kind} that lie row after row, not {argument.dtype}")
-    yield argument.__array_interface__["data"][0]
-    yield from argument.shape

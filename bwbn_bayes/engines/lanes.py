@@ -7,6 +7,7 @@ draw fills several lanes, each with some of its derivatives.
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import threading
@@ -14,7 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -270,6 +271,8 @@ class _Part:
         See :func:`_joints`; blocks of the forced floors.
     channels : ChannelMap
         What is asked for; nothing of the step between two records.
+    seen_blocks, seen_rows : (n_terms,) integer arrays
+        Where the kernel finds each term of the channels.
     measured : (n_channels, n_times) array
     rows : slice or integer array
         Those of the channels that its record measures.
@@ -280,21 +283,31 @@ class _Part:
     joints: NDArray[np.int64]
     forced: NDArray[np.int64]
     channels: ChannelMap
+    seen_blocks: NDArray[np.int64]
+    seen_rows: NDArray[np.int64]
     measured: Floats
     rows: slice | NDArray[np.int64]
     sensors: Sensors | None
 
     @classmethod
-    def of(cls, model: Structure, stretch: Stretch, record: Record, names: tuple[str, ...]) -> _Part:
+    def of(
+        cls, model: Structure, stretch: Stretch, record: Record, names: tuple[str, ...], layout: LaneLayout
+    ) -> _Part:
         """A stretch of a record, of which the named channels are asked for."""
         own = names if stretch.samples is not None else ()
+        channels = channel_map(model, own)
+        kind, link = np.divmod(channels.row, model.n_links)
+        # The base stands one block below the links.
+        below = kind == len(OBSERVED_KINDS)
         measures = own == tuple(record.channels) and stretch.samples is not None
         rows = slice(None) if len(record.parts) == 1 else _positions(tuple(record.channels), stretch.record.channels)
         return cls(
             stretch=stretch,
             joints=_joints(model, stretch.forced_floors),
             forced=model.n_links + 1 - np.array(stretch.forced_floors, dtype=np.int64),
-            channels=channel_map(model, own),
+            channels=channels,
+            seen_blocks=model.n_links - link + below,
+            seen_rows=layout.observed(kind),
             measured=np.array(
                 record.measured[:, stretch.samples], order="C"
             )  # one that is written would be another type
@@ -326,6 +339,7 @@ class _Problem:
     start: tuple[StartingTerm, ...]
     index: NDArray[np.int64]
     events: NDArray[np.int64]
+    moved: NDArray[np.int64]
 
     @property
     def is_summed_outside(self) -> bool:
@@ -336,16 +350,24 @@ class _Problem:
     @classmethod
     def build(cls, model: Structure, record: Record, names: tuple[str, ...], *, wanted: Booleans) -> _Problem:
         """The problem of one call; the derivatives ``wanted`` of each draw, ``(n_draws, n_parameters)``."""
+        known = _problem_of(_Same(model), _Same(record), names)
+        n = wanted.shape[1]
+        return replace(known, n_parameters=n, directions=Directions.of(known.moved[:n], known.layout.nowhere, wanted))
+
+    @classmethod
+    def without_derivatives(cls, model: Structure, record: Record, names: tuple[str, ...]) -> _Problem:
+        """All that does not depend on the draws."""
         check_record(model, record)
         driven = model.excitation_kind == "displacement"
         kernel, layout = _kernel_of(model.law, driven)
+        moved = _moved(model, layout)
         return cls(
             kernel=kernel,
             layout=layout,
             n_links=model.n_links,
-            parts=tuple(_Part.of(model, stretch, record, names) for stretch in stretches_of(record)),
-            n_parameters=wanted.shape[1],
-            directions=Directions.of(_moved(model, layout)[: wanted.shape[1]], layout.nowhere, wanted),
+            parts=tuple(_Part.of(model, stretch, record, names, layout) for stretch in stretches_of(record)),
+            n_parameters=0,
+            directions=Directions.of(moved[:0], layout.nowhere, np.zeros((0, 0), dtype=np.bool_)),
             driven=driven,
             inverse_masses=1.0 / masses(model),
             channels=channel_map(model, names),
@@ -353,6 +375,7 @@ class _Problem:
             start=starting_terms(model),
             index=model.table.index,
             events=event_columns(model),
+            moved=moved,
         )
 
     def solve(self, engine: Lanes, block: _Block) -> tuple[Floats, Floats]:
@@ -447,6 +470,7 @@ class _Problem:
         """The kernel on one block, part after part."""
         d, n, place = block.directions.n, self.n_links, self.layout
         march = self.kernel.run_with_tangents if d > 0 else self.kernel.run
+        directions = block.directions.arrays(place.own) if d > 0 else _NO_DIRECTIONS
         for part in self.parts:
             stretch, channels = part.stretch, part.channels
             if not stretch.is_carried:
@@ -455,9 +479,6 @@ class _Problem:
             c = len(channels.names)
             stored = np.zeros(len(stretch.inputs) * c * (1 + d) * LANES if store else 1)
             outcome = _Outcome.empty(c, 0 if store else d, stored=stored)
-            kind, link = np.divmod(channels.row, n)
-            # The base stands one block below the links.
-            below = kind == len(OBSERVED_KINDS)
             march(
                 n,
                 d,
@@ -467,17 +488,15 @@ class _Problem:
                 part.forced,
                 blocks.ravel(),
                 tangents.ravel(),
-                np.moveaxis(block.directions.seed, 0, 2).ravel(),
-                block.directions.column(place.own).ravel(),
-                np.moveaxis(block.directions.active, 0, 2).ravel(),
+                *directions,
                 _SHARES,
                 _WEIGHTS,
                 interval_steps(stretch.inputs[:, 0], engine.substeps, driven=self.driven),
                 float(engine.resolution),
                 engine.cut_at_turns,
                 channels.starts,
-                n - link + below,
-                place.observed(kind),
+                part.seen_blocks,
+                part.seen_rows,
                 channels.coefficient,
                 channels.ground,
                 part.measured,
@@ -489,6 +508,28 @@ class _Problem:
             )
             if stretch.samples is not None:
                 yield part, outcome
+
+
+class _Same[T]:
+    """An object as a key: models and records are never changed, so that what follows from one stays true."""
+
+    def __init__(self, it: T) -> None:
+        self.it = it
+
+    def __hash__(self) -> int:
+        return id(self.it)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.it is other.it
+
+
+@lru_cache(maxsize=32)
+def _problem_of(model: _Same[Structure], record: _Same[Record], names: tuple[str, ...]) -> _Problem:
+    """Samplers ask about one model and record thousands of times: preparing a short one took longer than solving it."""
+    return _Problem.without_derivatives(model.it, record.it, names)
+
+
+_NO_DIRECTIONS = (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))
 
 
 class OfPoints:
@@ -546,9 +587,9 @@ class OfPoints:
 
 def _aligned(shape: tuple[int, ...]) -> Floats:
     """Zeros that begin where a cache line does: vectors that lie across two cost a sixth of a solve."""
-    n = int(np.prod(shape))
+    n = math.prod(shape)
     room = np.zeros(n + _LINE)
-    first = -(room.ctypes.data // room.itemsize) % _LINE
+    first = -(room.__array_interface__["data"][0] // room.itemsize) % _LINE
     return room[first : first + n].reshape(shape)
 
 

@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import arviz_stats.base as arviz_base
 import numpy as np
 from scipy.special import logsumexp
 
@@ -189,9 +188,11 @@ def pareto_smoothed(log_ratio: Floats) -> tuple[Floats, float]:
     finite = np.isfinite(log_ratio)
     if np.count_nonzero(finite) < _LEAST_DRAWS:
         return log_ratio - logsumexp(log_ratio) if np.any(finite) else log_ratio, np.inf
+    from arviz_stats.base import array_stats  # it inspects the whole stack when imported: dear inside other imports
+
     # ArviZ expects the log likelihood of a left-out point, that is minus the log weight.
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        smoothed, shape = arviz_base.array_stats.psislw(-log_ratio[finite])
+        smoothed, shape = array_stats.psislw(-log_ratio[finite])
     log_weights = np.full(len(log_ratio), -np.inf)
     log_weights[finite] = smoothed - logsumexp(smoothed)
     return log_weights, float(shape)

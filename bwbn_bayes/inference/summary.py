@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
-import arviz_stats.base as arviz_base
 import numpy as np
 
 from bwbn_bayes.engines.base import Engine, channel_map
@@ -222,7 +221,9 @@ def densest_interval(draws: Floats, support: tuple[float, float], prob: float = 
 
     Where the density is highest at a bound the interval belongs there, but every draw lies a little inside.
     """
-    low, high = map(float, arviz_base.array_stats.hdi(draws, prob=prob))
+    from arviz_stats.base import array_stats  # it inspects the whole stack when imported: dear inside other imports
+
+    low, high = map(float, array_stats.hdi(draws, prob=prob))
     near = _NEAR_A_BOUND * (high - low)
     if low <= np.min(draws) < support[0] + near:
         low = support[0]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import arviz as az
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
@@ -77,6 +76,8 @@ def _marginal(axis: Axes, marginal: Marginal) -> None:
 
 def _density(draws: Floats, ends: tuple[float, float] | None = None) -> tuple[Floats, Floats]:
     """Grid and density of draws, reflected at the ends where given."""
+    import arviz as az  # it inspects the whole stack when imported: dear inside other imports
+
     grid, density, _ = az.kde(draws) if ends is None else az.kde(draws, custom_lims=ends)
     return grid, density
 

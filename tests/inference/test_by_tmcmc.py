@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from inference_cases import recorded, sdof_model
+from pymc_cases import small_mode, small_model, small_posterior, small_record
 
 from bwbn_bayes import Result, Settings, identify
 from bwbn_bayes.inference import by_tmcmc as module
@@ -44,6 +44,17 @@ def run(posterior: Posterior, mode: Mode, told: list[str]) -> Sampled:
     settings = Settings(method="tmcmc", particles=400)
     rng, seeds = np.random.default_rng(1), np.random.SeedSequence(1)
     return two_starts(Given(posterior, (mode,), settings, rng, seeds, history, True))
+
+
+@pytest.fixture(scope="module")
+def posterior() -> Posterior:
+    """Three parameters: what is asked of the starts does not hang on how many there are."""
+    return small_posterior()
+
+
+@pytest.fixture(scope="module")
+def mode(posterior: Posterior) -> Mode:
+    return small_mode(posterior)
 
 
 def test_two_starts_agree_where_all_is_well(posterior: Posterior, mode: Mode) -> None:
@@ -83,7 +94,7 @@ def taken_over() -> Result:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bwbn_bayes.inference.by_importance.weighted_draws", failing)
-        return identify(sdof_model(), recorded(1), settings=Settings(particles=2000))
+        return identify(small_model(), small_record(), settings=Settings(particles=500))
 
 
 def test_the_verdict_says_what_ran_why_and_how_good_it_is(taken_over: Result) -> None:

@@ -194,19 +194,22 @@ def require_agreement(first: Result, second: Result) -> None:
     assert abs(first.facts.log_evidence - second.facts.log_evidence) < 4.0 * error
 
 
-def test_tmcmc_agrees_with_importance(result: Result) -> None:
-    """So does its second start, which knows nothing of the first."""
+@pytest.mark.parametrize("case", ["small", pytest.param("sdof", marks=pytest.mark.slow)])
+def test_tmcmc_agrees_with_importance(case: str) -> None:
+    """So does its second start, which knows nothing of the first; with three parameters, and with eight."""
+    model, record = (small_model(), small_record()) if case == "small" else (sdof_model(), recorded(1))
+    weighted = identify(model, record, settings=Settings(particles=2000))
     told: list[str] = []
 
     def listen(text: str, facts: StageFacts | None) -> None:
         told.append(facts.label if facts is not None else text)
 
     settings = Settings(method="tmcmc", particles=600)
-    cloud = identify(sdof_model(), recorded(1), settings=settings, listener=listen)
+    cloud = identify(model, record, settings=settings, listener=listen)
     assert cloud.facts.method == "tmcmc"
     assert set(cloud.facts.evidences) == {"tmcmc (bridge)", "tmcmc (second start)"}
     assert cloud.facts.evidences["tmcmc (bridge)"][0] == cloud.facts.log_evidence
-    require_agreement(cloud, result)
+    require_agreement(cloud, weighted)
     assert any("bridge" in text for text in told)
     assert any("second start" in text for text in told)
     assert all(check.passed for check in cloud.facts.checks), cloud.facts.checks

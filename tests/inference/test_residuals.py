@@ -144,7 +144,7 @@ def test_stationary_noise_is_noise(coefficients: tuple[float, ...]) -> None:
     rng = np.random.default_rng(3)
     t = np.arange(1500) * 0.02
     motions = np.stack([np.sin(2.0 * np.pi * f * t) * np.exp(-(((t - 12.0) / 6.0) ** 2)) for f in (0.4, 1.1, 2.7)])
-    passed = [is_noise(0.01 * autoregression(rng, coefficients), motions) for _ in range(300)]
+    passed = [is_noise(0.01 * autoregression(rng, coefficients), motions) for _ in range(100)]
     assert np.mean(passed) >= 0.99
 
 

@@ -216,7 +216,7 @@ def test_known_zeros_do_not_fix_the_scale() -> None:
     assert section_of(posterior(model)) is not None
 
 
-@pytest.mark.parametrize("method", ["importance", "tmcmc"])
+@pytest.mark.parametrize("method", ["importance", pytest.param("tmcmc", marks=pytest.mark.slow)])
 def test_the_posterior_of_a_and_the_evidence_are_exact(
     method: str, record: Record, marginal: tuple[Floats, Floats], at_one: WeightedDraws
 ) -> None:

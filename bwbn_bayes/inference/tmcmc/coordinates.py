@@ -9,7 +9,8 @@ parameter, through five quantiles of the cloud, straightens it. Both maps are ex
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -26,7 +27,8 @@ def to_probit(points: Floats) -> Floats:
     return np.clip(ndtri(points), -_LIMIT, _LIMIT)
 
 
-class Coordinates(NamedTuple):
+@dataclass(frozen=True)
+class Coordinates:
     """The map ``z -> y``: ``knots (d, 5)`` in ``z`` go to ``scores (d, 5)``; outermost slopes continue."""
 
     knots: Floats
@@ -49,20 +51,41 @@ class Coordinates(NamedTuple):
 
     def forward(self, positions: Floats) -> tuple[Floats, Floats]:
         """Coordinates ``(n, d)`` of probit positions, and the log Jacobian ``log |dy/dz| (n,)``."""
-        return _piecewise_linear(positions, self.knots, self.scores)
+        return self._forward(positions)
 
     def inverse(self, coordinates: Floats) -> tuple[Floats, Floats]:
         """Points of the unit cube ``(n, d)`` and the log Jacobian ``log |dx/dy| (n,)``, minus infinity beyond."""
-        positions, log_slope = _piecewise_linear(coordinates, self.scores, self.knots)
-        inside = np.all(np.abs(positions) <= _LIMIT, axis=1)
+        positions, log_slope = self._backward(coordinates)
+        inside = (np.abs(positions) <= _LIMIT).all(axis=1)
         n_dim = positions.shape[1]
-        log_volume = log_slope - 0.5 * np.sum(positions**2, axis=1) - 0.5 * n_dim * np.log(2.0 * np.pi)
+        log_volume = log_slope - 0.5 * (positions**2).sum(axis=1) - 0.5 * n_dim * np.log(2.0 * np.pi)
         return np.asarray(ndtr(positions)), np.where(inside, log_volume, -np.inf)
 
+    @cached_property
+    def _forward(self) -> _PiecewiseLinear:
+        return _PiecewiseLinear.through(self.knots, self.scores)
 
-def _piecewise_linear(arguments: Floats, knots: Floats, values: Floats) -> tuple[Floats, Floats]:
-    segment = np.sum(arguments[:, :, None] > knots[:, 1:-1], axis=2)
-    column = np.arange(arguments.shape[1])
-    slope = (np.diff(values, axis=1) / np.diff(knots, axis=1))[column, segment]
-    mapped = values[column, segment] + slope * (arguments - knots[column, segment])
-    return mapped, np.sum(np.log(slope), axis=1)
+    @cached_property
+    def _backward(self) -> _PiecewiseLinear:
+        return _PiecewiseLinear.through(self.scores, self.knots)
+
+
+@dataclass(frozen=True)
+class _PiecewiseLinear:
+    """Straight pieces from ``starts (d, 4)`` on, where they have ``values (d, 4)``; every step of a chain needs it."""
+
+    starts: Floats
+    values: Floats
+    slopes: Floats
+    log_slopes: Floats
+
+    @classmethod
+    def through(cls, knots: Floats, values: Floats) -> _PiecewiseLinear:
+        slopes: Floats = np.diff(values, axis=1) / np.diff(knots, axis=1)
+        return cls(knots[:, :-1], values[:, :-1], slopes, np.log(slopes))
+
+    def __call__(self, arguments: Floats) -> tuple[Floats, Floats]:
+        segment = (arguments[:, :, None] > self.starts[:, 1:]).sum(axis=2)
+        at = np.arange(arguments.shape[1]), segment
+        mapped: Floats = self.values[at] + self.slopes[at] * (arguments - self.starts[at])
+        return mapped, self.log_slopes[at].sum(axis=1)

@@ -6,7 +6,8 @@ It lives in the unbounded coordinates of :mod:`bwbn_bayes.inference.tmcmc.coordi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -24,11 +25,13 @@ def drawn(weights: Floats, rng: np.random.Generator, n: int) -> Integers:
 
     They are those of ``rng.choice``, which checks the probabilities at every call: more time than the draw takes.
     """
-    levels = np.cumsum(weights)
-    return np.searchsorted(levels / levels[-1], rng.random(n), side="right")
+    levels: Floats = weights.cumsum()
+    indices: Integers = (levels / levels[-1]).searchsorted(rng.random(n), side="right")
+    return indices
 
 
-class GaussianMixture(NamedTuple):
+@dataclass(frozen=True)
+class GaussianMixture:
     """Weights ``(k,)``, means ``(k, d)``, lower Cholesky factors ``(k, d, d)`` of the covariances, their inverses."""
 
     weights: Floats
@@ -53,17 +56,22 @@ class GaussianMixture(NamedTuple):
 
     def log_parts(self, points: Floats) -> Floats:
         """Log of each component's weighted density, ``(k, n)``."""
-        log_scales = np.log(np.diagonal(self.inverses, axis1=1, axis2=2)).sum(axis=1) + np.log(self.weights)
         parts = np.empty((len(self.weights), len(points)))
-        for part, log_scale, mean, inverse in zip(parts, log_scales, self.means, self.inverses, strict=True):
+        for part, log_peak, mean, inverse in zip(parts, self._log_peaks, self.means, self.inverses, strict=True):
             whitened = (points - mean) @ inverse.T
-            part[:] = log_scale - 0.5 * np.einsum("ni,ni->n", whitened, whitened)
-        parts -= 0.5 * points.shape[1] * np.log(2.0 * np.pi)
+            part[:] = log_peak - 0.5 * np.einsum("ni,ni->n", whitened, whitened)
         return parts
+
+    @cached_property
+    def _log_peaks(self) -> Floats:
+        """Log of each component's weighted density at its mean; every step of every chain asks for it."""
+        log_scales = np.log(np.diagonal(self.inverses, axis1=1, axis2=2)).sum(axis=1) + np.log(self.weights)
+        log_peaks: Floats = log_scales - 0.5 * self.means.shape[1] * np.log(2.0 * np.pi)
+        return log_peaks
 
     def inflated(self, factor: float) -> GaussianMixture:
         """The same mixture with every standard deviation multiplied by ``factor``."""
-        return self._replace(factors=self.factors * factor, inverses=self.inverses / factor)
+        return replace(self, factors=self.factors * factor, inverses=self.inverses / factor)
 
 
 def fit_mixture(

@@ -96,7 +96,9 @@ def propose(positions: Floats, log_fit: Floats, shape: Shape, tuning: Tuning, rn
     moves = drawn(tuning.shares, rng, len(positions))
     proposed = np.empty_like(positions)
     for move in range(len(MOVES)):
-        mine = moves == move
+        mine = (moves == move).nonzero()[0]
+        if len(mine) == 0:
+            continue
         start = positions[mine]
         if move == 0:
             proposed[mine] = _random_walk(start, shape, float(tuning.scales[0]), rng)

@@ -129,7 +129,7 @@ def test_identify_by_pymc(method: str, tmp_path: object) -> None:
     result = identify(
         posterior.model,
         posterior.record,
-        settings=Settings(method=method, particles=200, seed=2),  # type: ignore[arg-type]
+        settings=Settings(method=method, particles=100, seed=2),  # type: ignore[arg-type]
     )
     assert result.facts.method == method
     assert all(abs(z) < 4.0 for p in result.facts.parameters if (z := p.z_score) is not None)

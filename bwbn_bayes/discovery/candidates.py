@@ -20,8 +20,9 @@ from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, PerStorey, Prior, Truncated
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.parts import PlacedEffect
 from bwbn_bayes.structures.quantities import modes, parameters_at
-from bwbn_bayes.structures.structure import PlacedEffect, Structure
+from bwbn_bayes.structures.structure import Structure
 
 PLACED_LEVELS = ("link", "node", "observation")
 """Levels whose effects act at storeys or floors one by one; the others act on the building as a whole."""

@@ -17,7 +17,8 @@ from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.parameters import Booleans, Floats, PerStorey, Prior
-from bwbn_bayes.structures.structure import PlacedEffect, Structure
+from bwbn_bayes.structures.parts import PlacedEffect
+from bwbn_bayes.structures.structure import Structure
 
 
 @dataclass(frozen=True, kw_only=True)

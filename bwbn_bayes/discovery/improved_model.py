@@ -7,7 +7,8 @@ from pathlib import Path
 
 from bwbn_bayes.discovery.outcome import Added
 from bwbn_bayes.structures.model_source import ModelWriter, assignment, docstring, quoted
-from bwbn_bayes.structures.structure import PlacedEffect, Structure
+from bwbn_bayes.structures.parts import PlacedEffect
+from bwbn_bayes.structures.structure import Structure
 
 
 def improved_model_source(

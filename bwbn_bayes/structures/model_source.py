@@ -11,7 +11,8 @@ from bwbn_bayes.elements.element import Element
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import PerStorey, Prior, Truncated
-from bwbn_bayes.structures.structure import PlacedEffect, Structure
+from bwbn_bayes.structures.parts import PlacedEffect
+from bwbn_bayes.structures.structure import Structure
 
 WIDTH = 118
 """Columns of a line of code."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from bwbn_bayes.elements.element import Element
-from bwbn_bayes.structures.structure import Links, Structure
+from bwbn_bayes.structures.parts import Links
+from bwbn_bayes.structures.structure import Structure
 
 
 def Oscillator(*, mass: float, spring: Element) -> Structure:  # noqa: N802  as the other structures

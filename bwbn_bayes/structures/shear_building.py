@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from bwbn_bayes.elements.element import Element
-from bwbn_bayes.structures.structure import Links, Structure
+from bwbn_bayes.structures.parts import Links
+from bwbn_bayes.structures.structure import Structure
 
 
 def ShearBuilding(  # noqa: N802  a model reads like the class it once was

@@ -6,98 +6,27 @@ ends at node i and stands on a lower one. Further links may join any two nodes.
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
-from itertools import pairwise, product
-from numbers import Integral, Real
+from functools import cached_property
+from itertools import pairwise
+from numbers import Integral
 from typing import Self
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
 from bwbn_bayes.elements.combine import combine, combine_sensors, kind_of
 from bwbn_bayes.elements.element import Element, common_element
-from bwbn_bayes.elements.law import (
-    BENDING_DRIFT,
-    DRIFT,
-    DRIFT_RATE,
-    FIRST_FORCE,
-    MASS,
-    NET_FORCE,
-    RECORDED_ACCELERATION,
-    Effect,
-    SensorLaw,
-    StoreyLaw,
-    symbol,
-)
+from bwbn_bayes.elements.law import Effect, SensorLaw, StoreyLaw
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import (
-    Booleans,
-    Constraint,
-    Floats,
-    FreeParameter,
-    Parameter,
-    ParameterSpace,
-    PerStorey,
-    Prior,
-    Value,
-)
+from bwbn_bayes.parameters import Floats, FreeParameter, Parameter, ParameterSpace, PerStorey, Prior, Value
 from bwbn_bayes.records.record import ExcitationKind
+from bwbn_bayes.structures.assembly import ParameterTable, assemble, check_symbols, checked, constraints, spread
+from bwbn_bayes.structures.parts import Links, PlacedEffect
 
 GROUND = 0
 """The node that every chain of links begins at."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Links:
-    """Links of one element, which share what of it is not ``PerStorey``.
-
-    Attributes
-    ----------
-    element : Element
-        Their law: :class:`~bwbn_bayes.elements.bouc_wen.BoucWen`, :class:`~bwbn_bayes.elements.linear.Linear` or
-        :class:`~bwbn_bayes.elements.friction_pendulum.FrictionPendulum`.
-    joins : tuple of (int, int)
-        The nodes of each link: the one that it stands on, the one where it ends. Its drift is the displacement of the
-        second less that of the first.
-    """
-
-    element: Element
-    joins: tuple[tuple[int, int], ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlacedEffect:
-    """An effect and the storeys (or floors, from 1) it acts on; none where it acts on the whole building."""
-
-    effect: Effect
-    storeys: tuple[int, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ParameterTable:
-    """Where each parameter of each link's law, and of the floor that it carries, comes from.
-
-    Attributes
-    ----------
-    fixed : (n_links, n_columns) array
-        Known values; neutral where an effect does not act. Columns are the parameters of the law, then those of the
-        sensors; a parameter of the whole building stands in every row.
-    index : (n_links, n_columns) integer array
-        Position among the identified parameters, -1 where the value is known.
-    """
-
-    fixed: Floats
-    index: NDArray[np.int64]
-
-    def local(self, draws: Floats) -> Floats:
-        """Parameters ``(n_draws, n_links, n_columns)`` of draws ``(n_draws, n_parameters)``."""
-        if draws.shape[1] == 0:
-            return np.broadcast_to(self.fixed, (len(draws), *self.fixed.shape)).copy()
-        return np.where(self.index >= 0, draws[:, np.maximum(self.index, 0)], self.fixed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,7 +222,7 @@ class Structure:
         labels: set[str] = set()
 
         def changed(parameter: Parameter, value: Value, storeys: tuple[int, ...]) -> Value:
-            pieces = _spread(parameter, value, storeys, self.n_links)
+            pieces = spread(parameter, value, storeys, self.n_links)
             labels.update(name for name, _, _ in pieces)
             own = [values.get(name, one) for name, one, _ in pieces]
             return PerStorey(own) if isinstance(value, PerStorey) else own[0]
@@ -341,7 +270,7 @@ class Structure:
     def law(self) -> StoreyLaw:
         """The storey law with every kind of effect that acts anywhere in the structure, or is carried."""
         law = self._law_with(self._all_effects)
-        _check_symbols(law, self.sensors)
+        check_symbols(law, self.sensors)
         return law
 
     def _law_with(self, effects: tuple[Effect, ...]) -> StoreyLaw:
@@ -368,7 +297,7 @@ class Structure:
 
     @cached_property
     def _assembly(self) -> tuple[ParameterTable, tuple[FreeParameter, ...]]:
-        return _assemble(self)
+        return assemble(self.links, self.effects, self.parameters)
 
     @property
     def table(self) -> ParameterTable:
@@ -379,7 +308,8 @@ class Structure:
     def space(self) -> ParameterSpace:
         """The identified parameters with their joint prior."""
         table, free = self._assembly
-        return ParameterSpace(parameters=free, constraints=_constraints(self, table, free))
+        joint = constraints(self.conditions, tuple(self.law.symbols), table, free)
+        return ParameterSpace(parameters=free, constraints=joint)
 
     def draws(self, values: Mapping[str, float]) -> Floats:
         """One draw ``(1, n_parameters)`` from named values, e.g. ``{"k[1]": 20.0, "alpha": 0.01}``."""
@@ -391,7 +321,7 @@ class Structure:
             identified = ", ".join(self.space.names) or "nothing"
             raise UserError(f"values of parameters: {'; '.join(wrong)}; the model identifies {identified}")
         known = {parameter.symbol: parameter for parameter in self.parameters}
-        return np.array([[_checked(known[one.symbol], one.name, values[one.name]) for one in self.space.parameters]])
+        return np.array([[checked(known[one.symbol], one.name, values[one.name]) for one in self.space.parameters]])
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -472,34 +402,6 @@ def _check_places(structure: Structure) -> None:
                 )
 
 
-def _check_symbols(law: StoreyLaw, sensors: SensorLaw) -> None:
-    """Every parameter has one owner, and every symbol of the law stands for something."""
-    names = [p.symbol for p in (*law.parameters, *sensors.parameters)]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise UserError(f"two parts of the storey law bring a parameter {', '.join(twice)}: rename one of them")
-    common = {*law.symbols, *(one.subject for one in law.derived), *(event.indicator for event in law.events)}
-    own = {*common, DRIFT, DRIFT_RATE, *law.states[: law.n_storey_states]}
-    floor = {*common, *law.states[law.n_storey_states :], NET_FORCE, MASS, RECORDED_ACCELERATION}
-    base = {*common, *law.base_states, FIRST_FORCE, RECORDED_ACCELERATION}
-    n = law.n_storey_states
-    parts = [
-        ({*own, BENDING_DRIFT}, (law.force,)),
-        (own, (*law.rates[:n], *(changed for changed, _ in law.increments))),
-        (floor, (*law.rates[n:], *([law.acceleration] if law.acceleration is not None else []))),
-        (base, (law.base.acceleration, *law.base.rates) if law.base is not None else ()),
-        ({symbol(p.symbol) for p in sensors.parameters}, (sensors.gain, sensors.bias, sensors.lag)),
-    ]
-    for known, expressions in parts:
-        for expression in expressions:
-            missing = {s.name for s in expression.free_symbols} - {s.name for s in known}
-            if missing:
-                raise UserError(
-                    f"an effect refers to {', '.join(sorted(missing))}, which nothing in the model brings: "
-                    "add the effect that does first"
-                )
-
-
 def _field_of(effect: Effect, name: str) -> str:
     """The field behind a parameter: of its name, or else the one that holds its value."""
     own = [one.name for one in fields(effect)]  # type: ignore[arg-type]
@@ -507,109 +409,3 @@ def _field_of(effect: Effect, name: str) -> str:
     if len(held) != 1:
         raise UserError(f"{effect.name}: which field stands for {name} cannot be told; name a field {name}")
     return held[0]
-
-
-def _assemble(structure: Structure) -> tuple[ParameterTable, tuple[FreeParameter, ...]]:
-    n_links = structure.n_links
-    symbols = [p.symbol for p in structure.parameters]
-    fixed = np.tile([p.neutral for p in structure.parameters], (n_links, 1))
-    index = np.full(fixed.shape, -1, dtype=np.int64)
-    free: list[FreeParameter] = []
-    everywhere = tuple(range(1, n_links + 1))
-    entries, first = [], 1
-    for group in structure.links:
-        element, where = group.element, tuple(range(first, first + len(group.joins)))
-        first += len(group.joins)
-        entries += [(p, element.values[p.symbol], where) for p in element.parameters]
-        for constant in element.derived:
-            if constant.subject.name in symbols:
-                fixed[np.array(where) - 1, symbols.index(constant.subject.name)] = float(constant.expression)
-    for placed in structure.effects:
-        entries += [(p, placed.effect.values[p.symbol], placed.storeys) for p in placed.effect.parameters]
-    for parameter, value, storeys in entries:
-        column = symbols.index(parameter.symbol)
-        for name, one, where in _spread(parameter, value, storeys, n_links):
-            rows = [s - 1 for s in where or everywhere]
-            if isinstance(one, Prior):
-                prior = one.truncated(parameter.lower, parameter.upper)
-                index[rows, column] = len(free)
-                free.append(
-                    FreeParameter(name=name, symbol=parameter.symbol, unit=parameter.unit, prior=prior, storeys=where)
-                )
-            else:
-                fixed[rows, column] = _checked(parameter, name, one)
-    return ParameterTable(fixed=fixed, index=index), tuple(free)
-
-
-def _spread(
-    parameter: Parameter, value: Value, storeys: tuple[int, ...], n_links: int
-) -> list[tuple[str, float | Prior, tuple[int, ...]]]:
-    """Label, value and storeys of each separate parameter behind one field of a model."""
-    symbol = parameter.symbol
-    if isinstance(value, PerStorey) and not storeys:
-        raise UserError(f"{symbol} belongs to the whole building: give one number or prior, not PerStorey")
-    if isinstance(value, PerStorey):
-        return [(f"{symbol}[{s}]", value.at(i, len(storeys)), (s,)) for i, s in enumerate(storeys)]
-    if not isinstance(value, (Real, Prior)):
-        raise UserError(f"{symbol} is {value!r}: give a number, a prior, or PerStorey of either")
-    label = symbol if len(storeys) in (0, n_links) else f"{symbol}[{','.join(map(str, storeys))}]"
-    return [(label, value, storeys)]
-
-
-def _checked(parameter: Parameter, name: str, value: float) -> float:
-    if not isinstance(value, Real):
-        raise UserError(f"{name} is {value!r}: give a number")
-    if isinstance(value, int) and abs(value) > sys.float_info.max:
-        raise UserError(f"{name} is larger than any number of double precision")
-    if not (np.isfinite(value) and parameter.lower <= value <= parameter.upper):
-        raise UserError(
-            f"{name} = {value:g} lies outside its admissible range [{parameter.lower:g}, {parameter.upper:g}]"
-        )
-    return float(value)
-
-
-def _never_cuts(
-    function: Callable[..., object], fixed: Floats, index: NDArray[np.int64], free: tuple[FreeParameter, ...]
-) -> bool:
-    """Whether a condition, monotone in each parameter, holds at every corner of the priors' supports."""
-    ends = [free[i].prior.support if i >= 0 else (known,) for i, known in zip(index, fixed, strict=True)]
-    with np.errstate(all="ignore"):  # at an infinite end
-        return all(bool(function(*map(np.float64, corner))) for corner in product(*ends))
-
-
-@lru_cache(maxsize=512)
-def _condition(relation: sp.Basic, symbols: tuple[sp.Symbol, ...]) -> tuple[str, list[int], Callable[..., object]]:
-    """A condition as text, which of the symbols it concerns, and as a function of those.
-
-    Discovery builds hundreds of models with few conditions.
-    """
-    concerns = relation.free_symbols
-    columns = [i for i, symbol in enumerate(symbols) if symbol in concerns]
-    return f"{relation}", columns, sp.lambdify([symbols[i] for i in columns], relation, "numpy")
-
-
-def _constraints(
-    structure: Structure, table: ParameterTable, free: tuple[FreeParameter, ...]
-) -> tuple[Constraint, ...]:
-    """The law's joint conditions that cut the prior at a storey; an error where known values already break one."""
-    symbols = tuple(structure.law.symbols)
-    result: dict[tuple[int, ...], Constraint] = {}
-    for number, relation in enumerate(structure.conditions):
-        text, columns, function = _condition(relation, symbols)
-        for row, (fixed, index) in enumerate(zip(table.fixed[:, columns], table.index[:, columns], strict=True)):
-            if np.all(index < 0):
-                if not bool(function(*fixed)):
-                    raise UserError(f"storey {row + 1}: {text} does not hold for the values given")
-                continue
-            if _never_cuts(function, fixed, index, free):
-                continue
-
-            def holds(
-                draws: Floats, function: object = function, fixed: Floats = fixed, index: NDArray[np.int64] = index
-            ) -> Booleans:
-                values = np.where(index >= 0, draws[:, np.maximum(index, 0)], fixed)
-                return np.asarray(function(*values.T), dtype=np.bool_)  # type: ignore[operator]
-
-            concerned = tuple(dict.fromkeys(int(i) for i in index if i >= 0))
-            result.setdefault((number, *index), Constraint(text=text, holds=holds, columns=concerned))
-    return tuple(result.values())

@@ -21,8 +21,8 @@ from bwbn_bayes.inference.unnamed.state_function import StateForce, StateFunctio
 from bwbn_bayes.inference.unnamed.storey import Estimate
 from bwbn_bayes.parameters import Floats, Uniform
 from bwbn_bayes.records.record import Record
+from bwbn_bayes.structures.parts import PlacedEffect
 from bwbn_bayes.structures.shear_building import ShearBuilding
-from bwbn_bayes.structures.structure import PlacedEffect
 
 STEP = 0.02
 TIMES = STEP * np.arange(500)

@@ -39,8 +39,9 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.parameters import PerStorey, Uniform
+from bwbn_bayes.structures.parts import Links
 from bwbn_bayes.structures.quantities import modes
-from bwbn_bayes.structures.structure import Links, Structure
+from bwbn_bayes.structures.structure import Structure
 
 MASSES = [2.0, 1.5, 1.0]
 STOREY = BoucWen(k=PerStorey([60.0, 50.0, 40.0]), c=0.4, alpha=0.1, beta=8.0, gamma=4.0, n=1.4)

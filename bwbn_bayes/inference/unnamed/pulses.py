@@ -20,7 +20,8 @@ from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats, Normal, Parameter, Uniform, Value
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.structures.structure import PlacedEffect, Structure
+from bwbn_bayes.structures.parts import PlacedEffect
+from bwbn_bayes.structures.structure import Structure
 
 _MOST_KNOTS, _MOST_PULSES = 1000, 4000
 """Moments at which pulses stand in a storey, and pulses in all, at most: they overlap, so that between two moments a

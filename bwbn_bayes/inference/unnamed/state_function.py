@@ -28,7 +28,7 @@ from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.inference.unnamed.hats import HATS, SMOOTHNESS, SOURCE, smoothed
 from bwbn_bayes.inference.unnamed.sums import Sums
 from bwbn_bayes.parameters import Booleans, Floats, Normal, Parameter, Value
-from bwbn_bayes.structures.structure import PlacedEffect
+from bwbn_bayes.structures.parts import PlacedEffect
 
 _ROOM = 1.25
 """Reach of the state over its largest without the force."""

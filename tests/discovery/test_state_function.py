@@ -14,6 +14,7 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
+from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE, hats
 from bwbn_bayes.inference.unnamed import state_function as own
 from bwbn_bayes.inference.unnamed.pulses import knots_of
@@ -164,3 +165,42 @@ def test_what_cannot_be_solved_with_a_force_to_first_order_is_told_of_the_model_
     estimate = Estimate(gain=1.0, kind="of no simple kind", forces=force, point=plain.best)
     told = _of_storey(replace(plain, unnamed=(2,), estimate=estimate), 0.99)
     assert np.all(np.isfinite(told.state))
+
+
+def test_a_function_told_anew_over_another_reach_is_the_same(record: Record) -> None:
+    """Within the old reach; beyond it the force stays what it was at its end."""
+    posterior = posterior_of(record)
+    points = np.full((1, posterior.space.n_dim), 0.5)
+    rows = observe(posterior.engine, MODEL, posterior.split(points)[0], record)
+    old = own._Rival.of(posterior, points, 2, "drift", rows, UNNAMED_SCALE)
+    weights = np.random.default_rng(2).standard_normal(len(hats.HATS))
+    values = old.posterior.split(old.points)[0]
+    values[:, old.posterior.columns] = old.effect.scale * np.array([hat.sd for hat in hats.HATS]) * weights * 0.3
+    moved = replace(old, points=old.posterior.space.to_unit(values))
+    new = moved._reaching(1.6 * old.effect.reach)
+    assert new.effect.reach == 1.6 * old.effect.reach
+
+    def force(rival: own._Rival, state: Floats) -> Floats:
+        return rival.effect.force(rival.posterior.split(rival.points)[0][0, rival.posterior.columns], state)
+
+    state = np.linspace(-1.6, 1.6, 801) * old.effect.reach
+    expected, size = force(moved, state), np.ptp(force(moved, state))
+    assert np.sqrt(np.mean(np.square(force(new, state) - expected))) < 0.01 * size
+    end = force(moved, np.array([1.5]) * old.effect.reach)
+    assert force(moved, np.array([1.1]) * old.effect.reach) == pytest.approx(end)
+
+
+def test_a_force_without_which_the_motion_would_be_small_is_found_over_all_of_it(record: Record) -> None:
+    """As if the model alone had moved a fifth as far: the reach follows the fit."""
+    posterior = posterior_of(record)
+    points = np.full((1, posterior.space.n_dim), 0.5)
+    rows = observe(posterior.engine, MODEL, posterior.split(points)[0], record)
+    small = {kind: values / (5.0 if kind == "drift" else 1.0) for kind, values in rows.items()}
+    rival = own._Rival.of(posterior, points, 2, "drift", small, UNNAMED_SCALE)
+    begun = rival.effect.reach
+    for end in (4.0, record.duration):
+        rival = rival.fitted(end, 12, np.random.default_rng(3))
+    view = rival.posterior
+    moved = observe(view.engine, view.model, view.split(rival.points[:1])[0], record)["drift"][0, 1]
+    largest = float(np.max(np.abs(moved)))
+    assert begun < largest <= rival.effect.reach <= own._TOO_FAR * largest

@@ -1,7 +1,9 @@
 """A force of no known law that is a function of one state of its storey.
 
 That state is the drift, the drift rate or the hysteretic displacement, and the function one of many scales
-(:mod:`~bwbn_bayes.inference.unnamed.hats`), whose size and smoothness are integrated out. It is a law like others,
+(:mod:`~bwbn_bayes.inference.unnamed.hats`), whose size and smoothness are integrated out. Forces such as friction and
+pinching change fastest where the state passes through zero: the scale of the state is stretched there, four times at
+zero, so that a function that is rough there need not be so everywhere. It is a law like others,
 solved by the engine and fitted with the other parameters, first to the beginning of the record: a force that is large
 bends the motion, and what follows to first order from a model without it
 (:mod:`~bwbn_bayes.inference.unnamed.storey`) is then far from what it does.
@@ -30,12 +32,19 @@ from bwbn_bayes.inference.unnamed.sums import Sums
 from bwbn_bayes.parameters import Booleans, Floats, Normal, Parameter, Value
 from bwbn_bayes.structures.parts import PlacedEffect
 
-_ROOM = 1.25
-"""Reach of the state over its largest without the force."""
+_STRETCHED = sp.Rational(1, 16)
+"""Of the reach, about zero, where the state's scale is stretched."""
+_ROOM, _N_REACHED, _TOO_FAR = 1.25, 4, 3.0
+"""Reach of the function over the state's largest, first that without the force; how often a fit that goes beyond has
+its reach grow, and how many times the largest a reach may be in the end."""
+_RIDGE = 1e-6
+"""Of the weights' variance, with which a function is told anew over another reach."""
 _WIDE = 0.5
 """Scale within which weights are looked for, over the largest force: what is probable is weighed afterwards."""
 _N_ITERATIONS, _N_LAST, _N_CANDIDATES, _N_KEPT = 12, 30, 4, 2
 """Steps on a part of the record and on the whole; points from which they go, and fits kept."""
+_N_POINTS = 1025
+"""At which a function is told anew."""
 _REACH, _FEWEST = 50.0, 2
 """How far below the best a state goes on [nat]; after two parts of the record the better half does, these at least."""
 _N_TURNS, _SAME_SCALE = 5, 0.25
@@ -60,7 +69,7 @@ _PER = {
 
 @dataclass(frozen=True, kw_only=True)
 class StateFunction(Effect):
-    """``F + f(x / reach)`` with ``x`` a state of the storey.
+    """``F + f(w(x / reach))`` with ``x`` a state of the storey and ``w(x) = x sqrt((1 + h) / (|x| + h))``.
 
     Parameters
     ----------
@@ -100,7 +109,8 @@ class StateFunction(Effect):
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        x = sum(state * symbol(_PER[at].symbol) for at, state in _STATES.items())
+        over_reach = sum(state * symbol(_PER[at].symbol) for at, state in _STATES.items())
+        x = over_reach * sp.sqrt((1 + _STRETCHED) / (sp.Abs(over_reach) + _STRETCHED))
         knots: dict[float, sp.Expr] = {}
         for parameter, hat in zip(_WEIGHTS, HATS, strict=True):
             for at, by in hat.knots:
@@ -111,7 +121,9 @@ class StateFunction(Effect):
 
     def force(self, weights: Floats, state: Floats) -> Floats:
         """The force ``(n_times,)`` [N] at a history of its state, of weights ``(n_weights,)`` [N]."""
-        return np.asarray(weights @ np.array([one.over(state / self.reach) for one in HATS]))
+        over_reach, stretched = state / self.reach, float(_STRETCHED)
+        x = over_reach * np.sqrt((1.0 + stretched) / (np.abs(over_reach) + stretched))
+        return np.asarray(weights @ np.array([one.over(x) for one in HATS]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,12 +298,41 @@ class _Rival:
         return self.modes[0].log_likelihood if self.modes else -np.inf
 
     def fitted(self, end: float, n_iterations: int, rng: np.random.Generator) -> Self:
-        """Fitted to the record up to a time, from the last fits and a cloud around them."""
-        view, points = self.posterior.until(end), self.points
+        """Fitted to the record up to a time, from the last fits and a cloud around them, as far as the state goes."""
+        view, points, rival = self.posterior.until(end), self.points, self
         if self.modes:
             points = best_of(view, np.concatenate([points, cloud(self.posterior, self.modes, rng)]), _N_CANDIDATES)
-        modes = distinct(*polish(view, points, n_iterations=n_iterations, reach=_REACH))[:_N_KEPT]
-        return replace(self, modes=modes, points=np.array([mode.point for mode in modes]))
+        is_whole = end >= self.posterior.record.duration
+        for _ in range(_N_REACHED):
+            modes = distinct(*polish(rival.posterior.until(end), points, n_iterations=n_iterations, reach=_REACH))
+            rival = replace(rival, modes=modes[:_N_KEPT], points=np.array([mode.point for mode in modes[:_N_KEPT]]))
+            if not modes:
+                break
+            largest = rival._largest_state(end)
+            if largest <= rival.effect.reach <= (_TOO_FAR * largest if is_whole else np.inf):
+                break
+            rival = rival._reaching(_ROOM * largest)
+            points = rival.points
+        return rival
+
+    def _largest_state(self, end: float) -> float:
+        """Of the best fit up to a time."""
+        view = self.posterior.until(end)
+        rows = observe(view.engine, view.model, view.split(self.points[:1])[0], view.record)
+        return float(np.max(np.abs(rows[self.effect.state][0, self.storey - 1])))
+
+    def _reaching(self, reach: float) -> Self:
+        """With the same functions over another reach."""
+        effect, old = replace(self.effect, reach=reach), self.posterior
+        placed = PlacedEffect(effect=effect, storeys=(self.storey,))
+        posterior = replace(old, model=replace(old.model, effects=(*old.model.effects[:-1], placed)))
+        state, sd = np.linspace(-reach, reach, _N_POINTS), np.array([hat.sd for hat in HATS])
+        basis = sd[:, None] * np.array([effect.force(own, state) for own in np.eye(len(HATS))])
+        values = old.split(self.points)[0]
+        for own in values:
+            wanted = self.effect.force(own[old.columns], state)
+            own[old.columns] = sd * np.linalg.solve(basis @ basis.T + _RIDGE * np.eye(len(sd)), basis @ wanted)
+        return replace(self, effect=effect, posterior=posterior, points=posterior.space.to_unit(values))
 
     def weighed(self, share: float) -> StateForce:
         """At the scale and smoothness that most of its evidence comes from, with what integrating over both adds there.

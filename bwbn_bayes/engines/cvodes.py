@@ -23,6 +23,7 @@ from bwbn_bayes.engines.scalar import (
     Carried,
     ScalarProblem,
     programs_of,
+    scalar_kernel,
     scalar_problems,
     solve_each,
 )
@@ -137,7 +138,7 @@ def cvodes_kernel(law: StoreyLaw, driven: bool) -> ModuleType:
     load_library()
     from bwbn_bayes.engines.kernel_cache import load_kernel  # numba, which most runs do without
 
-    return load_kernel("cvodes", cvodes_source(*programs_of(law), driven=driven))
+    return load_kernel("cvodes", cvodes_source(*programs_of(law), driven=driven), scalar_kernel(law, driven))
 
 
 @cache

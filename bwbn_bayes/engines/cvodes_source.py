@@ -1,7 +1,7 @@
 """The source that carries a scalar kernel into CVODES: C callbacks and the loop over samples, all compiled.
 
-It is appended to the source of :mod:`~bwbn_bayes.engines.scalar_source`. Pointers are integers; the functions of the C
-library are external symbols, found once the library is loaded.
+It calls the functions of a kernel of :mod:`~bwbn_bayes.engines.scalar_source`. Pointers are integers; the functions of
+the C library are external symbols, found once the library is loaded.
 
 References
 ----------
@@ -15,10 +15,9 @@ from __future__ import annotations
 
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.codegen import LawPrograms
-from bwbn_bayes.engines.scalar_source import FLAGS, HEAD, layout, scalar_source
+from bwbn_bayes.engines.scalar_source import FLAGS, HEAD, layout
 
-_CALLBACKS = '''
-
+_CALLBACKS = '''\
 from numba import carray, types
 from numba.extending import intrinsic
 
@@ -253,7 +252,7 @@ def run_cvodes(stiff, rtol, atol, max_steps, scales, rates_address, jacobian_add
 
 
 def cvodes_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
-    """Source of the CVODES kernel of one storey law: the scalar kernel, its callbacks and the loop over samples."""
+    """Source of what the CVODES kernel of one storey law has above the scalar one: callbacks, the loop over samples."""
     place = layout(law, programs)
     fields = {
         "flags": FLAGS,
@@ -263,5 +262,4 @@ def cvodes_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         "n_base_rows": place.n_base_rows,
         "driven": str(driven),
     }
-    added = "".join(part.format(**fields) for part in (_CALLBACKS, _SOLVE))
-    return scalar_source(law, programs, driven=driven) + added
+    return "".join(part.format(**fields) for part in (_CALLBACKS, _SOLVE))

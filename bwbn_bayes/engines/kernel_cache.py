@@ -27,7 +27,7 @@ from bwbn_bayes.engines.kept_code import code_name, code_path, keep_source
 
 
 @cache
-def load_kernel(kind: str, source: str) -> ModuleType:
+def load_kernel(kind: str, source: str, beneath: ModuleType | None = None) -> ModuleType:
     """Execute generated source, whose functions numba compiles once and keeps.
 
     Parameters
@@ -38,11 +38,16 @@ def load_kernel(kind: str, source: str) -> ModuleType:
         Numba source that takes :func:`njit` and :func:`cfunc` from this module. Its files are named by a hash of it,
         of the processor and of the versions of Python, numba and llvmlite: changed source has other files, and a second
         process reuses the first one's.
+    beneath : module, optional
+        Another kernel, whose functions the source calls; what of it is compiled already is not compiled again.
     """
-    path = code_path(kind, source, numba.__version__)
+    shaped_by = (numba.__version__, *([] if beneath is None else [beneath.__name__]))
+    path = code_path(kind, source, *shaped_by)
     if path is not None:
         keep_source(path, source.encode())
-    module = ModuleType(f"bwbn_bayes_{code_name(kind, source, numba.__version__)}")
+    module = ModuleType(f"bwbn_bayes_{code_name(kind, source, *shaped_by)}")
+    if beneath is not None:
+        module.__dict__.update({name: it for name, it in vars(beneath).items() if not name.startswith("__")})
     module.__file__ = f"<{module.__name__}>" if path is None else str(path)
     # Tracebacks show what runs, not what a file may have become.
     linecache.cache[module.__file__] = (len(source), None, source.splitlines(keepends=True), module.__file__)

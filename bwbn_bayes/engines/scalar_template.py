@@ -17,7 +17,7 @@ def prepare(data):
 {prepare}
 
 
-@njit({flags})
+@njit({inner_flags})
 def gather(force, pull, data):
     """The links' forces on each node into row ``pull`` of its block; returns the force on what the building stands on.
 
@@ -37,7 +37,7 @@ def gather(force, pull, data):
     return first
 
 
-@njit({flags})
+@njit({inner_flags})
 def part(below, acceleration, dy, data):
     """The rates of the drift rates, from the accelerations of the nodes and of what the building stands on."""
     for i in range(int(data[0])):
@@ -47,7 +47,7 @@ def part(below, acceleration, dy, data):
         dy[i * {n_rows} + 1] = {drift_rate_rate}
 
 
-@njit({flags})
+@njit({inner_flags})
 def compare(bending, y, data):
     """Into row ``bending`` of each link's block its drift less that of the one it runs on from and of those above."""
     for i in range(int(data[0])):
@@ -206,7 +206,7 @@ def observe(j, y, tangents, starts, row, coefficient, ground_part, data, out):
                      data, out[k + 1])
 
 
-@njit({flags})
+@njit({inner_flags})
 def channels(y, force, acceleration, ground, starts, row, coefficient, ground_part, data, out):
     n_links = int(data[0])
     for c in range(ground_part.shape[0]):
@@ -229,7 +229,7 @@ def channels(y, force, acceleration, ground, starts, row, coefficient, ground_pa
 
 RUNGE_KUTTA = '''
 
-@njit({flags})
+@njit({inner_flags})
 def all_rates(y, ground, dy, data):
     """Rates of the state ``y[0]`` and of its derivatives ``y[1:]``."""
     rates(y[0], ground, dy[0], data)
@@ -239,7 +239,7 @@ def all_rates(y, ground, dy, data):
             direction(k, y[k + 1], dy[k + 1], data)
 
 
-@njit({flags})
+@njit({inner_flags})
 def rk4(t, h, y, dy, trial, total, data):
     """One step from t to t + h; ``dy`` holds the rates at t and is overwritten."""
     flat, rate, ahead, new = y.ravel(), dy.ravel(), trial.ravel(), total.ravel()
@@ -257,7 +257,7 @@ def rk4(t, h, y, dy, trial, total, data):
         flat[r] = new[r] + h / 6.0 * rate[r]
 
 
-@njit({flags})
+@njit({inner_flags})
 def plan(substeps, resolution, y, dy, data):
     """Length of the steps in the next interval."""
     dt = data[1]
@@ -269,7 +269,7 @@ def plan(substeps, resolution, y, dy, data):
     return dt / steps
 
 
-@njit({flags})
+@njit({inner_flags})
 def turned(h, y, dy, data):
     """The step h, or less where a drift rate is foretold to change sign inside it."""
     for i in range(int(data[0])):

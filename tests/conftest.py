@@ -1,8 +1,8 @@
 """What every test runs under: the same examples every time, and a terminal that adds nothing to what is printed.
 
 One thread for linear algebra in each worker, and in what a test starts: the matrices are small, and threads that wait
-for one another take a tenth of the time. What a test starts may keep bytecode, as a user's command does: a container that
-forbids it would read the whole package anew in each of some hundred processes.
+for one another take a tenth of the time. What a test starts may keep bytecode, as a user's command does: a container
+that forbids it would read the whole package anew in each of some hundred processes.
 """
 
 import os

@@ -104,12 +104,12 @@ def _called(address: int, parameters: tuple[str, ...]) -> Callable[..., None]:
 
     def call(*arguments: Any) -> None:
         given: list[Any] = []
-        for element, argument in zip(elements, arguments, strict=True):
+        for kind, element, argument in zip(parameters, elements, arguments, strict=True):
             if element is None:
                 given.append(argument)
                 continue
             if argument.dtype != element or not argument.flags.c_contiguous:
-                raise TypeError(f"a kernel takes arrays of {element} that lie row after row, not of {argument.dtype}")
+                raise TypeError(f"a kernel takes {kind} that lie row after row, not {argument.dtype}")
             given.append(argument.__array_interface__["data"][0])
             given += argument.shape
         function(*given)

@@ -1,7 +1,6 @@
 """The force of no known law: its functions, what it takes up and what it leaves, its history, its Bayes factor."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -89,8 +88,7 @@ def test_a_smooth_force_that_the_law_lacks_is_taken_up(law: Floats) -> None:
     whole = beside(plain)
     believed = beliefs((plain, whole), 1, {})
     assert believed.verdict == "unexplained"
-    pool: Any = type("Pool", (), {"shared": object()})()
-    found = unnamed_facts(pool, believed)
+    found = unnamed_facts(believed)
     assert found is not None
     assert (found.storey, found.place) == (1, "the specimen")
     assert found.probability > 0.999
@@ -105,8 +103,7 @@ def test_white_noise_is_not_taken_up(law: Floats) -> None:
     believed = beliefs((plain, beside(plain)), 1, {})
     assert believed.verdict == "no_missing_effect"
     assert believed.verdicts["unexplained"] < 0.05
-    pool: Any = type("Pool", (), {"shared": object()})()
-    assert unnamed_facts(pool, believed) is None
+    assert unnamed_facts(believed) is None
 
 
 def test_what_no_force_explains_is_no_force(law: Floats) -> None:
@@ -116,13 +113,12 @@ def test_what_no_force_explains_is_no_force(law: Floats) -> None:
     """
     plain = fitted(law)
     plain.__dict__["is_noise"] = False
-    pool: Any = type("Pool", (), {"shared": object()})()
     improbable = beside(plain)
     for every in ((plain,), (plain, improbable)):
         believed = beliefs(every, 1, {})
         assert believed.verdict == "unexplained"
         assert believed.unnamed < 0.05
-        assert unnamed_facts(pool, believed) is None
+        assert unnamed_facts(believed) is None
 
 
 STOREY = BoucWen(k=Uniform(40, 80), c=0.4, alpha=1.0, beta=12.0, gamma=2.0)

@@ -235,7 +235,9 @@ def order_cost(order: int, n_times: int) -> float:
 
 def _filtered(coefficients: Floats, rows: Floats) -> Floats:
     """What of rows ``(..., n_times)`` their own past does not tell, as if before the first sample there was nothing."""
-    return rows if len(coefficients) == 0 else np.asarray(lfilter(np.append(1.0, -coefficients), [1.0], rows))
+    if len(coefficients) == 0 or rows.size == 0:
+        return rows
+    return np.asarray(lfilter(np.append(1.0, -coefficients), [1.0], rows))
 
 
 def _beginning(coefficients: Floats) -> Floats:

@@ -120,3 +120,10 @@ def test_each_sample_has_its_part_of_the_volume() -> None:
     for volume, functions in zip(volumes, own, strict=True):
         covariance = np.eye(len(functions)) + 4.0 * functions @ functions.T
         assert np.sum(volume) == pytest.approx(-0.5 * np.linalg.slogdet(covariance)[1])
+
+
+def test_no_rows_are_whitened_to_none() -> None:
+    """As where not one draw of a proposal lies within the prior."""
+    correlation = Correlation(coefficients=(np.array([0.4]), np.array([])))
+    assert correlation.whitened(np.empty((0, 2, 50))).shape == (0, 2, 50)
+    assert correlation.products(np.empty((0, 1, 2, 50))).shape == (0, 2, 1, 1)

@@ -38,8 +38,8 @@ from bwbn_bayes.structures.structure import Structure
 
 _LENGTHS = (0.5, 0.15)
 """Over which a force of the states changes, each over its largest; of hysteretic displacement also within a pinch."""
-_OF_WORK, _OF_TIME = 1.0, 0.3
-"""Of the work done, and of the record's duration, over which it changes."""
+_OF_WORK, _OF_TIME = 1.0, (0.3, 0.1)
+"""Of the work done, and of the record's duration, over which it changes: as slowly as damage, or within few cycles."""
 _TURNED = 0.1
 """Of the largest drift rate: where a direction has turned."""
 _FORGOTTEN, _SOON = 0.5, 0.02
@@ -192,7 +192,8 @@ def functions(states: Mapping[str, Floats], knots: Knots, place: int, most: int 
         *(_alike(z, length) * turned for length in (long, short)),
         *(_alike(own, long) * worn for own in (drift, rate)),
     ]
-    in_time = sum(np.outer(own, own) for own in (drift, rate, z)) * _alike(time, _OF_TIME) * in_one_run
+    in_time = sum(np.outer(own, own) for own in (drift, rate, z)) * in_one_run
+    in_time *= np.mean([_alike(time, length) for length in _OF_TIME], axis=0)
     others = [own for kind in _KINDS[:2] for i, own in enumerate(every[kind]) if i != place]
     of_others = [np.transpose(others) @ np.array(others)] if others else []
     fleeting = np.exp(-np.abs(path[:, None] - path) / _FORGOTTEN) * _alike(time, _SOON) * in_one_run

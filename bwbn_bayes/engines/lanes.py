@@ -523,7 +523,7 @@ class _Same[T]:
         return isinstance(other, _Same) and self.it is other.it
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=8)  # each holds the record a second time: as many as a few threads ask about at once
 def _problem_of(model: _Same[Structure], record: _Same[Record], names: tuple[str, ...]) -> _Problem:
     """Samplers ask about one model and record thousands of times: preparing a short one took longer than solving it."""
     return _Problem.without_derivatives(model.it, record.it, names)

@@ -168,11 +168,10 @@ class Correlation:
         return np.asarray(np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)) - taken)
 
     def shared_part(self, residual: Floats) -> Floats:
-        """Expectation ``(n_times,)`` of what the errors share, given the residual ``(n_times,)`` of the one channel."""
+        """What errors are expected to share, given a residual ``(n_channels, n_times)``, or that of one channel."""
         if self.shared is None:
             return np.zeros_like(residual)
-        known = self.shared.variance / (1.0 + self.shared.variance)
-        return np.asarray(((residual @ self.shared.functions) * known) @ self.shared.functions.T)
+        return residual - self.shared.turned(residual, 1.0 / (1.0 + self.shared.variance))
 
 
 def conditioned(

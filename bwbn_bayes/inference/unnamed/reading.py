@@ -20,15 +20,15 @@ from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, polish
 from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.inference.unnamed.hats import HATS, SMOOTHNESS, smoothed
+from bwbn_bayes.inference.unnamed.sums import half_normal_scales
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import counts
 
 _OF_SHOWN = "of what the sensor shows"
 _ROOM = 1.05
 """Reach of the functions over the largest of what the channel shows."""
-_SCALES = np.geomspace(1e-3, 6.0, 61)
+_SCALES, _DENSITY = half_normal_scales(1e-3, 61)
 """Of the error over the standard deviation of their half-normal prior, over which it is integrated."""
-_DENSITY = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * np.square(_SCALES)) * np.gradient(_SCALES)
 _N_TURNS, _N_LEVELS, _SETTLED = 8, 6, 0.1
 """In which error and optimum find each other, and the error's scale and the noise level; the gain that ends the former.
 [nat]"""
@@ -108,7 +108,7 @@ def _in_turns(posterior: Posterior, points: Floats, name: str, share: float) -> 
         channel=name,
         kind=found.kind,
         shown=posterior.record.measured[row] - residual[row],
-        error=found.expected(residual)[row],
+        error=found.correlation.shared_part(residual)[row],
         posterior=view,
         modes=modes,
     )
@@ -139,13 +139,6 @@ class _Account:
         total, own, best = max(found, key=lambda one: one[0])
         priced = float(logsumexp([one[0] for one in found])) - float(np.log(len(every))) - own
         return replace(best, correlation=replace(best.correlation, log_prior=priced))
-
-    def expected(self, residual: Floats) -> Floats:
-        """What a residual ``(n_channels, n_times)`` makes of the error, in its channel."""
-        shared = self.correlation.shared
-        assert shared is not None
-        known = shared.variance / (1.0 + shared.variance)
-        return np.asarray(((residual.ravel() @ shared.functions) * known) @ shared.functions.T).reshape(residual.shape)
 
 
 def _bases(shown: Floats) -> Iterator[tuple[str, Floats]]:

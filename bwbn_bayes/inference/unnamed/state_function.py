@@ -299,8 +299,9 @@ class _Rival:
 
     def fitted(self, end: float, n_iterations: int, rng: np.random.Generator) -> Self:
         """Fitted to the record up to a time, from the last fits and a cloud around them, as far as the state goes."""
-        view, points, rival = self.posterior.until(end), self.points, self
+        points, rival = self.points, self
         if self.modes:
+            view = self.posterior.until(end)
             points = best_of(view, np.concatenate([points, cloud(self.posterior, self.modes, rng)]), _N_CANDIDATES)
         is_whole = end >= self.posterior.record.duration
         for _ in range(_N_REACHED):

@@ -15,9 +15,15 @@ from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import by_block, counts
 
-_RELATIVE_SCALES = np.geomspace(1e-2, 6.0, 97)
-"""Scales of the force over the standard deviation of their half-normal prior, over which it is integrated."""
-_DENSITY = np.sqrt(2.0 / np.pi) * np.exp(-0.5 * np.square(_RELATIVE_SCALES)) * np.gradient(_RELATIVE_SCALES)
+
+def half_normal_scales(least: float, n: int) -> tuple[Floats, Floats]:
+    """Scales ``(n,)`` over the standard deviation of a half-normal prior, and the prior mass that each stands for."""
+    scales = np.geomspace(least, 6.0, n)
+    return scales, np.sqrt(2.0 / np.pi) * np.exp(-0.5 * np.square(scales)) * np.gradient(scales)
+
+
+_RELATIVE_SCALES, _DENSITY = half_normal_scales(1e-2, 97)
+"""Scales of the force over which it is integrated."""
 _N_TURNS, _SETTLED = 8, 1e-2
 """In which the noise level and the force's scale find each other, and the relative change of the level that ends it."""
 _MUCH = 1.5

@@ -157,8 +157,12 @@ def _at_first(state: sp.Symbol, parameter: sp.Symbol) -> Definition:
 
 
 def _spelled_out(constraint: sp.Basic, derived: Mapping[sp.Symbol, sp.Expr]) -> sp.Basic:
+    if not derived:
+        return constraint
+    if isinstance(constraint, sp.Or):
+        return sp.Or(*(_spelled_out(one, derived) for one in constraint.args))
     # Multiplied out, so that a sum such as beta + gamma is left without what cancels in it.
-    return sp.expand_mul(constraint.xreplace(derived)) if derived else constraint
+    return sp.expand_mul(constraint.xreplace(derived))
 
 
 def _definitions(slots: Slots) -> tuple[Definition, ...]:

@@ -14,7 +14,7 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 
 from bwbn_bayes.elements.combine import sensor_law, surroundings
-from bwbn_bayes.elements.law import TIME, Definition, SensorLaw, Slots, StoreyLaw, rate_of
+from bwbn_bayes.elements.law import TIME, Definition, SensorLaw, Slots, StoreyLaw, off_zero, rate_of
 from bwbn_bayes.elements.notation import LETTERS, MathmlNotation, Notation, UnicodeNotation
 from bwbn_bayes.parameters import Parameter
 
@@ -56,6 +56,8 @@ class _Writer:
             return self._product(expression)
         if expression.is_Pow:
             return self._power(expression)
+        if isinstance(expression, off_zero):
+            return self.write(expression.args[0])
         if expression.is_number and not expression.args:
             return self.notation.number("π" if expression == sp.pi else str(expression))
         return self._call(expression)

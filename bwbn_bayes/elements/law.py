@@ -53,6 +53,22 @@ def rate_of(state: sp.Symbol) -> sp.Symbol:
     return sp.Symbol(f"d{state.name}/dt", finite=True)
 
 
+class off_zero(sp.Function):  # type: ignore[misc]  # noqa: N801  # SymPy has no types, and small letters
+    """Its argument, which code moves off zero by less than rounding (:mod:`~bwbn_bayes.engines.codegen`).
+
+    For a quotient that a storey does not use: where its divisor is zero it must still be a number.
+    """
+
+    nargs = 1
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        """One: moving a value moves no slope."""
+        return sp.Integer(1)
+
+    def _numpycode(self, printer: Any) -> str:
+        return f"({printer._print(self.args[0])})"
+
+
 def step(name: str) -> sp.Symbol:
     """The symbol of a named step of a law, distinct from a parameter of the same name."""
     return sp.Symbol(name, finite=True)

@@ -16,7 +16,8 @@ class Scales:
     drift, drift_rate, hysteretic_displacement : float
         Largest magnitudes. [m], [m/s], [m]
     energy : float
-        Work on the hysteretic spring by the end. [J]
+        Largest work on the hysteretic spring, what it stores included: a fit that lacks an effect may have a loop that
+        gives back what it took, so that nothing is left at the end. [J]
     force : float
         Largest storey force. [N]
     stiffness, damping : float

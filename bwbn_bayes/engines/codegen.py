@@ -30,6 +30,9 @@ from bwbn_bayes.elements.law import (
 )
 from bwbn_bayes.errors import UserError
 
+OFFSET = "1e-300"
+"""What is added to magnitudes, and to what must not be zero, as it is printed."""
+
 
 class _NumbaPrinter(PythonCodePrinter):
     """Prints expressions as numba source free of branches and library calls."""
@@ -40,7 +43,10 @@ class _NumbaPrinter(PythonCodePrinter):
 
     def _print_Abs(self, expr: sp.Expr) -> str:
         # The tiny offset keeps |x|^n / |x| finite at x = 0; anywhere else it is absorbed by rounding.
-        return f"(abs({self._print(expr.args[0])}) + 1e-300)"
+        return f"(abs({self._print(expr.args[0])}) + {OFFSET})"
+
+    def _print_off_zero(self, expr: sp.Expr) -> str:
+        return f"({self._print(expr.args[0])} + {OFFSET})"
 
     def _print_exp2(self, expr: sp.Expr) -> str:
         return f"_exp2({self._print(expr.args[0])})"

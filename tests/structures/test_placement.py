@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import sympy as sp
 from laboratory import NO_DRAW, storey
+from scipy.integrate import solve_ivp
 
+from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import (
     BaseFlexibility,
     FolientePinching,
@@ -23,11 +25,16 @@ from bwbn_bayes.elements.effects import (
     SuddenDamage,
 )
 from bwbn_bayes.elements.law import DRIFT, FLOOR_ACCELERATION, Effect, Slots, symbol
+from bwbn_bayes.elements.linear import Linear
+from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, Normal, Parameter, PerStorey, Uniform, Value
+from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.structures.equations import structure_equations
+from bwbn_bayes.structures.parts import Links
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
+from bwbn_bayes.structures.structure import Structure
 
 BASE = BaseFlexibility(compliance=HalfNormal(0.1), m_b=1.0, c_b=0.1)
 
@@ -128,9 +135,33 @@ def test_a_carried_condition_does_not_bind():
     linear = replace(three(beta=0.0, gamma=0.0), carried=(pinching,))
     assert linear.space.constraints == ()
     with pytest.raises(UserError, match="does not hold"):
-        linear.with_effect(pinching)
+        linear.with_effect(replace(pinching, q=0.3))
     jump = SuddenDamage(parameter="k", jump=Uniform(-20, 0), time=2.0)
     assert replace(three(k=10.0), carried=(jump,)).space.constraints == ()
+
+
+def test_a_storey_is_pinched_below_one_that_is_linear():
+    """Foliente's bound of z is none in the linear storey, where its law does nothing; SciPy solves the two by hand."""
+    lower = BoucWen(k=40.0, c=0.2, alpha=0.1, beta=8.0, gamma=2.0, n=1.5)
+    pinching = FolientePinching(zeta_s=0.7, p=5.0, q=0.3, psi_0=0.02, delta_psi=0.0, lambda_=0.2)
+    links = (Links(element=lower, joins=((0, 1),)), Links(element=Linear(k=30.0, c=0.2), joins=((1, 2),)))
+    model = Structure(masses=(1.0, 1.0), links=links).with_effect(pinching, storeys=[1])
+    ground = el_centro("chopra", duration=8.0)
+
+    def rates(t, y):
+        u, u2, v, v2, z, energy = y
+        bound = (1.0 / 10.0) ** (1.0 / 1.5)
+        depth = 0.7 * (1.0 - np.exp(-5.0 * energy))
+        offset = (z * np.sign(v) - 0.3 * bound) / (0.02 * (0.2 + depth))
+        rate = (v - 8.0 * abs(v) * abs(z) ** 0.5 * z - 2.0 * v * abs(z) ** 1.5) * (1.0 - depth * np.exp(-(offset**2)))
+        below, above = 0.1 * 40.0 * u + 0.9 * 40.0 * z + 0.2 * v, 30.0 * u2 + 0.2 * v2
+        first, second = above - below, -above
+        shaken = np.interp(t, ground.times, ground.excitation)
+        return [v, v2, first - shaken, second - first, rate, 0.9 * 40.0 * z * v]
+
+    solved = solve_ivp(rates, (0.0, 8.0), np.zeros(6), t_eval=ground.times, max_step=0.002, rtol=1e-8, atol=1e-10)
+    found = Lanes(substeps=8).simulate(model, np.empty((1, 0)), ground, ("drift_1", "drift_2")).values[0]
+    assert np.max(np.abs(found - solved.y[:2])) < 1e-3 * np.max(np.abs(solved.y[:2]))
 
 
 def test_equations_say_what_floors_and_base_do():

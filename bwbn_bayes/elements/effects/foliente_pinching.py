@@ -17,6 +17,7 @@ from bwbn_bayes.elements.law import (
     Definition,
     Effect,
     Slots,
+    off_zero,
     step,
     symbol,
 )
@@ -154,9 +155,10 @@ class FolientePinching(Effect):
 def _pinched(slots: Slots, own: tuple[sp.Symbol, ...], dip: Callable[[sp.Expr], sp.Expr], mark: str = "") -> Slots:
     """The rate multiplied by one less the dip, a function of the squared distance from its middle over its width."""
     zeta_s, p, q, psi_0, delta_psi, floor = own
+    closes = symbol("beta") + symbol("gamma")
     depth, width, z_u = (step(f"{name}{mark}") for name in ("z_1", "z_2", "z_u"))
     offset = HYSTERETIC_DISPLACEMENT * sp.sign(DRIFT_RATE) - q * z_u
-    bound = (1 / (symbol("beta") + symbol("gamma"))) ** (1 / symbol("n"))
+    bound = (1 / off_zero(closes)) ** (1 / symbol("n"))
     steps = (
         ("depth of the pinch", depth, zeta_s * (1 - sp.exp(-p * ENERGY))),
         ("width of the pinch", width, (psi_0 + delta_psi * ENERGY) * (floor + depth)),
@@ -165,7 +167,7 @@ def _pinched(slots: Slots, own: tuple[sp.Symbol, ...], dip: Callable[[sp.Expr], 
     return replace(
         slots,
         rate_multiplier=slots.rate_multiplier * (1 - depth * dip(offset**2 / width**2)),
-        constraints=(*slots.constraints, symbol("beta") + symbol("gamma") > 0),
+        constraints=(*slots.constraints, sp.Or(closes > 0, sp.Eq(q, 0))),
         steps=(*slots.steps, *(Definition(caption=c, subject=x, expression=e) for c, x, e in steps)),
     )
 

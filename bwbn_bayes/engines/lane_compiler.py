@@ -4,8 +4,9 @@ numba took nine tenths of a kernel's seconds for what it needs to know about any
 wrappers, and two rounds of optimising for each of thirty functions. Here the text is read with ``ast`` and written as
 LLVM's own, which is optimised once. A kernel holds integers, numbers, truth values, and arrays of numbers or integers
 in one or two dimensions, row after row; functions of these, each called with arguments of the same kinds everywhere;
-loops over ranges, ``while``, ``if``. Names in capitals are integers known beforehand, ``LANES`` among them. Functions
-whose name begins with an underscore are formulas, put where they are called.
+loops over ranges, ``while``, ``if``. Names in capitals are numbers known beforehand, ``LANES`` among them. Functions
+whose name begins with an underscore are formulas, put where they are called. A number has 64 bits, or 32 where the text
+says ``BITS = 32``; what is called double has 64 in both, and so has what is made of the two together.
 
 A loop over ``range(LANES)`` becomes operations on whole vectors where it holds nothing but assignments to names, which
 nobody needs after it, and to elements one lane apart.
@@ -20,20 +21,22 @@ from dataclasses import dataclass, field
 import llvmlite.binding as llvm
 
 from bwbn_bayes.engines.lane_expressions import Expressions
-from bwbn_bayes.engines.lane_values import FLOAT, INT, TRUTH, WIDTH, Array, Value
+from bwbn_bayes.engines.lane_values import DOUBLE, INT, PRECISIONS, TRUTH, Array, Precision, Value
 
 Kind = str | tuple[str, int]
 """Type of a scalar; or of an array's elements, and how many dimensions it has."""
 KINDS: dict[str, Kind] = {
     "int": INT,
-    "float": FLOAT,
+    "float": "real",
+    "double": DOUBLE,
     "bool": TRUTH,
-    "floats": (FLOAT, 1),
-    "floats_2d": (FLOAT, 2),
+    "floats": ("real", 1),
+    "floats_2d": ("real", 2),
+    "doubles": (DOUBLE, 1),
     "integers": (INT, 1),
     "integers_2d": (INT, 2),
 }
-"""Kinds of the arguments that a kernel takes from outside, as its text annotates them."""
+"""Kinds of the arguments that a kernel takes from outside, as its text annotates them; real are its own numbers."""
 # Vectors of 512 bits where there are such: processors tuned for half of that take a fifth longer.
 _ATTRIBUTES = 'nounwind "prefer-vector-width"="512"'
 
@@ -50,20 +53,40 @@ class _Compiled:
 @dataclass(frozen=True, kw_only=True)
 class _Module:
     functions: dict[str, ast.FunctionDef]
-    constants: dict[str, int]
+    constants: dict[str, int | float]
     compiled: dict[str, _Compiled] = field(default_factory=dict)
     declared: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, source: str) -> _Module:
         """A kernel's text, read."""
-        body, constants = ast.parse(source).body, dict[str, int]()
+        body, constants = ast.parse(source).body, dict[str, int | float]()
         for node in body:
             if isinstance(node, ast.Assign):
                 constants[ast.unparse(node.targets[0])] = eval(ast.unparse(node.value), {}, constants)
         return cls(
             functions={node.name: node for node in body if isinstance(node, ast.FunctionDef)}, constants=constants
         )
+
+    @property
+    def precision(self) -> Precision:
+        """What it computes with."""
+        return PRECISIONS[int(self.constants.get("BITS", 64))]
+
+    def parameters(self, entry: str) -> tuple[str, ...]:
+        """How the text annotates each argument of a function."""
+        arguments = self.functions[entry].args.args
+        return tuple(ast.unparse(one.annotation) for one in arguments if one.annotation is not None)
+
+    def kind(self, name: str) -> Kind:
+        """The kind of an argument that is annotated so."""
+        match KINDS[name]:
+            case "real":
+                return self.precision.real
+            case ("real", int() as n_sizes):
+                return self.precision.real, n_sizes
+            case other:
+                return other
 
     def compile(self, name: str, kinds: tuple[Kind, ...], *, is_entry: bool = False) -> _Compiled:
         """A function and all that it calls."""
@@ -74,10 +97,10 @@ class _Module:
         return made
 
 
-def entry_parameters(source: str, entry: str) -> tuple[str, ...]:
-    """Kind of each argument of a function of a kernel's text, one of :data:`KINDS`."""
-    arguments = _Module.of(source).functions[entry].args.args
-    return tuple(ast.unparse(one.annotation) for one in arguments if one.annotation is not None)
+def entry_parameters(source: str, entry: str) -> tuple[tuple[str, Kind], ...]:
+    """How each argument of a function of a kernel's text is annotated, one of :data:`KINDS`, and what it then is."""
+    module = _Module.of(source)
+    return tuple((name, module.kind(name)) for name in module.parameters(entry))
 
 
 def object_code(source: str, entry: str) -> bytes:
@@ -92,7 +115,7 @@ def object_code(source: str, entry: str) -> bytes:
         as where it begins and its sizes, and returns nothing.
     """
     module = _Module.of(source)
-    module.compile(entry, tuple(KINDS[kind] for kind in entry_parameters(source, entry)), is_entry=True)
+    module.compile(entry, tuple(map(module.kind, module.parameters(entry))), is_entry=True)
     texts = [*module.declared.values(), *(one.text for one in module.compiled.values())]
     machine, code = target_machine(), llvm.parse_assembly("\n".join(texts))
     code.triple, code.data_layout = machine.triple, str(machine.target_data)
@@ -124,7 +147,7 @@ class _Writer(Expressions):
 
     def __init__(self, module: _Module) -> None:
         formulas = {name: one for name, one in module.functions.items() if name.startswith("_")}
-        super().__init__(module.constants, formulas)
+        super().__init__(module.precision, module.constants, formulas)
         self.module = module
         self.leave: list[str] = []
         self.returned: Value | None = None
@@ -213,7 +236,7 @@ class _Writer(Expressions):
         if isinstance(target, ast.Subscript):
             value = self.value(node)
             place, type_ = self.place(target)
-            self.lines.append(f"  store {type_} {self.turned(value, type_).text}, ptr {place}, align 8")
+            self.store_at(value, place, type_)
         elif array is not None:
             self.keep(ast.unparse(target), array)
         elif self.lanes is not None:
@@ -239,7 +262,7 @@ class _Writer(Expressions):
             self._run(body)
             if in_vectors:
                 self.over_vectors(None)
-            step = WIDTH if in_vectors else 1
+            step = self.width if in_vectors else 1
             self.store(counter, self.emit(INT, f"add nsw {INT} {self.load(counter).text}, {step}"))
 
         self._repeat(test, one)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Mapping, Sequence
 
-from bwbn_bayes.engines.lane_values import FLOAT, INT, TRUTH, Array, Instructions, Value, constant, vector_of
+from bwbn_bayes.engines.lane_values import DOUBLE, INT, TRUTH, Array, Instructions, Precision, Value
 
 _INTRINSICS = {"abs": "fabs", "np.ceil": "ceil", "np.rint": "rint"}
 
@@ -21,8 +21,10 @@ class Expressions(Instructions):
         There, the first lane of the vector at hand.
     """
 
-    def __init__(self, constants: Mapping[str, int], formulas: Mapping[str, ast.FunctionDef]) -> None:
-        super().__init__()
+    def __init__(
+        self, precision: Precision, constants: Mapping[str, int | float], formulas: Mapping[str, ast.FunctionDef]
+    ) -> None:
+        super().__init__(precision)
         self.constants = constants
         self.formulas = formulas
         self.slots_at_entry: list[str] = []
@@ -76,11 +78,11 @@ class Expressions(Instructions):
         """The value of an expression."""
         match node:
             case ast.Constant(value=bool() | int() | float() as number):
-                return constant(number)
+                return self.constant(number)
             case ast.Name(id=name):
                 return self._named(name)
             case ast.Attribute() if ast.unparse(node) == "np.inf":
-                return constant(float("inf"))
+                return self.constant(float("inf"))
             case ast.Subscript():
                 return self._element(node)
             case ast.UnaryOp() | ast.BinOp() | ast.Compare():
@@ -97,7 +99,7 @@ class Expressions(Instructions):
         for known in (self._formula, self.lanes):
             if known is not None and name in known:
                 return known[name]
-        return constant(self.constants[name]) if name in self.constants else self.load(name)
+        return self.constant(self.constants[name]) if name in self.constants else self.load(name)
 
     def _element(self, node: ast.Subscript) -> Value:
         if isinstance(node.value, ast.Attribute):  # array.shape[axis]
@@ -106,12 +108,12 @@ class Expressions(Instructions):
             assert axis is not None
             return Value(INT, array.sizes[axis])
         place, type_ = self.place(node)
-        return self.emit(type_, f"load {type_}, ptr {place}, align 8")
+        return self.load_at(place, type_)
 
     def _arithmetic(self, node: ast.UnaryOp | ast.BinOp | ast.Compare) -> Value:
         match node:
             case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() | float() as number)):
-                return constant(-number)
+                return self.constant(-number)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return self.negated(self.value(operand))
             case ast.UnaryOp(op=ast.Not(), operand=operand):
@@ -156,11 +158,13 @@ class Expressions(Instructions):
             return self._put(self.formulas[name], [self.value(node) for node in nodes])
         match name:
             case "_bits":
-                return self.bits(INT, self.value(nodes[0]))
+                return self.bits(self.bits_type, self.value(nodes[0]))
             case "_from_bits":
-                return self.bits(FLOAT, self.value(nodes[0]))
+                return self.bits(self.real, self.value(nodes[0]))
             case "float":
                 return self.number(self.value(nodes[0]))
+            case "double":
+                return self.number(self.value(nodes[0]), DOUBLE)
             case "min":
                 left, right = map(self.value, nodes)
                 return self.selected(self.compared(ast.Lt, left, right), left, right)
@@ -220,7 +224,7 @@ class Expressions(Instructions):
         is_row = self.lanes is not None and any(ast.unparse(term) == "l" for term in moving)
         start = self._start(array, ast.unparse(node.value), moving)
         place = self.element_of(array._replace(start=start), str(fixed)) if fixed else start
-        return place, vector_of(array.element) if is_row else array.element
+        return place, self.vector_of(array.element) if is_row else array.element
 
     def _start(self, array: Array, name: str, moving: Sequence[ast.expr]) -> str:
         """Where the elements stand that differ by what is known beforehand; found once in a loop over lanes."""
@@ -242,7 +246,8 @@ class Expressions(Instructions):
             case ast.Constant(value=int() as number):
                 return number
             case ast.Name(id=name):
-                return self.constants.get(name)
+                fixed = self.constants.get(name)
+                return fixed if isinstance(fixed, int) else None
             case ast.BinOp(left=left, op=ast.Mult() | ast.Add() as op, right=right):
                 one, other = self.known(left), self.known(right)
                 if one is not None and other is not None:

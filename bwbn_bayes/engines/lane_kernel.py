@@ -20,7 +20,7 @@ import numpy as np
 from bwbn_bayes.engines import lane_compiler, lane_expressions, lane_values
 from bwbn_bayes.engines.cache_files import read_checked, write_checked
 from bwbn_bayes.engines.kept_code import code_path, keep_source
-from bwbn_bayes.engines.lane_compiler import KINDS, entry_parameters, object_code, target_machine
+from bwbn_bayes.engines.lane_compiler import Kind, entry_parameters, object_code, target_machine
 
 _ENGINES: list[llvm.ExecutionEngine] = []
 """They own the code, which is called as long as the process lives."""
@@ -90,26 +90,25 @@ def _address(entry: str, code: bytes) -> int:
     return int(engine.get_function_address(entry))
 
 
-def _called(address: int, parameters: tuple[str, ...]) -> Callable[..., None]:
+def _called(address: int, parameters: tuple[tuple[str, Kind], ...]) -> Callable[..., None]:
     """A function that takes numbers and arrays, each array as where it begins and its sizes."""
     words: list[Any] = []
-    for kind in parameters:
-        what = KINDS[kind]
-        if isinstance(what, tuple):
-            words += [ctypes.c_void_p, *[ctypes.c_int64] * what[1]]
+    for _, kind in parameters:
+        if isinstance(kind, tuple):
+            words += [ctypes.c_void_p, *[ctypes.c_int64] * kind[1]]
         else:
-            words.append(ctypes.c_double if kind == "float" else ctypes.c_int64)
+            words.append(_SCALARS.get(kind, ctypes.c_int64))
     function = ctypes.CFUNCTYPE(None, *words)(address)
-    elements = [_ELEMENTS.get(kind.removesuffix("_2d")) for kind in parameters]
+    elements = [_ELEMENTS[kind[0]] if isinstance(kind, tuple) else None for _, kind in parameters]
 
     def call(*arguments: Any) -> None:
         given: list[Any] = []
-        for kind, element, argument in zip(parameters, elements, arguments, strict=True):
+        for (word, _), element, argument in zip(parameters, elements, arguments, strict=True):
             if element is None:
                 given.append(argument)
                 continue
             if argument.dtype != element or not argument.flags.c_contiguous:
-                raise TypeError(f"a kernel takes {kind} that lie row after row, not {argument.dtype}")
+                raise TypeError(f"a kernel takes {word} that lie row after row, not {argument.dtype}")
             given.append(argument.__array_interface__["data"][0])
             given += argument.shape
         function(*given)
@@ -117,4 +116,5 @@ def _called(address: int, parameters: tuple[str, ...]) -> Callable[..., None]:
     return call
 
 
-_ELEMENTS = {"floats": np.dtype(np.float64), "integers": np.dtype(np.int64)}
+_SCALARS = {"double": ctypes.c_double, "float": ctypes.c_float}
+_ELEMENTS = {"double": np.dtype(np.float64), "float": np.dtype(np.float32), "i64": np.dtype(np.int64)}

@@ -30,7 +30,7 @@ from bwbn_bayes.elements.law import (
     RECORDED_ACCELERATION,
     StoreyLaw,
 )
-from bwbn_bayes.engines.codegen import INPUT_NAMES, INVERSE_MASS, LawPrograms, Part, Program, print_expression
+from bwbn_bayes.engines.codegen import INPUT_NAMES, INVERSE_MASS, OFFSET, LawPrograms, Part, Program, print_expression
 from bwbn_bayes.engines.lane_template import (
     COMMON,
     MARCH,
@@ -40,6 +40,8 @@ from bwbn_bayes.engines.lane_template import (
     ON_GROUND,
     ON_GROUND_TANGENT,
     PREPARE,
+    SINGLE_MATHEMATICS,
+    SIZES,
     STAGE,
     SUMMARY,
     SUMS,
@@ -136,7 +138,7 @@ def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
     )
 
 
-def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
+def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool, single: bool = False) -> str:
     """Source of the kernel module of one storey law.
 
     Parameters
@@ -147,11 +149,16 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         The law as straight-line code.
     driven : bool
         True for a specimen whose displacement is given, False for a base-excited building.
+    single : bool
+        Whether it computes with numbers of 32 bits.
     """
     place = lane_layout(law, programs)
     n = place.n_states
-    fields = {
+    fields: dict[str, object] = {
         "lanes": LANES,
+        "bits": 32 if single else 64,
+        "near": 1e-5 if single else 1e-9,
+        "arrived": 1e-6 if single else 1e-12,
         "block": place.block,
         "tangent_block": place.tangent_block,
         "n_states": n,
@@ -194,13 +201,18 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
         )
         for suffix in ("", WITH_TANGENTS)
     ]
-    written = [MATHEMATICS.format(**fields), PREPARE.format(**fields), stages, COMMON.format(**fields), SUMS, *marches]
-    return "".join(written)
+    opening = SIZES.format(**fields) + (SINGLE_MATHEMATICS if single else MATHEMATICS)
+    whole = "".join([opening, PREPARE.format(**fields), stages, COMMON.format(**fields), SUMS, *marches])
+    return whole.replace(OFFSET, _SINGLE_OFFSET) if single else whole
 
 
-def summary_source() -> str:
+_SINGLE_OFFSET = "1e-20"
+"""What singles have room for: ``|x|^n / |x|`` at zero is 1e-10 for n = 1.5 and finite for n > -0.9."""
+
+
+def summary_source(*, single: bool) -> str:
     """Source of the kernel that sums what was stored, the same for every law."""
-    return f"LANES = {LANES}\n{SUMS}{SUMMARY}"
+    return f"LANES = {LANES}\nBITS = {32 if single else 64}\n{SUMS}{SUMMARY}"
 
 
 _HEAD = (
@@ -494,11 +506,16 @@ def _turn(law: StoreyLaw, place: LaneLayout) -> str:
     return _indent(lines, 3)
 
 
+def _until(law: StoreyLaw, number: int) -> str:
+    """From where a lane is until an event: singles would round times since the start to a share of a step."""
+    return f"float(times[(i * {len(law.events)} + {number}) * LANES + l] - start) - position[l]"
+
+
 def _limit(law: StoreyLaw, place: LaneLayout) -> list[str]:
     lines = []
-    for number, column in enumerate(law.event_parameters):
+    for number in range(len(law.events)):
         lines += [
-            f"until = w[a + BLOCK + {place.parameters + column} * LANES + l] - start - position[l]",
+            f"until = {_until(law, number)}",
             f"pending = w[a + BLOCK + {place.happened + number} * LANES + l] == 0.0",
             "step[l] = until if pending and until < step[l] else step[l]",
         ]
@@ -507,9 +524,9 @@ def _limit(law: StoreyLaw, place: LaneLayout) -> list[str]:
 
 def _next_event(law: StoreyLaw, place: LaneLayout) -> list[str]:
     lines = []
-    for number, column in enumerate(law.event_parameters):
+    for number in range(len(law.events)):
         lines += [
-            f"time = w[a + BLOCK + {place.parameters + column} * LANES + l]",
+            f"time = times[(i * {len(law.events)} + {number}) * LANES + l]",
             f"if w[a + BLOCK + {place.happened + number} * LANES + l] == 0.0 and time < found:",
             "    found = time",
         ]
@@ -522,9 +539,9 @@ def _strike(law: StoreyLaw, place: LaneLayout, suffix: str) -> list[str]:
         lines += [
             "due = 0.0",
             "for l in range(LANES):",
-            f"    until_then = w[a + BLOCK + {place.parameters + column} * LANES + l] - position[l]",
+            f"    until_then = {_until(law, number)}",
             f"    pending = w[a + BLOCK + {place.happened + number} * LANES + l] == 0.0",
-            "    flipped[l] = 1.0 if pending and until_then <= until else 0.0",
+            "    flipped[l] = 1.0 if pending and until_then <= NEAR * dt else 0.0",
             "    due += flipped[l]",
             "if due > 0.0:",
             f"    flip{suffix}(n_links, n_directions, i, {number}, {place.n_states + column}, step, flipped, ground,",

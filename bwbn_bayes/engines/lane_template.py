@@ -2,14 +2,22 @@
 
 Mathematics, a building's quantities before its first step, a stage of a Runge-Kutta scheme, and the march through time.
 The march stands in a kernel twice, with derivatives (``_with_tangents``) and without: each compiles when first called.
+Numbers are doubles or singles; times since the start, those of events and sums over samples are doubles in both.
 What may stand here says :mod:`~bwbn_bayes.engines.lane_compiler`.
 """
 
-MATHEMATICS = '''\
+SIZES = """\
 LANES = {lanes}
 BLOCK = {block} * LANES
 TANGENT_BLOCK = {tangent_block} * LANES
+BITS = {bits}
+# Shares of an interval between two samples, a few roundings of a sum of steps: a step that would leave less than NEAR
+# goes on to the interval's end, an event that is less than NEAR ahead has come, and ARRIVED from the end is at it.
+NEAR = {near}
+ARRIVED = {arrived}
+"""
 
+MATHEMATICS = '''
 
 def _exp2(x):
     """Two to the power x, to 2e-14 relative; the power's whole part is put together from bits."""
@@ -45,6 +53,38 @@ def _log2(x):
     p = p * q + 0.9617966941133066
     p = p * q + 2.88539008177785
     return e + s * p
+'''
+
+SINGLE_MATHEMATICS = '''
+
+def _exp2(x):
+    """Two to the power x, to 1e-7 relative, not below 2**-100: products of smaller ones would leave singles."""
+    x = -100.0 if x < -100.0 else x
+    x = 127.0 if x > 127.0 else x
+    k = np.rint(x)
+    r = x - k
+    p = 0.0001534581242594868
+    p = p * r + 0.0013399930903688073
+    p = p * r + 0.009618489071726799
+    p = p * r + 0.05550328642129898
+    p = p * r + 0.24022646248340607
+    p = p * r + 0.6931471824645996
+    p = p * r + 1.0
+    return p * _from_bits(_bits(k + 8388735.0) << 23)
+
+
+def _log2(x):
+    """Logarithm to base two of a positive number, to 1e-7 or its last place, as that of doubles is found."""
+    b = _bits(x)
+    above = b - 0x3F3504F3
+    m = _from_bits(b - (above & -0x800000))
+    s = (m - 1.0) / (m + 1.0)
+    q = s * s
+    p = 0.43174800276756287
+    p = p * q + 0.5767138600349426
+    p = p * q + 0.9617988467216492
+    p = p * q + 2.885390043258667
+    return float(above >> 23) + s * p
 '''
 
 PREPARE = """
@@ -209,13 +249,13 @@ def plan(n_links, dt, substeps, resolution, length, w):
         length[l] = dt / length[l]
 
 
-def next_step(n_links, dt, cut, start, event, position, length, step, w):
+def next_step(n_links, dt, cut, start, event, times, position, length, step, w):
     # The next step of each lane, zero where it has arrived; returns whether every lane then is at the interval's end.
     for l in range(LANES):
         remaining = dt - position[l]
         h = length[l]
-        h = remaining if remaining - h < 1e-9 * dt else h
-        step[l] = h if remaining > 1e-12 * dt else 0.0
+        h = remaining if remaining - h < NEAR * dt else h
+        step[l] = h if remaining > ARRIVED * dt else 0.0
     if cut:
         for i in range(n_links):
             a = i * BLOCK
@@ -227,12 +267,12 @@ def next_step(n_links, dt, cut, start, event, position, length, step, w):
 {limit}
     left = 0.0
     for l in range(LANES):
-        left += 1.0 if dt - position[l] - step[l] > 1e-12 * dt else 0.0
+        left += 1.0 if dt - position[l] - step[l] > ARRIVED * dt else 0.0
     return left == 0.0
 
 
-def next_event(n_links, w):
-    found = np.inf
+def next_event(n_links, times, w):
+    found = double(np.inf)
     for i in range(n_links):
         a = i * BLOCK
         for l in range(LANES):
@@ -280,7 +320,7 @@ def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
 SUMMARY = """
 
 def summarise(n_channels: int, n_directions: int, measured: floats_2d, stored: floats, width: int, source: integers,
-              misfit: floats, gram: floats, value: floats):
+              misfit: doubles, gram: doubles, value: floats):
     # What ``run`` sums when it does not store, from what it stored, ``width`` numbers a sample, in another order.
     for j in range(measured.shape[1]):
         for r in range(value.shape[0]):
@@ -308,8 +348,8 @@ def close{tangents}(n_links, n_directions, weight, step, ground, joints, forced,
     stage{tangents}(n_links, n_directions, weight, 0.0, 0.0, step, ground, joints, forced, seed, column, active, w, t)
 
 
-def strike{tangents}(n_links, n_directions, until, position, step, flipped, ground, joints, forced, seed, column,
-                     active, w, t):
+def strike{tangents}(n_links, n_directions, dt, start, times, position, step, flipped, ground, joints, forced, seed,
+                     column, active, w, t):
     # Events that are due happen one by one; each adds (rate before - rate after) d time / d parameter to the tangents.
     for i in range(n_links):
         a = i * BLOCK
@@ -350,12 +390,13 @@ def flip{tangents}(n_links, n_directions, link, event, time, step, flipped, grou
         close{tangents}(n_links, n_directions, 0.0, step, ground, joints, forced, seed, column, active, w, t)
 
 
-def run{tangents}(n_links: int, n_directions: int, dt: float, excitation: floats_2d, joints: integers_2d,
-                  forced: integers, w: floats, t: floats, seed: integers, column: integers, active: floats,
-                  shares: floats, weights: floats, substeps: integers, resolution: float, cut: bool, starts: integers,
-                  block: integers, row: integers, coefficient: floats, ground_part: floats, measured: floats_2d,
-                  misfit: floats, gram: floats, store: bool, stored: floats, value: floats, ground: floats,
-                  room: floats):
+def run{tangents}(n_links: int, n_directions: int, interval: double, times: doubles, excitation: floats_2d,
+                  joints: integers_2d, forced: integers, w: floats, t: floats, seed: integers, column: integers,
+                  active: floats, shares: floats, weights: floats, substeps: integers, resolution: float, cut: bool,
+                  starts: integers, block: integers, row: integers, coefficient: floats, ground_part: floats,
+                  measured: floats_2d, misfit: doubles, gram: doubles, store: bool, stored: floats, value: floats,
+                  ground: floats, room: floats):
+    dt = float(interval)
     n_times = excitation.shape[0]
     n_channels = ground_part.shape[0]
     n_inputs = excitation.shape[1]
@@ -368,8 +409,10 @@ def run{tangents}(n_links: int, n_directions: int, dt: float, excitation: floats
         for l in range(LANES):
             ground[r * LANES + l] = excitation[0, r]
     prepare(n_links, w)
-    strike{tangents}(n_links, 0, 1e-9 * dt, position, step, flipped, ground, joints, forced, seed, column, active, w, t)
-    event = next_event(n_links, w)
+    start = double(0.0)
+    strike{tangents}(n_links, 0, dt, start, times, position, step, flipped, ground, joints, forced, seed, column,
+                     active, w, t)
+    event = next_event(n_links, times, w)
     close{tangents}(n_links, n_directions, 0.0, step, ground, joints, forced, seed, column, active, w, t)
     for j in range(n_times):
         now = excitation[j]
@@ -388,15 +431,15 @@ def run{tangents}(n_links: int, n_directions: int, dt: float, excitation: floats
             break
         for l in range(LANES):
             position[l] = 0.0
-        start = j * dt
+        start = j * interval
         plan(n_links, dt, substeps[j], resolution, length, w)
         arrived = False
         while not arrived:
-            arrived = next_step(n_links, dt, cut, start, event, position, length, step, w)
+            arrived = next_step(n_links, dt, cut, start, event, times, position, length, step, w)
             advance{tangents}(n_links, n_directions, shares, weights, now, slope, position, step, ground, joints,
                               forced, seed, column, active, w, t)
-            if event < start + dt * (1.0 + 1e-9):
-                strike{tangents}(n_links, n_directions, start + 1e-9 * dt, position, step, flipped, ground, joints,
+            if event < start + dt * (1.0 + NEAR):
+                strike{tangents}(n_links, n_directions, dt, start, times, position, step, flipped, ground, joints,
                                  forced, seed, column, active, w, t)
-                event = next_event(n_links, w)
+                event = next_event(n_links, times, w)
 """

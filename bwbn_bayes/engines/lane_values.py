@@ -6,10 +6,37 @@ import ast
 import struct
 from typing import NamedTuple
 
-FLOAT, INT, TRUTH = "double", "i64", "i1"
-WIDTH = 8
-"""Lanes of a vector: as many as a register of 512 bits holds. With all sixteen at once derivatives took a third longer,
-since twice as many registers are asked for."""
+DOUBLE, INT, TRUTH = "double", "i64", "i1"
+
+
+class Precision(NamedTuple):
+    """What a kernel computes with.
+
+    Attributes
+    ----------
+    real : str
+        Type of its numbers.
+    bits : str
+        Type of an integer with as many bits as a number has.
+    width : int
+        Lanes of a vector.
+    """
+
+    real: str
+    bits: str
+    width: int
+
+
+PRECISIONS = {
+    64: Precision(DOUBLE, INT, 8),
+    32: Precision("float", "i32", 16),
+}
+"""By the bits of a number. A vector fills a register of 512 bits: with all sixteen doubles at once derivatives took a
+third longer, since twice as many registers are asked for."""
+_FLOATS = {DOUBLE: "f64", "float": "f32"}
+"""Types of numbers, and what intrinsics call them."""
+_BYTES = {DOUBLE: 8, INT: 8, "float": 4}
+"""Of an array's elements."""
 _FAST = "contract reassoc arcp nsz"
 """Fast-math flags of every operation; never ``nnan`` or ``ninf``: a draw that runs away must be seen."""
 _FLOAT_OPERATIONS = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
@@ -45,6 +72,16 @@ class Value(NamedTuple):
         return self.type.startswith("<")
 
     @property
+    def is_number(self) -> bool:
+        """Whether it is no integer and no truth value."""
+        return self.scalar in _FLOATS
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether it is a scalar that is known beforehand."""
+        return not self.is_wide and not self.text.startswith("%")
+
+    @property
     def scalar(self) -> str:
         """Type of one lane."""
         return self.type.split(" x ")[1].rstrip(">") if self.is_wide else self.type
@@ -63,29 +100,11 @@ class Array(NamedTuple):
         return self.element, len(self.sizes)
 
 
-def vector_of(scalar: str) -> str:
-    """Type of a vector."""
-    return f"<{WIDTH} x {scalar}>"
-
-
-def as_wide(type_: str, value: Value) -> str:
-    """The type of as many as a value has."""
-    return vector_of(type_) if value.is_wide else type_
-
-
-def constant(number: float) -> Value:
-    """A number, truth value or integer that is known."""
-    if isinstance(number, bool):
-        return Value(TRUTH, str(number).lower())
-    if isinstance(number, int):
-        return Value(INT, str(number))
-    return Value(FLOAT, f"0x{struct.pack('>d', number).hex()}")  # to the last bit
-
-
 class Instructions:
-    """Writes instructions one after the other."""
+    """Writes instructions one after the other, of numbers of one precision but for sums that are kept in double."""
 
-    def __init__(self) -> None:
+    def __init__(self, precision: Precision) -> None:
+        self.real, self.bits_type, self.width = precision
         self.lines: list[str] = []
         self.declared: dict[str, str] = {}
         self._n_names = 0
@@ -113,26 +132,44 @@ class Instructions:
         """On to one of two."""
         self.lines.append(f"  br i1 {test.text}, label %{yes}, label %{no}")
 
+    def vector_of(self, scalar: str) -> str:
+        """Type of a vector."""
+        return f"<{self.width} x {scalar}>"
+
+    def as_wide(self, type_: str, value: Value) -> str:
+        """The type of as many as a value has."""
+        return self.vector_of(type_) if value.is_wide else type_
+
+    def constant(self, number: float) -> Value:
+        """A number, truth value or integer that is known."""
+        if isinstance(number, bool):
+            return Value(TRUTH, str(number).lower())
+        if isinstance(number, int):
+            return Value(INT, str(number))
+        if self.real != DOUBLE:
+            (number,) = struct.unpack("f", struct.pack("f", number))  # LLVM writes singles as the doubles that they are
+        return Value(self.real, f"0x{struct.pack('>d', number).hex()}")  # to the last bit
+
     def negated(self, value: Value) -> Value:
         """Minus a value."""
-        if value.scalar == INT:
+        if not value.is_number:
             return self.emit(value.type, f"sub {value.type} zeroinitializer, {value.text}")
         return self.emit(value.type, f"fneg {_FAST} {value.type} {value.text}")
 
     def binary(self, op: type[ast.operator], left: Value, right: Value) -> Value:
         """An operation on two numbers."""
-        if op is ast.Div:
-            left, right = self.number(left), self.number(right)
+        if op is ast.Div and not left.is_number:
+            left = self.number(left)
         left, right = self.alike(left, right)
-        kind = f"{_FLOAT_OPERATIONS[op]} {_FAST}" if left.scalar == FLOAT else _INT_OPERATIONS[op]
+        kind = f"{_FLOAT_OPERATIONS[op]} {_FAST}" if left.is_number else _INT_OPERATIONS[op]
         return self.emit(left.type, f"{kind} {left.type} {left.text}, {right.text}")
 
     def compared(self, comparison: type[ast.cmpop], left: Value, right: Value) -> Value:
         """Whether two numbers compare so."""
         left, right = self.alike(left, right)
         of_floats, of_integers = _COMPARISONS[comparison]
-        kind = f"fcmp {of_floats}" if left.scalar == FLOAT else f"icmp {of_integers}"
-        return self.emit(as_wide(TRUTH, left), f"{kind} {left.type} {left.text}, {right.text}")
+        kind = f"fcmp {of_floats}" if left.is_number else f"icmp {of_integers}"
+        return self.emit(self.as_wide(TRUTH, left), f"{kind} {left.type} {left.text}, {right.text}")
 
     def both(self, word: str, left: Value, right: Value) -> Value:
         """``and`` or ``or`` of two truth values."""
@@ -148,19 +185,24 @@ class Instructions:
 
     def bits(self, scalar: str, value: Value) -> Value:
         """The same bits as another type."""
-        type_ = as_wide(scalar, value)
+        type_ = self.as_wide(scalar, value)
         return self.emit(type_, f"bitcast {value.type} {value.text} to {type_}")
 
     def intrinsic(self, name: str, value: Value) -> Value:
         """A function of one number that processors have."""
-        full = f"llvm.{name}.{f'v{WIDTH}f64' if value.is_wide else 'f64'}"
+        full = f"llvm.{name}.{f'v{self.width}' if value.is_wide else ''}{_FLOATS[value.scalar]}"
         self.declared[full] = f"declare {value.type} @{full}({value.type})"
         return self.emit(value.type, f"call {_FAST} {value.type} @{full}({value.type} {value.text})")
 
     def alike(self, left: Value, right: Value) -> tuple[Value, Value]:
-        """Both numbers where one is, both vectors where one is."""
-        if FLOAT in (left.scalar, right.scalar):
-            left, right = self.number(left), self.number(right)
+        """Both numbers where one is, of the finer precision of the two; both vectors where one is."""
+        if left.is_number or right.is_number:
+            finer = DOUBLE if DOUBLE in (left.scalar, right.scalar) else self.real
+            left, right = self.number(left, finer), self.number(right, finer)
+        elif left.is_constant or right.is_constant:  # an integer has the bits that the other one asks for
+            fixed, other = (left, right) if left.is_constant else (right, left)
+            fixed = fixed._replace(type=other.scalar)
+            left, right = (fixed, other) if left.is_constant else (other, fixed)
         if left.is_wide or right.is_wide:
             return self.wide(left), self.wide(right)
         return left, right
@@ -168,29 +210,40 @@ class Instructions:
     def turned(self, value: Value, type_: str) -> Value:
         """A value as one of another type: an integer as a number, one as a vector of the same."""
         wanted = Value(type_, "")
-        value = self.number(value) if wanted.scalar == FLOAT else value
+        value = self.number(value, wanted.scalar) if wanted.is_number else value
         value = self.wide(value) if wanted.is_wide else value
         if value.type != type_:
             raise TypeError(f"a {value.type} is no {type_}")
         return value
 
-    def number(self, value: Value) -> Value:
-        """An integer as a number."""
-        if value.scalar != INT:
+    def number(self, value: Value, scalar: str | None = None) -> Value:
+        """An integer as a number, a number in another precision; in that of the kernel unless another is asked for."""
+        scalar = self.real if scalar is None else scalar
+        if value.scalar in (scalar, TRUTH):
             return value
-        type_ = as_wide(FLOAT, value)
-        return self.emit(type_, f"sitofp {value.type} {value.text} to {type_}")
+        type_ = self.as_wide(scalar, value)
+        how = ("fpext" if scalar == DOUBLE else "fptrunc") if value.is_number else "sitofp"
+        return self.emit(type_, f"{how} {value.type} {value.text} to {type_}")
 
     def wide(self, value: Value) -> Value:
         """The same number in every lane."""
         if value.is_wide:
             return value
-        type_ = vector_of(value.type)
-        if not value.text.startswith("%"):
+        type_ = self.vector_of(value.type)
+        if value.is_constant:
             return Value(type_, f"splat ({value.type} {value.text})")
         one = self.emit(type_, f"insertelement {type_} poison, {value.type} {value.text}, i32 0")
-        none = f"<{WIDTH} x i32> zeroinitializer"
+        none = f"<{self.width} x i32> zeroinitializer"
         return self.emit(type_, f"shufflevector {type_} {one.text}, {type_} poison, {none}")
+
+    def load_at(self, place: str, type_: str) -> Value:
+        """An element of an array, or those of a vector."""
+        return self.emit(type_, f"load {type_}, ptr {place}, align {_BYTES[Value(type_, '').scalar]}")
+
+    def store_at(self, value: Value, place: str, type_: str) -> None:
+        """Make a value an element of an array, or a vector's values those from there on."""
+        aligned = f"align {_BYTES[Value(type_, '').scalar]}"
+        self.lines.append(f"  store {type_} {self.turned(value, type_).text}, ptr {place}, {aligned}")
 
     def element_of(self, array: Array, position: str) -> str:
         """Where an element of an array stands."""

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ from bwbn_bayes.engines.lane_source import LANES, LaneLayout, lane_layout, lane_
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.scalar import has_programs, programs_of
 from bwbn_bayes.engines.step_rules import interval_steps, steps_in_words
-from bwbn_bayes.engines.stretches import StartingTerm, Stretch, event_columns, starting_terms, stretches_of
+from bwbn_bayes.engines.stretches import StartingTerm, Stretch, starting_terms, stretches_of
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.blocks import by_block
 from bwbn_bayes.records.record import Record
@@ -66,12 +67,18 @@ class Lanes:
         Whether steps end where a drift rate changes sign. Without, a solve costs two thirds: enough for a search.
     n_threads : int
         Threads over blocks of sixteen draws.
+    single : bool
+        Whether to compute with numbers of 32 bits, in half the time: for searches. Rounding then moves responses by
+        1e-6 of their root mean square and derivatives by 1e-5, more where the structure amplifies it (near collapse):
+        with noise of 3 % a log likelihood by 0.003. Magnitudes must stay between 1e-30 and 1e38, in steep powers
+        (``beta`` in 1/m^n) too, or the draw fails. Sums over samples and all that is returned are doubles.
     """
 
     substeps: int = 1
     resolution: float = 0.0
     cut_at_turns: bool = True
     n_threads: int = usable_processors()
+    single: bool = False
 
     name = "lanes"
 
@@ -79,7 +86,8 @@ class Lanes:
     def scheme(self) -> str:
         """Scheme and accuracy in words."""
         turns = "" if self.cut_at_turns else ", not cut at turns"
-        return f"RK4, {steps_in_words(self.substeps, self.resolution)}{turns}, {LANES} lanes"
+        precision = ", single precision" if self.single else ""
+        return f"RK4, {steps_in_words(self.substeps, self.resolution)}{turns}, {LANES} lanes{precision}"
 
     def simulate(
         self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
@@ -105,7 +113,7 @@ class Lanes:
 
     def misfit(self, model: Structure, draws: Floats, record: Record) -> Floats:
         """Sum of squared residuals ``(n_draws, n_blocks)``; infinite where the solve failed."""
-        problem = _Problem.build(model, record, tuple(record.channels), wanted=_nothing(draws))
+        problem = _Problem.build(self, model, record, tuple(record.channels), wanted=_nothing(draws))
         result = np.empty((len(draws), len(record.blocks)))
 
         def solve(block: _Block) -> None:
@@ -132,7 +140,7 @@ class Lanes:
         Sensors that distort stand after the kernel, which knows of no samples that do not count either: then the
         response of one block at a time is stored and summed.
         """
-        problem = _Problem.build(model, record, tuple(record.channels), wanted=_wanted(model, draws, free))
+        problem = _Problem.build(self, model, record, tuple(record.channels), wanted=_wanted(model, draws, free))
         n, c, d = len(draws), len(record.blocks), model.space.n_dim
         misfit, gradient, information = np.empty((n, c)), np.empty((n, c, d)), np.empty((n, c, d, d))
 
@@ -150,13 +158,13 @@ class Lanes:
         None where the kernel's answers are not the channels: sensors distort them, or samples do not count.
         """
         wanted = np.ones((1, model.space.n_dim), dtype=np.bool_)
-        problem = _Problem.build(model, record, tuple(record.channels), wanted=wanted)
+        problem = _Problem.build(self, model, record, tuple(record.channels), wanted=wanted)
         return None if problem.is_summed_outside else OfPoints(self, model, problem)
 
     def _stored(
         self, model: Structure, draws: Floats, record: Record, names: tuple[str, ...], *, wanted: Booleans
     ) -> tuple[Floats, Floats]:
-        problem = _Problem.build(model, record, names, wanted=wanted)
+        problem = _Problem.build(self, model, record, names, wanted=wanted)
         values = np.empty((len(draws), len(names), record.n_times))
         slopes = np.empty((len(draws), problem.n_parameters, len(names), record.n_times))
 
@@ -291,9 +299,15 @@ class _Part:
 
     @classmethod
     def of(
-        cls, model: Structure, stretch: Stretch, record: Record, names: tuple[str, ...], layout: LaneLayout
+        cls,
+        model: Structure,
+        stretch: Stretch,
+        record: Record,
+        names: tuple[str, ...],
+        layout: LaneLayout,
+        real: np.dtype[Any],
     ) -> _Part:
-        """A stretch of a record, of which the named channels are asked for."""
+        """A stretch of a record, of which the named channels are asked for; what is measured in a kernel's numbers."""
         own = names if stretch.samples is not None else ()
         channels = channel_map(model, own)
         kind, link = np.divmod(channels.row, model.n_links)
@@ -308,11 +322,9 @@ class _Part:
             channels=channels,
             seen_blocks=model.n_links - link + below,
             seen_rows=layout.observed(kind),
-            measured=np.array(
-                record.measured[:, stretch.samples], order="C"
-            )  # one that is written would be another type
+            measured=np.array(record.measured[:, stretch.samples], dtype=real, order="C")  # in rows, and its own
             if measures
-            else np.zeros((len(own), len(stretch.inputs))),
+            else np.zeros((len(own), len(stretch.inputs)), dtype=real),
             rows=rows,
             sensors=sensors_of(model, stretch.record, own),
         )
@@ -324,9 +336,10 @@ def _positions(names: tuple[str, ...], some: Iterable[str]) -> NDArray[np.int64]
 
 @dataclass(frozen=True, kw_only=True)
 class _Problem:
-    """What every block of one call shares."""
+    """What every block of one call shares; ``real`` is the type of the kernel's numbers."""
 
     kernel: LaneKernel
+    real: np.dtype[Any]
     layout: LaneLayout
     n_links: int
     parts: tuple[_Part, ...]
@@ -348,24 +361,28 @@ class _Problem:
         return has_sensors or not all(isinstance(block.samples, slice) for block in self.record.blocks)
 
     @classmethod
-    def build(cls, model: Structure, record: Record, names: tuple[str, ...], *, wanted: Booleans) -> _Problem:
+    def build(
+        cls, engine: Lanes, model: Structure, record: Record, names: tuple[str, ...], *, wanted: Booleans
+    ) -> _Problem:
         """The problem of one call; the derivatives ``wanted`` of each draw, ``(n_draws, n_parameters)``."""
-        known = _problem_of(_Same(model), _Same(record), names)
+        known = _problem_of(_Same(model), _Same(record), names, engine.single)
         n = wanted.shape[1]
         return replace(known, n_parameters=n, directions=Directions.of(known.moved[:n], known.layout.nowhere, wanted))
 
     @classmethod
-    def without_derivatives(cls, model: Structure, record: Record, names: tuple[str, ...]) -> _Problem:
+    def without_derivatives(cls, model: Structure, record: Record, names: tuple[str, ...], *, single: bool) -> _Problem:
         """All that does not depend on the draws."""
         check_record(model, record)
         driven = model.excitation_kind == "displacement"
-        kernel, layout = _kernel_of(model.law, driven)
+        kernel, layout = _kernel_of(model.law, driven, single)
+        real = np.dtype(np.float32 if single else np.float64)
         moved = _moved(model, layout)
         return cls(
             kernel=kernel,
+            real=real,
             layout=layout,
             n_links=model.n_links,
-            parts=tuple(_Part.of(model, stretch, record, names, layout) for stretch in stretches_of(record)),
+            parts=tuple(_Part.of(model, stretch, record, names, layout, real) for stretch in stretches_of(record)),
             n_parameters=0,
             directions=Directions.of(moved[:0], layout.nowhere, np.zeros((0, 0), dtype=np.bool_)),
             driven=driven,
@@ -374,7 +391,7 @@ class _Problem:
             record=record,
             start=starting_terms(model),
             index=model.table.index,
-            events=event_columns(model),
+            events=np.array(model.law.event_parameters, dtype=np.int64),
             moved=moved,
         )
 
@@ -430,6 +447,10 @@ class _Problem:
                 np.swapaxes(own, 1, 2)[:, None] @ square @ own[:, None],
             )
 
+    def cast(self, numbers: Floats) -> NDArray[Any]:
+        """Numbers in the kernel's precision."""
+        return numbers.astype(self.real, copy=False)
+
     def gathered(self, block: _Block, part: _Part, stored: Floats) -> _Outcome:
         """What a run of a block stored, each draw in a lane of its own again, summed as a run sums it."""
         c, d = len(self.channels.names), block.whole.n
@@ -439,8 +460,10 @@ class _Problem:
         place = (row[:, None] * c + np.arange(c)[:, None]) * LANES + lane[:, None]
         source[:, :, : block.n_draws] = np.where(row[:, None] >= 0, place, -1)
         outcome = _Outcome.empty(c, d, stored=stored)
-        value = np.zeros(c * (d + 1) * LANES)
-        _summarise()(c, d, part.measured, stored, width, source.ravel(), outcome.misfit, outcome.gram, value)
+        value = np.zeros(c * (d + 1) * LANES, dtype=self.real)
+        _summarise(self.real == np.float32)(
+            c, d, part.measured, stored, width, source.ravel(), outcome.misfit, outcome.gram, value
+        )
         return outcome
 
     def started(self, block: _Block) -> tuple[Floats, Floats]:
@@ -452,10 +475,11 @@ class _Problem:
         tangents : (n_directions, n_links + 2, n_rows, LANES) array
         """
         n, place, owner = self.n_links, self.layout, block.directions.owner
-        blocks = _aligned((n + 2, place.block, LANES))
-        tangents = _aligned((block.directions.n, n + 2, place.tangent_block, LANES))
+        blocks = _aligned((n + 2, place.block, LANES), self.real)
+        tangents = _aligned((block.directions.n, n + 2, place.tangent_block, LANES), self.real)
         links = blocks[n:0:-1]
-        links[:, place.parameters : place.parameters + block.parameters.shape[1]] = block.parameters
+        with np.errstate(over="ignore"):  # a draw out of range fails
+            links[:, place.parameters : place.parameters + block.parameters.shape[1]] = block.parameters
         links[:, place.inverse_mass] = self.inverse_masses[:, None]
         for term in self.start:
             # The sum of a scheme's stages is the state at the end of the step before.
@@ -470,41 +494,44 @@ class _Problem:
         """The kernel on one block, part after part."""
         d, n, place = block.directions.n, self.n_links, self.layout
         march = self.kernel.run_with_tangents if d > 0 else self.kernel.run
-        directions = block.directions.arrays(place.own) if d > 0 else _NO_DIRECTIONS
+        seed, column, active = block.directions.arrays(place.own) if d > 0 else _NO_DIRECTIONS
         for part in self.parts:
             stretch, channels = part.stretch, part.channels
             if not stretch.is_carried:
                 blocks, tangents = self.started(block)
-            blocks[n:0:-1, place.parameters + self.events] = block.parameters[:, self.events] - stretch.begin
+            times = block.parameters[::-1, self.events] - stretch.begin
             c = len(channels.names)
-            stored = np.zeros(len(stretch.inputs) * c * (1 + d) * LANES if store else 1)
+            stored = np.zeros(len(stretch.inputs) * c * (1 + d) * LANES if store else 1, dtype=self.real)
             outcome = _Outcome.empty(c, 0 if store else d, stored=stored)
             march(
                 n,
                 d,
                 stretch.time_step,
-                stretch.inputs,
+                times.ravel(),
+                self.cast(stretch.inputs),
                 part.joints,
                 part.forced,
                 blocks.ravel(),
                 tangents.ravel(),
-                *directions,
-                _SHARES,
-                _WEIGHTS,
+                seed,
+                column,
+                self.cast(active),
+                self.cast(_SHARES),
+                self.cast(_WEIGHTS),
                 interval_steps(stretch.inputs[:, 0], engine.substeps, driven=self.driven),
                 float(engine.resolution),
                 engine.cut_at_turns,
                 channels.starts,
                 part.seen_blocks,
                 part.seen_rows,
-                channels.coefficient,
-                channels.ground,
+                self.cast(channels.coefficient),
+                self.cast(channels.ground),
                 part.measured,
                 outcome.misfit,
                 outcome.gram,
                 store,
                 outcome.stored,
-                *_room(c, d, stretch.inputs.shape[1]),
+                *_room(c, d, stretch.inputs.shape[1], self.real),
             )
             if stretch.samples is not None:
                 yield part, outcome
@@ -524,9 +551,9 @@ class _Same[T]:
 
 
 @lru_cache(maxsize=8)  # each holds the record a second time: as many as a few threads ask about at once
-def _problem_of(model: _Same[Structure], record: _Same[Record], names: tuple[str, ...]) -> _Problem:
+def _problem_of(model: _Same[Structure], record: _Same[Record], names: tuple[str, ...], single: bool) -> _Problem:
     """Samplers ask about one model and record thousands of times: preparing a short one took longer than solving it."""
-    return _Problem.without_derivatives(model.it, record.it, names)
+    return _Problem.without_derivatives(model.it, record.it, names, single=single)
 
 
 _NO_DIRECTIONS = (np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64), np.empty(0))
@@ -585,22 +612,22 @@ class OfPoints:
         return np.concatenate(sums), np.concatenate(slopes)
 
 
-def _aligned(shape: tuple[int, ...]) -> Floats:
+def _aligned(shape: tuple[int, ...], real: np.dtype[Any]) -> NDArray[Any]:
     """Zeros that begin where a cache line does: vectors that lie across two cost a sixth of a solve."""
-    n = math.prod(shape)
-    room = np.zeros(n + _LINE)
-    first = -(room.__array_interface__["data"][0] // room.itemsize) % _LINE
+    n, line = math.prod(shape), _LINE // real.itemsize
+    room = np.zeros(n + line, dtype=real)
+    first = -(room.__array_interface__["data"][0] // room.itemsize) % line
     return room[first : first + n].reshape(shape)
 
 
-def _room(n_channels: int, n_directions: int, n_inputs: int) -> tuple[Floats, Floats, Floats]:
+def _room(n_channels: int, n_directions: int, n_inputs: int, real: np.dtype[Any]) -> tuple[NDArray[Any], ...]:
     """Where a run keeps the channels at a sample, what drives it, and the steps of each lane."""
-    value = _aligned((n_channels * (n_directions + 1) * LANES,))
-    return value, _aligned((n_inputs * LANES,)), _aligned((4 * LANES + n_inputs,))
+    sizes = (n_channels * (n_directions + 1) * LANES, n_inputs * LANES, 4 * LANES + n_inputs)
+    return tuple(_aligned((size,), real) for size in sizes)
 
 
-_LINE = 8
-"""Doubles of a cache line, and of a vector of 512 bits."""
+_LINE = 64
+"""Bytes of a cache line, and of a vector of 512 bits."""
 
 
 def _unpack(gram: Floats, d: int) -> Floats:
@@ -666,39 +693,39 @@ def _pool(n_threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=n_threads, thread_name_prefix="lanes")
 
 
-def _kernel_of(law: StoreyLaw, driven: bool) -> tuple[LaneKernel, LaneLayout]:
+def _kernel_of(law: StoreyLaw, driven: bool, single: bool = False) -> tuple[LaneKernel, LaneLayout]:
     """The compiled kernel of a law and the layout of its rows; made once, whichever threads ask."""
     with _MAKING:
-        return _make_kernel(law, driven)
+        return _make_kernel(law, driven, single)
 
 
 @cache
-def _make_kernel(law: StoreyLaw, driven: bool) -> tuple[LaneKernel, LaneLayout]:
+def _make_kernel(law: StoreyLaw, driven: bool, single: bool) -> tuple[LaneKernel, LaneLayout]:
     safe, programs = programs_of(law)
-    return LaneKernel("lanes", lane_source(safe, programs, driven=driven)), lane_layout(safe, programs)
+    return LaneKernel("lanes", lane_source(safe, programs, driven=driven, single=single)), lane_layout(safe, programs)
 
 
 _MAKING = threading.Lock()
 
 
 @cache
-def _summarise() -> Callable[..., None]:
+def _summarise(single: bool) -> Callable[..., None]:
     """Sums what a kernel stored."""
-    return LaneKernel("sums", summary_source()).function("summarise")
+    return LaneKernel("sums", summary_source(single=single)).function("summarise")
 
 
-def is_compiled(law: StoreyLaw, driven: bool) -> bool:
+def is_compiled(law: StoreyLaw, driven: bool, *, single: bool = False) -> bool:
     """Whether the cache holds the law's kernel, or another process has begun to compile it; generates nothing."""
     if not has_programs(law):
         return False
     safe, programs = programs_of(law)
-    path = kernel_path("lanes", lane_source(safe, programs, driven=driven))
+    path = kernel_path("lanes", lane_source(safe, programs, driven=driven, single=single))
     return path is not None and path.exists()
 
 
-def compile_law(law: StoreyLaw, driven: bool, with_tangents: bool) -> None:
+def compile_law(law: StoreyLaw, driven: bool, with_tangents: bool, *, single: bool = False) -> None:
     """Compile a law's kernel into the cache."""
-    kernel, _ = _kernel_of(law, driven)
-    _summarise()
+    kernel, _ = _kernel_of(law, driven, single)
+    _summarise(single)
     for march in (kernel.run, kernel.run_with_tangents) if with_tangents else (kernel.run,):
         assert march is not None

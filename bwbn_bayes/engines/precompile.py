@@ -27,7 +27,7 @@ compile_laws_sent()
 """
 
 
-def precompile(laws: Mapping[StoreyLaw, bool], *, driven: bool) -> threading.Thread | None:
+def precompile(laws: Mapping[StoreyLaw, bool], *, driven: bool, single: bool = False) -> threading.Thread | None:
     """Begin to compile the laws that the cache lacks; the thread that waits for it, None where it lacks none.
 
     Parameters
@@ -36,9 +36,11 @@ def precompile(laws: Mapping[StoreyLaw, bool], *, driven: bool) -> threading.Thr
         Whether a law will be solved with derivatives too; compiled in this order.
     driven : bool
         True for a specimen whose displacement is given, False for a base-excited building.
+    single : bool
+        Whether the kernels compute with numbers of 32 bits.
     """
     directory = cache_directory()
-    missing = {law: with_tangents for law, with_tangents in laws.items() if not is_compiled(law, driven)}
+    missing = {law: with_tangents for law, with_tangents in laws.items() if not is_compiled(law, driven, single=single)}
     if not missing or directory is None:
         return None
     process = subprocess.Popen(
@@ -50,7 +52,7 @@ def precompile(laws: Mapping[StoreyLaw, bool], *, driven: bool) -> threading.Thr
         stderr=subprocess.DEVNULL,
     )
     RUNNING.append(process)
-    waiting = threading.Thread(target=_attend, args=(process, pickle.dumps((missing, driven))), daemon=True)
+    waiting = threading.Thread(target=_attend, args=(process, pickle.dumps((missing, driven, single))), daemon=True)
     waiting.start()
     return waiting
 
@@ -66,10 +68,10 @@ def _attend(process: subprocess.Popen[bytes], laws: bytes) -> None:
 
 def compile_laws_sent() -> None:
     """Compile what the parent sends."""
-    laws, driven = pickle.load(sys.stdin.buffer)
+    laws, driven, single = pickle.load(sys.stdin.buffer)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     for law, with_tangents in laws.items():
-        compile_law(law, driven, with_tangents)
+        compile_law(law, driven, with_tangents, single=single)
 
 
 def _end_with_parent() -> None:

@@ -18,6 +18,7 @@ import xarray as xr
 from inference_cases import MODELS, recorded, sdof_model
 
 from bwbn_bayes import BoucWen, Result, Settings, ShearBuilding, Uniform, UserError, identify
+from bwbn_bayes.engines import journal
 from bwbn_bayes.engines.journal import Journal, forget, has_begun, kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.results import Facts
@@ -128,6 +129,12 @@ def test_another_model_is_given_none_of_them(tmp_path: Path, draws: np.ndarray) 
     _misfit(tmp_path / "run", draws)
     other = replace(MODEL, masses=(1.1,))
     np.testing.assert_array_equal(_misfit(tmp_path / "run", draws, other)[0], Lanes().misfit(other, draws, RECORD))
+
+
+def test_other_code_is_given_none_of_them(tmp_path: Path, draws: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    _misfit(tmp_path / "run", draws)
+    monkeypatch.setattr(journal, "_code", lambda: "an upgrade in the middle of a run")
+    assert _misfit(tmp_path / "run", draws)[1] == len(draws)
 
 
 def test_answers_that_nobody_solved_are_refused(tmp_path: Path) -> None:

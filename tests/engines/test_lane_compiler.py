@@ -21,6 +21,7 @@ def in_python(source: str) -> dict[str, Any]:
         **dict.fromkeys(KINDS, None),
         "int": int,
         "float": float,
+        "double": float,
         "bool": bool,
         "np": np,
         "_bits": lambda x: np.float64(x).view(np.int64),

@@ -7,7 +7,7 @@ model by less than half a nat.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -122,15 +122,43 @@ class Judge:
         )
 
 
-def choose_scheme(posterior: Posterior, point: Floats, engine: Lanes) -> tuple[Lanes, Discretisation]:
-    """The cheapest scheme of the ladder that is fine enough at a point ``(n_dim,)`` of the unit cube.
+def in_doubles(posterior: Posterior) -> Posterior:
+    """A posterior whose engine computes with numbers of 64 bits: small differences of responses need them."""
+    return _in_precision(posterior, single=False)
+
+
+def in_singles(posterior: Posterior) -> Posterior:
+    """A posterior whose engine computes with numbers of 32 bits where it can, in half the time: for a search."""
+    return _in_precision(posterior, single=True)
+
+
+def _in_precision(posterior: Posterior, *, single: bool) -> Posterior:
+    engine = posterior.engine
+    return posterior.with_engine(replace(engine, single=single)) if isinstance(engine, Lanes) else posterior
+
+
+def rung_of(engine: Lanes) -> int:
+    """The rung of the ladder that an engine's scheme is; the last but one where it is none."""
+    rungs = enumerate(LADDER)
+    return next((number for number, rung in rungs if _of_lanes(engine, rung) == engine), len(LADDER) - 2)
+
+
+def choose_scheme(
+    posterior: Posterior,
+    point: Floats,
+    engine: Lanes,
+    *,
+    first: int = 0,
+    accepts: Callable[[Discretisation], bool] = lambda facts: facts.acceptable,
+) -> tuple[Lanes, Discretisation]:
+    """The cheapest scheme of the ladder, from its rung ``first`` on, that is fine enough at a point ``(n_dim,)``.
 
     Where none is, the finest is returned with the figures of the next coarser one, which bound its own.
     """
-    *ladder, finest = (_of_lanes(engine, rung) for rung in LADDER)
+    *ladder, finest = (_of_lanes(engine, rung) for rung in LADDER[first:])
     judge = Judge.at(posterior, point, finest)
     for scheme in ladder:
         facts = judge(scheme)
-        if facts.acceptable:
+        if accepts(facts):
             return scheme, facts
     return finest, replace(facts, scheme=f"{finest.scheme}; the figures are those of the next coarser one")

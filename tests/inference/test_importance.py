@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from evidence_oracles import EvidenceOracle, exponential, gaussian_in_box, product_ridge, two_gaussians
 
-from bwbn_bayes.inference.importance import PARETO_LIMIT, Mixture, WeightedDraws, laplace_mixture, sample_importance
+from bwbn_bayes.inference.importance import (
+    PARETO_LIMIT,
+    Mixture,
+    WeightedDraws,
+    laplace_mixture,
+    pareto_smoothed,
+    sample_importance,
+)
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Floats
@@ -114,6 +121,21 @@ def test_a_proposal_that_is_far_too_narrow_is_caught() -> None:
     ]
     assert np.count_nonzero(np.array(shapes) > PARETO_LIMIT) >= 18
     assert abs(np.mean(shapes) - 0.96) < 4.0 * 0.14 / np.sqrt(20) + 0.1
+
+
+@pytest.mark.parametrize("spread", [300.0, 400.0, 450.0, 500.0, 2000.0])
+def test_weights_so_uneven_that_they_underflow_are_caught(spread: float) -> None:
+    """A few draws of such a sample have all of the weight; the tail's shape is a large part of its spread in nats.
+
+    Where the first quartile of the tail came out as almost zero, ArviZ gave a shape of 0.02 to 0.07, which passed for a
+    perfect proposal, and weights that were no numbers: a frame was identified with every parameter at zero.
+    """
+    for n in (500, 2000, 6000):
+        for seed in range(10):
+            log_ratio = np.random.default_rng([13, seed]).normal(20_000.0, spread, n)
+            log_weights, shape = pareto_smoothed(log_ratio)
+            assert shape > 10.0
+            assert np.sum(np.exp(log_weights)) == pytest.approx(1.0)
 
 
 def test_a_proposal_off_the_ridge_is_caught() -> None:

@@ -123,10 +123,19 @@ class Uniform(Prior):
     def distribution(self) -> Any:
         return stats.uniform(self.lower, self.upper - self.lower)
 
-    # Written out: SciPy's checks cost more than the arithmetic, and samplers ask for small batches.
+    # Written out, here and below: SciPy's checks cost more than the arithmetic, and samplers ask for small batches.
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return float(self.lower), float(self.upper)
+
     @override
     def quantile(self, probability: Floats | float) -> Floats:
         return self.lower + np.asarray(probability, dtype=np.float64) * (self.upper - self.lower)
+
+    @override
+    def probability(self, value: Floats | float) -> Floats:
+        return np.clip((np.asarray(value, dtype=np.float64) - self.lower) / (self.upper - self.lower), 0.0, 1.0)
 
     @override
     def log_density(self, value: Floats | float) -> Floats:
@@ -151,6 +160,11 @@ class Normal(Prior):
     @override
     def distribution(self) -> Any:
         return stats.norm(self.location, self.scale)
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return -np.inf, np.inf
 
     @override
     def quantile(self, probability: Floats | float) -> Floats:
@@ -182,6 +196,11 @@ class HalfNormal(Prior):
     @override
     def distribution(self) -> Any:
         return stats.halfnorm(0.0, self.scale)
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return 0.0, np.inf
 
     @override
     def quantile(self, probability: Floats | float) -> Floats:
@@ -216,6 +235,11 @@ class LogNormal(Prior):
     @override
     def distribution(self) -> Any:
         return stats.lognorm(self.log_sd, scale=self.median)
+
+    @property
+    @override
+    def support(self) -> tuple[float, float]:
+        return 0.0, np.inf
 
     @override
     def quantile(self, probability: Floats | float) -> Floats:

@@ -303,7 +303,6 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
     at_start = parameters_at(model.law, xr.Dataset({name: ("storey", column) for name, column in columns}), 0.0)
     parameters = {name: at_start[name].values for name in ("A", *_PARAMETER_SCALES.values())}
     onset = moment_of_share(record, ONSET_SHARE)
-    energy = np.max([rows["hysteretic_energy"][:, stretch.stop - 1] for _, stretch in record.runs], axis=0)
     ways = [np.array(model.links_below(model.joints[i][1])) - 1 for i in range(model.n_links)]
     floor_rate = [np.max(np.abs(np.sum(rows["drift_rate"][way], axis=0))) for way in ways]
     period = _period(model, parameters, rows)
@@ -312,7 +311,7 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
             drift=_peak(rows["drift"][i]),
             drift_rate=_peak(rows["drift_rate"][i]),
             hysteretic_displacement=_peak(rows["hysteretic_displacement"][i]),
-            energy=max(float(energy[i]), 1e-12),
+            energy=_peak(rows["hysteretic_energy"][i]),
             force=_peak(rows["restoring_force"][i]),
             **{name: float(parameters[symbol][i]) for name, symbol in _PARAMETER_SCALES.items()},
             mass=float(masses(model)[i]),

@@ -22,6 +22,7 @@ from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.signatures import signature_of
 from bwbn_bayes.discovery.unnamed_facts import beside_it, unnamed_facts
 from bwbn_bayes.discovery.where import unexplained_share
+from bwbn_bayes.inference.accuracy import in_doubles
 from bwbn_bayes.inference.identify import identify_from
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import observe
@@ -64,7 +65,7 @@ def conclude(
     elapsed = run.elapsed
     run.say("sampling the posterior of the final model")
     result = identify_from(
-        present.posterior,
+        in_doubles(present.posterior),
         np.array([mode.point for mode in present.modes[:8]]),
         settings=Settings(seed=run.settings.seed, particles=run.settings.particles, fallback=False),
         name=name,

@@ -67,6 +67,14 @@ class Family:
             information=local.information[:, columns][:, :, columns],
         )
 
+    def embed_expansion(self, member: Hypothesis, local: Linearisation) -> Linearisation:
+        """The expansion at a member's points among the family's coordinates, of which those that are held are zero."""
+        columns, n = self.columns(member), self.model.space.n_dim
+        gradient, information = (np.zeros((len(local.gradient), *(n,) * times)) for times in (1, 2))
+        gradient[:, columns] = local.gradient
+        information[:, np.array(columns)[:, None], columns] = local.information
+        return Linearisation(log_likelihood=local.log_likelihood, gradient=gradient, information=information)
+
     def posterior(self, present: Posterior) -> Posterior:
         """The posterior of the family's model."""
         return present.with_model(self.model)

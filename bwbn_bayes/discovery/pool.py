@@ -22,6 +22,7 @@ from bwbn_bayes.discovery.explanation import Explanation, Key, Place, key_of
 from bwbn_bayes.discovery.probability import Beliefs, beliefs
 from bwbn_bayes.discovery.race import FAR
 from bwbn_bayes.discovery.run import Run, beside
+from bwbn_bayes.discovery.scheme import finely_solved
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
@@ -32,6 +33,8 @@ from bwbn_bayes.parameters import Floats
 _MOST_COLOURED, _COLOURED_REACH = 4, 400.0
 """Explanations that are refitted under autoregressive errors in each round, and how far below the best: a law has been
 seen 379 nats below the one that it contains where its optimum was that of white errors. [nat]"""
+_MOST_FINE = 4
+"""Explanations whose scheme is judged at a time, the best ones, no further below the best of all than that."""
 _MOST_SHARED = 4
 """Explanations of a specimen that get an unnamed force in each round, beside the model as given."""
 _MOST_SAMPLED, _SAMPLED_REACH, _N_SAMPLED = 6, 10.0, 400
@@ -63,6 +66,7 @@ class Pool:
     """What was tried, or could not be solved, with an effect in a free shape."""
     white: dict[Key, float] = field(default_factory=dict)
     """Log evidence of each for white errors."""
+    _fine: set[Key] = field(default_factory=set)
     _coloured: set[Key] = field(default_factory=set)
     _bounds: dict[Key, float] = field(default_factory=dict)
     """Log evidence of each under autoregressive errors, at least."""
@@ -73,14 +77,20 @@ class Pool:
         for one in found:
             key = one.effects_key
             if key not in self.plain or one.evidence.log_evidence > self.white[key]:
-                self.plain[key], self.white[key] = one, one.evidence.log_evidence
-                self._coloured.discard(key)
-                self._bounds.pop(key, None)
-                self.asked -= {pair for pair in self.asked if pair[0] == key}
-                self._sampled.discard((key, None))
-                for place in [place for place in self.unnamed if place[0] == key]:
-                    del self.unnamed[place]
-                    self._sampled.discard(place)
+                self._fine.discard(key)
+                self._take(one)
+
+    def _take(self, one: Explanation) -> None:
+        """In the place of one of the same effects, with all that was found beside that one."""
+        key = one.effects_key
+        self.plain[key], self.white[key] = one, one.evidence.log_evidence
+        self._coloured.discard(key)
+        self._bounds.pop(key, None)
+        self.asked -= {pair for pair in self.asked if pair[0] == key}
+        self._sampled.discard((key, None))
+        for place in [place for place in self.unnamed if place[0] == key]:
+            del self.unnamed[place]
+            self._sampled.discard(place)
 
     def add_unnamed(self, one: Explanation) -> None:
         """Take in an explanation of a building with something unnamed.
@@ -123,7 +133,8 @@ class Pool:
         return [self.plain[key] for key in seen]
 
     def weigh(self) -> None:
-        """Give every explanation that could matter its own account of the errors."""
+        """Solve every explanation that could matter finely enough, and give it its own account of the errors."""
+        self._solve_finely()
         if self.shared is not None:
             self._share()
         if self._has_time:
@@ -135,6 +146,21 @@ class Pool:
         """Whether errors can have a past: a filter in time means nothing without time, or across gaps."""
         record = next(iter(self.plain.values())).posterior.record
         return record.has_time and all(part.counted is None for part in record.parts)
+
+    def _solve_finely(self) -> None:
+        """Judge the schemes by which the best were solved, and where one of these was too coarse, of the next."""
+        while True:
+            ranked = sorted(self.plain, key=lambda key: -self.white[key])
+            near = [key for key in ranked if self.white[key] > self.white[ranked[0]] - _COLOURED_REACH]
+            wanted = [key for key in near if key not in self._fine][:_MOST_FINE]
+            found = beside(finely_solved, [self.plain[key] for key in wanted], self.run.settings.n_workers)
+            self._fine.update(wanted)
+            changed = [one for one, key in zip(found, wanted, strict=True) if one is not self.plain[key]]
+            for one in changed:
+                self.run.say(f"solving {one.label} more finely: its evidence felt the step")
+                self._take(one)
+            if not changed:
+                return
 
     def _colour(self) -> None:
         """Refit under autoregressive errors what could gain by them."""

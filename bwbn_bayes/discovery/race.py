@@ -18,7 +18,7 @@ from bwbn_bayes.discovery.family import Family, families
 from bwbn_bayes.discovery.known_slopes import fits_with_slopes, suited
 from bwbn_bayes.discovery.pace import UNHURRIED, Pace
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
-from bwbn_bayes.inference.modes import Mode, distinct, outlook, polish
+from bwbn_bayes.inference.modes import Mode, distinct, expansion_of, outlook, polish
 from bwbn_bayes.inference.residuals import leaves_noise
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Booleans, Floats
@@ -88,7 +88,7 @@ class Fit:
         """Whether the best of its points explains all that was measured, down to noise."""
         return bool(np.isfinite(self.log_likelihood)) and leaves_noise(self.posterior, self.best(1)[0])
 
-    @property
+    @cached_property
     def modes(self) -> tuple[Mode, ...]:
         """Distinct optima, best first."""
         return distinct(self.points, self.local)
@@ -144,10 +144,8 @@ def race(
         def further(family: Family, n: int = n_iterations) -> list[Fit]:
             if all(member in fits for member in family.members):
                 n_kept_points = min(max(_BLOCK // len(family.members), _FEWEST), _MOST)
-                points = [fits[member].distinct(n_kept_points) for member in family.members]
-            else:
-                points = _starts(present, family, base_points[0], fitted_before)
-            return _fit_family(present, family, points, n)
+                return _go_on(present, family, [fits[member] for member in family.members], n_kept_points, n)
+            return _fit_family(present, family, _starts(present, family, base_points[0], fitted_before), n)
 
         done = "fitted {} hypotheses" if number == 0 else "refined {} leading hypotheses"
         ended = pace.each(further, families(kept), n_workers, done, size=lambda family: len(family.members))
@@ -225,11 +223,29 @@ def _together(family: Family, points: Sequence[Floats]) -> tuple[Floats, Boolean
     return chosen, held, np.repeat(np.arange(len(points)), [len(own) for own in points])
 
 
-def _fit_family(present: Posterior, family: Family, points: Sequence[Floats], n_iterations: int) -> list[Fit]:
+def _go_on(present: Posterior, family: Family, fits: Sequence[Fit], n_kept: int, n_iterations: int) -> list[Fit]:
+    """Fit the members of a family further, each from the best of its optima, whose expansions are known."""
+    best = [fit.modes[:n_kept] for fit in fits]
+    local = None
+    if all(best):
+        known = [
+            family.embed_expansion(member, expansion_of(own)) for member, own in zip(family.members, best, strict=True)
+        ]
+        local = Linearisation.joined(known)
+    return _fit_family(present, family, [fit.distinct(n_kept) for fit in fits], n_iterations, local)
+
+
+def _fit_family(
+    present: Posterior,
+    family: Family,
+    points: Sequence[Floats],
+    n_iterations: int,
+    local: Linearisation | None = None,
+) -> list[Fit]:
     """Fit the members of a family together, each from its own points."""
     view = family.posterior(present)
     chosen, held, owner = _together(family, points)
-    found, local = polish(view, chosen, n_iterations=n_iterations, held=held, reach=_REACH)
+    found, local = polish(view, chosen, n_iterations=n_iterations, held=held, reach=_REACH, local=local)
     result = []
     for number, member in enumerate(family.members):
         rows = np.flatnonzero(owner == number)

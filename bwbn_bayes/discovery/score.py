@@ -21,6 +21,7 @@ import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
+from bwbn_bayes.inference.accuracy import in_doubles
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
@@ -82,6 +83,7 @@ def scores(
     n_workers : int
         Families scored at once.
     """
+    posterior = in_doubles(posterior)
     present = Slopes.at(posterior, point)
     with ThreadPoolExecutor(max_workers=n_workers) as pool:
         found = pool.map(lambda family: _score_family(posterior, family, point, present), families(hypotheses))

@@ -26,6 +26,7 @@ from bwbn_bayes.discovery.run import Run, all_but, hypotheses_of, on_one_thread,
 from bwbn_bayes.discovery.second_look import rescanned, searched, widened
 from bwbn_bayes.discovery.unfinished import Unfinished
 from bwbn_bayes.discovery.unnamed import follow, weigh_to_first_order
+from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
@@ -37,9 +38,8 @@ REACH = 6.0
 """Explanations this far below the best are built upon. [nat]"""
 BEAM = 2
 """Explanations of one number of effects that are built upon at most."""
-_DEEPER_AFTER = 2
-"""Rounds after which the leading hypotheses of the first are searched from all over their priors, where what a
-building's best explanation leaves is not noise yet."""
+_FOLLOWED_AFTER = 2
+"""Rounds after which what has no name is looked for, where what a building's best laws leave is not noise yet."""
 _N_KEPT = 40
 """Fits of a round that become explanations."""
 _MOST_RESHAPED = 2
@@ -64,15 +64,15 @@ def search(given: Explanation, run: Run) -> Pool:
     pool = Pool(run=run)
     pool.add([given])
     run.consider(hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED))
-    n_whole, deeper = 0, given.is_specimen  # there the first round looks deep: its laws never leave noise
+    n_whole, followed = 0, given.is_specimen  # a specimen's laws never leave noise
     with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
         for number in range(run.settings.most_rounds):
+            if number == 1 and not (given.is_specimen or pool.laws_alone.best.is_noise):
+                _look_deeper(given, pool, run)
             parent = _next(pool, run)
-            if not deeper and (parent is None or number == _DEEPER_AFTER) and not pool.laws_alone.best.is_noise:
-                deeper = True
+            if not followed and (parent is None or number == _FOLLOWED_AFTER) and not pool.laws_alone.best.is_noise:
+                followed = True
                 follow(pool, run)
-                if not pool.beliefs.best.is_noise:
-                    _look_deeper(given, pool, run)
                 parent = _next(pool, run)
             if parent is None:
                 break
@@ -117,7 +117,11 @@ def _round(parent: Explanation, pool: Pool, run: Run) -> None:
 
 
 def _look_deeper(given: Explanation, pool: Pool, run: Run) -> None:
-    """Search the first round's leading hypotheses from all over their priors."""
+    """Search a building's leading hypotheses from all over their priors, which a specimen's first round does itself.
+
+    A fit that the lack of the effect has bent may be thousands of nats from the best one with it, and everything that
+    is built upon it is then built upon that.
+    """
     if run.must_stop() or not run.first_fits:
         return
     run.say("looking deeper at the leading hypotheses of the first round")
@@ -217,7 +221,9 @@ def _under_smaller_laws(parent: Explanation, every: Sequence[Hypothesis]) -> tup
     """The same hypotheses in groups of few effects: derivatives take a tenth of the time, which pays for compiling."""
     grouped = sharing_laws(every, MOST_CARRIED)
     laws = tuple(dict.fromkeys(hypothesis.model.law for hypothesis in grouped))
-    precompile(dict.fromkeys(laws[len(laws) // 2 :], True), driven=parent.model.excitation_kind == "displacement")
+    engine, driven = parent.posterior.engine, parent.model.excitation_kind == "displacement"
+    single = isinstance(engine, Lanes) and engine.single
+    precompile(dict.fromkeys(laws[len(laws) // 2 :], True), driven=driven, single=single)
     return grouped
 
 

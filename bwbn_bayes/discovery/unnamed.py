@@ -27,12 +27,14 @@ _Asked = tuple[Explanation, float, np.random.Generator, Run]
 def follow(pool: Pool, run: Run) -> None:
     """Look beside the best laws, the model as given, and what lacks one effect of the best, for what has no name.
 
-    Errors of sensors and links between floors cost least, then forces to first order, then those of one state.
+    Errors of sensors and links between floors cost least, then forces to first order, then those of one state; of each,
+    beside the model as given first.
     """
     whole = pool.laws_alone.best.effects_key
-    keys = dict.fromkeys([frozenset(), whole, *(whole - {one} for one in whole)])
+    keys = dict.fromkeys([whole, *(whole - {one} for one in whole)])
     for kind in _KINDS:
         if kind is not _with_reading_errors or len(pool.laws_alone.best.posterior.record.parts) == 1:
+            _ask(kind, [frozenset()], pool, run)
             _ask(kind, keys, pool, run)
 
 

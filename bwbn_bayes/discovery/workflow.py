@@ -22,17 +22,16 @@ from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import set_apart
 from bwbn_bayes.discovery.outcome import Discovery
 from bwbn_bayes.discovery.run import DiscoverySettings, Listener, Run
+from bwbn_bayes.discovery.scheme import scheme_for_right_model
 from bwbn_bayes.discovery.search import search
 from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.journal import Journal
-from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.accuracy import LADDER, choose_scheme
-from bwbn_bayes.inference.likelihood import KnownNoise, Posterior, default_noise
+from bwbn_bayes.inference.accuracy import LADDER, in_doubles
+from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, settled
-from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.inference.unnamed.further_link import spans
 from bwbn_bayes.inference.unnamed.pulses import with_pulse
 from bwbn_bayes.inference.unnamed.storey import places_of
@@ -44,6 +43,8 @@ from bwbn_bayes.structures.structure import Structure
 
 MOST_POINTS = 3000
 """Points of one cyclic test that are fitted: some hundred in each of thirty cycles."""
+_ROUNDING = 0.1
+"""Of log likelihoods by single precision, at most. [nat]"""
 _LAWS_AHEAD = 2
 """Laws of the first round that another process compiles, the last ones; the others are needed too soon."""
 
@@ -160,17 +161,28 @@ def _fit_given(
     model: Structure, record: Record, journal: Journal | None, run: Run
 ) -> tuple[Posterior, tuple[Mode, ...]]:
     """Fit the model as given, from all over its priors, by a scheme that is fine enough for the record."""
-    engine = replace(LADDER[0], n_threads=run.settings.n_workers)
+    engine = replace(LADDER[0], n_threads=run.settings.n_workers, single=True)
     posterior = Posterior(model=model, record=record, engine=engine, noise=default_noise(record), journal=journal)
     run.say("fitting the model as given")
     modes = find_modes(posterior, run.rng)
+    view = posterior
+    if _feels_rounding(view, _points(modes)):
+        run.say("rounding to single precision would be felt: solving in double precision")
+        view = in_doubles(view)
     if not model.is_driven:
-        scheme = _scheme_for(posterior, modes[0].point, engine)
-        if scheme != engine:
+        scheme = scheme_for_right_model(view, modes[0].point)
+        if scheme != view.engine:
             run.say(f"samples lie far apart for what moves between them: solving by {scheme.scheme}")
-            posterior = posterior.with_engine(scheme)
-            modes = distinct(*polish(posterior, _points(modes), n_iterations=20))
-    return posterior, modes
+            view = view.with_engine(scheme)
+    if view is posterior:
+        return posterior, modes
+    return view, distinct(*polish(view, _points(modes), n_iterations=20))
+
+
+def _feels_rounding(posterior: Posterior, points: Floats) -> bool:
+    """Whether numbers of 32 bits move the log likelihood at some points ``(n, n_dim)`` by a tenth of a nat."""
+    exact = in_doubles(posterior).log_likelihood(points)
+    return not np.allclose(posterior.log_likelihood(points), exact, rtol=0.0, atol=_ROUNDING)
 
 
 def _refitted(
@@ -210,18 +222,6 @@ def _points(modes: Sequence[Mode]) -> Floats:
     return np.array([mode.point for mode in modes[:N_CANDIDATES]])
 
 
-def _scheme_for(posterior: Posterior, point: Floats, engine: Lanes) -> Lanes:
-    """The cheapest scheme whose error a right model's likelihood would not feel; what the one as given leaves is more.
-
-    As if it had been measured exactly, with the noise by itself.
-    """
-    record, (values, _) = posterior.record, posterior.split(point[None])
-    exact = LADDER[-1].simulate(posterior.model, values, record).values[0]
-    as_if = record.with_channels(dict(zip(record.channels, exact, strict=True)))
-    noise = KnownNoise(sd=tuple(noise_floors(record).tolist()))
-    return choose_scheme(replace(posterior, record=as_if, noise=noise, journal=None), point, engine)[0]
-
-
 def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
     """Compile laws beside the first fits; the thread that waits for a specimen's, which has but one.
 
@@ -244,9 +244,10 @@ def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
         return None
     of_all = [h.model for h in sharing_laws(considered, np.inf) if h.carried][-1:]
     if model.excitation_kind == "displacement":
-        return precompile({one.law: True for one in of_all}, driven=True)
+        precompile({one.law: False for one in of_all}, driven=True)
+        return precompile({one.law: True for one in of_all}, driven=True, single=True)
     common = [law for one in of_all for law in (one.law, with_pulse(one, 1, 1.0, one.carried).law)]
     later = list(dict.fromkeys(h.model.law for h in considered if h.carried))[1:]
-    laws = dict.fromkeys(later[: -1 - _LAWS_AHEAD : -1], True)
-    precompile({**dict.fromkeys(common, False), **laws}, driven=False)
+    precompile(dict.fromkeys(later[: -1 - _LAWS_AHEAD : -1], True), driven=False, single=True)
+    precompile(dict.fromkeys(common, False), driven=False)
     return None

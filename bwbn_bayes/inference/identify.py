@@ -20,7 +20,7 @@ from bwbn_bayes.engines.executors import spread
 from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, on_rung
+from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, in_singles, on_rung
 from bwbn_bayes.inference.arrays import noise_scales
 from bwbn_bayes.inference.doubts import doubts
 from bwbn_bayes.inference.history import History, Listener
@@ -199,7 +199,10 @@ def _fit(
             "finding the mode" if attempt == 0 else "the residual is not noise: searching again from more starts"
         )
         found = find_modes(
-            posterior, rng, n_starts=1024 * 4**attempt, progress=lambda facts: history.tell_window(posterior, facts)
+            in_singles(posterior) if attempt == 0 else posterior,
+            rng,
+            n_starts=1024 * 4**attempt,
+            progress=lambda facts: history.tell_window(posterior, facts),
         )
         points = np.array([mode.point for mode in (*found, *modes)])
         view, modes, discretisation, checks = _finish(posterior, points)

@@ -7,6 +7,7 @@ is known, sampled (a further coordinate), or integrated out under a proper inver
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import ClassVar, Protocol
@@ -301,6 +302,11 @@ class Linearisation:
             gradient=self.gradient[index],
             information=self.information[index],
         )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Linearisation]) -> Linearisation:
+        """Those at several sets of points as one."""
+        return cls(**{one.name: np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(cls)})
 
     def with_rows(self, index: NDArray[np.int64], other: Linearisation) -> Linearisation:
         """The same with another's at some of the points."""

@@ -148,9 +148,22 @@ def cloud(view: Posterior, modes: tuple[Mode, ...], rng: np.random.Generator) ->
 
 
 def polish(
-    view: Posterior, points: Floats, *, n_iterations: int, held: Booleans | None = None, reach: float = np.inf
+    view: Posterior,
+    points: Floats,
+    *,
+    n_iterations: int,
+    held: Booleans | None = None,
+    reach: float = np.inf,
+    local: Linearisation | None = None,
 ) -> tuple[Floats, Linearisation]:
     """Levenberg-Marquardt from every point at once, see :func:`climb`, and the expansion where it ends.
+
+    Parameters
+    ----------
+    view, points, n_iterations, held, reach
+        See :func:`climb`.
+    local : Linearisation, optional
+        At the points, where it is known: it costs more than a step.
 
     Returns
     -------
@@ -160,9 +173,10 @@ def polish(
     """
 
     def fit(own: Posterior) -> tuple[Floats, ...]:
-        reached, _, local, moved = _climb(own, points, n_iterations=n_iterations, held=held, reach=reach)
-        local = _again(own, reached, local, moved, _free(held, reached))
-        return reached, local.log_likelihood, local.gradient, local.information
+        known = own.linearise(points, _free(held, points)) if local is None else local
+        reached, _, last, moved = _climb(own, points, known, n_iterations=n_iterations, held=held, reach=reach)
+        last = _again(own, reached, last, moved, _free(held, reached))
+        return reached, last.log_likelihood, last.gradient, last.information
 
     found, log_likelihood, gradient, information = kept_fit(
         view, f"polish, {n_iterations} steps, reach {reach!r}", points, held, fit
@@ -196,25 +210,28 @@ def climb(
     """
 
     def fit(own: Posterior) -> tuple[Floats, ...]:
-        return _climb(own, points, n_iterations=n_iterations, held=held, reach=reach)[:2]
+        local = own.linearise(points, _free(held, points))
+        return _climb(own, points, local, n_iterations=n_iterations, held=held, reach=reach)[:2]
 
     found, reached = kept_fit(view, f"climb, {n_iterations} steps, reach {reach!r}", points, held, fit)
     return found, reached
 
 
 def _climb(
-    view: Posterior, points: Floats, *, n_iterations: int, held: Booleans | None, reach: float
+    view: Posterior, points: Floats, local: Linearisation, *, n_iterations: int, held: Booleans | None, reach: float
 ) -> tuple[Floats, Floats, Linearisation, Booleans]:
-    """See :func:`climb`; with the last expansion of every candidate, and which have moved since."""
+    """See :func:`climb`; from the expansion at every candidate, with the last one, and which have moved since."""
     points, free = points.copy(), _free(held, points)
     scale = np.ones(len(points))
     moved, waits = np.zeros(len(points), dtype=np.bool_), np.ones(len(points), dtype=np.bool_)
-    local = view.linearise(points, free)
     reached = local.log_likelihood.copy()
     for _ in range(n_iterations):
-        near = reached > np.max(reached) - reach
-        rows = np.flatnonzero(waits)
+        best_so_far = np.max(reached)
+        near = reached > best_so_far - reach
         local = _again(view, points, local, moved & waits, free)
+        moved &= ~waits
+        waits &= ~(outlook(view, points, local, free) <= best_so_far - reach)
+        rows = np.flatnonzero(waits)
         own = None if free is None else free[rows]
         trials = np.stack(
             [steps(points[rows], local[rows], damping * scale[rows], own) for damping in _DAMPINGS], axis=1
@@ -278,9 +295,9 @@ def steps(points: Floats, local: Linearisation, damping: Floats, allowed: Boolea
     return trials
 
 
-def outlook(view: Posterior, points: Floats, local: Linearisation) -> Floats:
+def outlook(view: Posterior, points: Floats, local: Linearisation, free: Booleans | None = None) -> Floats:
     """Log likelihood ``(n,)`` that a Gauss-Newton step from each point leads to at most, by its own expansion."""
-    step = steps(points, local, np.full(len(points), _DAMPINGS[0]), np.ones(points.shape, dtype=np.bool_)) - points
+    step = steps(points, local, np.full(len(points), _DAMPINGS[0]), free) - points
     promised = np.einsum("np,np->n", step, local.gradient - 0.5 * np.einsum("npq,nq->np", local.information, step))
     return np.asarray(local.log_likelihood + view.most(np.maximum(promised, 0.0)))
 
@@ -305,6 +322,15 @@ def distinct(points: Floats, local: Linearisation) -> tuple[Mode, ...]:
         if all(_distance(candidate, mode) > 1.0 for mode in modes):
             modes.append(candidate)
     return tuple(modes)
+
+
+def expansion_of(modes: Sequence[Mode]) -> Linearisation:
+    """The expansions at some optima as one."""
+    return Linearisation(
+        log_likelihood=np.array([mode.log_likelihood for mode in modes]),
+        gradient=np.array([mode.gradient for mode in modes]),
+        information=np.array([mode.information for mode in modes]),
+    )
 
 
 def _distance(candidate: Mode, mode: Mode) -> float:

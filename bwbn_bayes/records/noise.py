@@ -23,6 +23,10 @@ MOST_DECIBELS = 300.0
 """Of a signal-to-noise ratio: beyond the fifteen digits of a double, one drowns the other whatever it is. [dB]"""
 
 _CLIP = 2.5
+_MEDIAN = float(stats.norm.ppf(0.75))
+"""Median absolute value of a standard normal variable."""
+_KEPT_VARIANCE = 1.0 - 2.0 * _CLIP * float(stats.norm.pdf(_CLIP)) / (2.0 * float(stats.norm.cdf(_CLIP)) - 1.0)
+"""Its variance within the clips."""
 _LEVEL_SIGMAS = 1.5
 
 
@@ -180,13 +184,12 @@ def model_free_noise_sd(signal: Floats) -> float:
 def _clipped_scale(values: Floats) -> float:
     """Standard deviation of the normal core of ``values``: a fixed point of clipping, from the median on."""
     magnitudes = np.abs(values)
-    scale = float(np.median(magnitudes)) / float(stats.norm.ppf(0.75))
-    kept_variance = 1.0 - 2.0 * _CLIP * float(stats.norm.pdf(_CLIP)) / (2.0 * float(stats.norm.cdf(_CLIP)) - 1.0)
+    scale = float(np.median(magnitudes)) / _MEDIAN
     for _ in range(20):
         kept = magnitudes[magnitudes <= _CLIP * scale]
         if not kept.size:
             break
-        scale = float(np.sqrt(np.mean(np.square(kept)) / kept_variance))
+        scale = float(np.sqrt(np.mean(np.square(kept)) / _KEPT_VARIANCE))
     return scale
 
 

@@ -262,6 +262,18 @@ def test_the_period_of_a_specimen_is_that_of_its_cycles() -> None:
         assert scales.period == pytest.approx(2.0, rel=0.01)
 
 
+def test_a_loop_that_gives_back_what_it_took_has_a_scale_of_work() -> None:
+    """A linear spring, pushed to and fro, ends with nothing; at most it stored ``(1 - alpha) k U^2 / 2``."""
+    times = 0.01 * np.arange(1001)
+    specimen = Specimen(storey=BoucWen(k=50.0, alpha=0.2, beta=0.0, gamma=0.0, n=1.0))
+    pushed = Record(
+        name="cycles", time_step=0.01, excitation=0.1 * np.sin(np.pi * times), excitation_kind="displacement"
+    ).with_channels({"force": np.ones(1001)})
+    posterior = Posterior(model=specimen, record=pushed, engine=engine("reference"), noise=default_noise(pushed))
+    (scales,) = scales_of(posterior, np.zeros(posterior.space.n_dim))
+    assert scales.energy == pytest.approx(0.8 * 50.0 * 0.1**2 / 2.0, rel=1e-6)
+
+
 def test_a_linear_storey_has_hypotheses_too() -> None:
     """No room for an asymmetric term where beta and gamma are zero; an offset of either is measured by the motion."""
     linear = replace(STOREY, beta=0.0, gamma=0.0)

@@ -124,3 +124,19 @@ def test_a_family_of_one_is_its_member(posterior: Posterior) -> None:
     embedded, held = family.embed(member, member.starts(POINT[None]))
     np.testing.assert_array_equal(embedded, member.starts(POINT[None]))
     assert not np.any(held)
+
+
+def test_an_expansion_goes_in_as_it_came_out(posterior: Posterior, every: tuple[Hypothesis, ...]) -> None:
+    """And a fit that is given it ends where one that takes it anew does."""
+    family = next(f for f in families(every) if f.members[0].name == "cubic_stiffness")
+    view, (member, *_) = family.posterior(posterior), family.members
+    starts, held = family.embed(member, member.starts(POINT[None]))
+    local = family.extract(member, view.linearise(starts, ~held))
+    inside = family.embed_expansion(member, local)
+    again = family.extract(member, inside)
+    for one in ("log_likelihood", "gradient", "information"):
+        np.testing.assert_array_equal(getattr(again, one), getattr(local, one))
+    assert not np.any(inside.gradient[held])
+    anew, _ = polish(view, starts, n_iterations=5, held=held)
+    given, _ = polish(view, starts, n_iterations=5, held=held, local=inside)
+    np.testing.assert_allclose(given, anew, atol=1e-9)

@@ -21,7 +21,7 @@ from bwbn_bayes.elements.effects import (
 )
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
-from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.inference.likelihood import Linearisation, Posterior, default_noise
 from bwbn_bayes.inference.modes import polish
 from bwbn_bayes.parameters import Floats, PerStorey, Uniform
 from bwbn_bayes.records.excitation import el_centro
@@ -127,9 +127,15 @@ def test_later_rounds_keep_the_planted_effect(
     entered: list[tuple[int, Hypothesis]] = []
     whole = racing._fit_family
 
-    def noted(posterior: Posterior, family: Family, points: Sequence[Floats], n_iterations: int) -> list[Fit]:
+    def noted(
+        posterior: Posterior,
+        family: Family,
+        points: Sequence[Floats],
+        n_iterations: int,
+        local: Linearisation | None = None,
+    ) -> list[Fit]:
         entered.extend((n_iterations, member) for member in family.members)
-        return whole(posterior, family, points, n_iterations)
+        return whole(posterior, family, points, n_iterations, local)
 
     monkeypatch.setattr(racing, "_fit_family", noted)
     monkeypatch.setattr(racing, "in_reach", list)

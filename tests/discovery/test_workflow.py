@@ -70,9 +70,14 @@ def test_without_hypotheses_a_smooth_disagreement_is_an_unnamed_force(record: Re
 
 
 def test_laws_compiled_ahead_are_those_of_the_run(record: Record, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before anything is fitted, at sizes that mean nothing; the first law is left to whom needs it at once."""
-    ahead: list[dict[StoreyLaw, bool]] = []
-    monkeypatch.setattr(workflow, "precompile", lambda laws, **_: ahead.append(dict(laws)))
+    """Before anything is fitted, at sizes that mean nothing; the first law is left to whom needs it at once.
+
+    Those that are fitted are compiled in single precision, those by which small differences are taken in doubles.
+    """
+    ahead: list[tuple[dict[StoreyLaw, bool], bool]] = []
+    monkeypatch.setattr(
+        workflow, "precompile", lambda laws, *, driven, single=False: ahead.append((dict(laws), single or driven))
+    )
     run = Run(settings=DiscoverySettings(), rng=np.random.default_rng(1), listener=None)
     workflow._compile_ahead(MODEL, record, run)
     posterior = Posterior(model=MODEL, record=record, engine=Lanes(), noise=default_noise(record))
@@ -81,15 +86,16 @@ def test_laws_compiled_ahead_are_those_of_the_run(record: Record, monkeypatch: p
         [h.model.law for h in hypotheses(MODEL, scales, measured=("drift_1",), most_carried=most) if h.carried]
         for most in (MOST_CARRIED, np.inf)
     )
-    (laws,) = ahead
+    (fitted, is_single), (differentiated, is_single_too) = ahead
+    assert is_single and not is_single_too
     every = hypotheses(MODEL, scales, measured=("drift_1",), most_carried=np.inf)
     of_all = [h.model for h in every if h.carried][-1]
-    assert list(laws.items()) == [
+    assert list(fitted.items()) == [(law, True) for law in list(dict.fromkeys(first_round))[:-3:-1]]
+    assert list(differentiated.items()) == [
         (later[-1], False),
         (with_pulse(of_all, 1, 1.0, of_all.carried).law, False),
-        *((law, True) for law in list(dict.fromkeys(first_round))[:-3:-1]),
     ]
-    assert first_round[0] not in laws
+    assert first_round[0] not in fitted
 
 
 @pytest.mark.usefixtures("without_unnamed")

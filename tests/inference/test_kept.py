@@ -27,9 +27,9 @@ def n_fitted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Starts of every fit that is not read but made."""
     own, made = modes._climb, []
 
-    def count(view, points, **options):  # type: ignore[no-untyped-def]
+    def count(view, points, local, **options):  # type: ignore[no-untyped-def]
         made.append(len(points))
-        return own(view, points, **options)
+        return own(view, points, local, **options)
 
     monkeypatch.setattr(modes, "_climb", count)
     return made

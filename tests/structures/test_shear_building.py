@@ -178,7 +178,7 @@ def test_a_warning_where_a_loop_can_give_energy_back():
             "an effect refers to delta_nu, which nothing in the model brings: add the effect that does first",
         ),
         (
-            lambda: three(beta=0.0, gamma=0.0).with_effect(FolientePinching.neutral_forms()[0]),
+            lambda: three(beta=0.0, gamma=0.0).with_effect(replace(FolientePinching.neutral_forms()[0], q=0.3)),
             "does not hold for the values given",
         ),
         (lambda: Uniform(2.0, 1.0), "the lower bound must lie below the upper"),

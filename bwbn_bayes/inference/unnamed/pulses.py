@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import AddedState, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.inference.accuracy import in_doubles
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats, Normal, Parameter, Uniform, Value
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.parts import PlacedEffect
 from bwbn_bayes.structures.structure import Structure
 
-_MOST_KNOTS, _MOST_PULSES = 1000, 4000
+_MOST_KNOTS, _MOST_PULSES = 500, 4000
 """Moments at which pulses stand in a storey, and pulses in all, at most: they overlap, so that between two moments a
 history is a straight line."""
 _NEAR = 1e-5
@@ -154,7 +155,7 @@ def answers(
     (n_histories, n_channels, n_times) array
         [units of the channels]
     """
-    record = posterior.record
+    posterior, record = in_doubles(posterior), posterior.record
     names = list(record.channels)
     result = np.zeros((len(histories), len(names), record.n_times))
     begun = 0

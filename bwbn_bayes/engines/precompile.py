@@ -17,7 +17,7 @@ from pathlib import Path
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.cache_files import cache_directory
 from bwbn_bayes.engines.children import RUNNING
-from bwbn_bayes.engines.lanes import compile_law, is_compiled
+from bwbn_bayes.engines.lane_laws import compile_law, is_compiled
 
 _CHILD = """
 import sys

@@ -16,7 +16,8 @@ from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.engines.base import Engine, Status
 from bwbn_bayes.engines.cvodes import Cvodes
-from bwbn_bayes.engines.lanes import Lanes, _kernel_of
+from bwbn_bayes.engines.lane_laws import kernel_of
+from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.errors import UserError
@@ -204,7 +205,7 @@ def test_models_with_the_same_kinds_share_one_kernel():
     base = building(MASSES, OTHERS)
     one, two = (placed(base, name, SIZES[name], [1]) for name in ("appendage", "input_scale"))
     assert one.law == two.law == base.law
-    assert _kernel_of(one.law, driven=False) is _kernel_of(two.law, driven=False)
+    assert kernel_of(one.law, driven=False) is kernel_of(two.law, driven=False)
 
 
 def test_a_rigid_base_is_rigid_and_a_stiff_one_nearly_so():

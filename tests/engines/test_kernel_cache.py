@@ -14,7 +14,7 @@ from bwbn_bayes.elements.effects import SlipLock
 from bwbn_bayes.engines import scalar
 from bwbn_bayes.engines.kept_code import remembered
 from bwbn_bayes.engines.kernel_cache import load_kernel
-from bwbn_bayes.engines.lanes import is_compiled
+from bwbn_bayes.engines.lane_laws import is_compiled
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.structures.shear_building import ShearBuilding
 

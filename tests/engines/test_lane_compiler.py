@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bwbn_bayes import BoucWen, FolientePinching, PerStorey, ShearBuilding, SlipLock, SuddenDamage, Uniform, el_centro
-from bwbn_bayes.engines import lanes
+from bwbn_bayes.engines import lane_laws
 from bwbn_bayes.engines.lane_compiler import KINDS, object_code
 from bwbn_bayes.engines.lane_kernel import LaneKernel
 from bwbn_bayes.engines.lanes import Lanes
@@ -129,11 +129,11 @@ def test_a_kernel_comes_to_what_python_makes_of_its_text(model: Structure, monke
 
     compiled = solved()
     monkeypatch.setattr(LaneKernel, "function", lambda self, entry: in_python(self.source)[entry])
-    for made in (lanes._make_kernel, lanes._summarise):
+    for made in (lane_laws._made, lane_laws.summarise):
         made.cache_clear()
     with np.errstate(all="ignore"):
         expected = solved()
-    for made in (lanes._make_kernel, lanes._summarise):
+    for made in (lane_laws._made, lane_laws.summarise):
         made.cache_clear()
     for one, other in zip(compiled, expected, strict=True):
         scale = np.max(np.abs(other))

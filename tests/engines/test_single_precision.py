@@ -14,8 +14,9 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock, StrengthDegradation, SuddenDamage
 from bwbn_bayes.engines.base import Status
 from bwbn_bayes.engines.lane_kernel import LaneKernel
+from bwbn_bayes.engines.lane_laws import is_compiled
 from bwbn_bayes.engines.lane_template import SINGLE_MATHEMATICS
-from bwbn_bayes.engines.lanes import Lanes, is_compiled
+from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.parameters import Floats, PerStorey, Uniform

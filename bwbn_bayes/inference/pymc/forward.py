@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from bwbn_bayes.engines.base import Engine, check_record, masses
-from bwbn_bayes.engines.lanes import Lanes, OfPoints
+from bwbn_bayes.engines.lane_points import OfPoints
+from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.sunode import Sunode
 from bwbn_bayes.inference import least_squares
 from bwbn_bayes.inference.correlation import Correlation

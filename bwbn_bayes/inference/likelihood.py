@@ -258,6 +258,11 @@ def default_noise(record: Record) -> IntegratedNoise:
     return IntegratedNoise(shape=1.0, scale=tuple(scales), correlation_samples=as_one[0] if alike else tuple(as_one))
 
 
+def _known(numbers: Floats) -> Floats:
+    """Derivatives, zero where they are not finite: near collapse they leave the range of the engine's numbers."""
+    return np.nan_to_num(numbers, posinf=0.0, neginf=0.0)
+
+
 def _noise_variances(record: Record) -> list[float]:
     variances = []
     for (name, signal), level in zip(record.channels.items(), noise_sds(record).tolist(), strict=True):
@@ -463,9 +468,9 @@ class Posterior:
         weight, n_times = self._precision(misfit, noise_values) * ok[:, None], self._n_times
         scale = self.space.unit_scale(np.hstack([values, noise_values]))
         scale = scale if free is None else np.where(free, scale, 0.0)
-        gradient = self.gradient_of(misfit, -2.0 * np.nan_to_num(equations.gradient), points) * ok[:, None]
+        gradient = self.gradient_of(misfit, -2.0 * _known(equations.gradient), points) * ok[:, None]
         information = np.zeros((len(points), self.n_dim, self.n_dim))
-        information[:, :d, :d] = np.einsum("nc,ncpq->npq", weight, np.nan_to_num(equations.information))
+        information[:, :d, :d] = np.einsum("nc,ncpq->npq", weight, _known(equations.information))
         for c in range(self.n_dim - d):
             information[:, d + c, d + c] = ok * 2.0 * n_times[c] / noise_values[:, c] ** 2
         return Linearisation(

@@ -226,12 +226,9 @@ def _climb(
     moved, waits = np.zeros(len(points), dtype=np.bool_), np.ones(len(points), dtype=np.bool_)
     reached = local.log_likelihood.copy()
     for _ in range(n_iterations):
-        best_so_far = np.max(reached)
-        near = reached > best_so_far - reach
-        local = _again(view, points, local, moved & waits, free)
-        moved &= ~waits
-        waits &= ~(outlook(view, points, local, free) <= best_so_far - reach)
+        near = reached > np.max(reached) - reach
         rows = np.flatnonzero(waits)
+        local = _again(view, points, local, moved & waits, free)
         own = None if free is None else free[rows]
         trials = np.stack(
             [steps(points[rows], local[rows], damping * scale[rows], own) for damping in _DAMPINGS], axis=1
@@ -295,9 +292,9 @@ def steps(points: Floats, local: Linearisation, damping: Floats, allowed: Boolea
     return trials
 
 
-def outlook(view: Posterior, points: Floats, local: Linearisation, free: Booleans | None = None) -> Floats:
+def outlook(view: Posterior, points: Floats, local: Linearisation) -> Floats:
     """Log likelihood ``(n,)`` that a Gauss-Newton step from each point leads to at most, by its own expansion."""
-    step = steps(points, local, np.full(len(points), _DAMPINGS[0]), free) - points
+    step = steps(points, local, np.full(len(points), _DAMPINGS[0]), None) - points
     promised = np.einsum("np,np->n", step, local.gradient - 0.5 * np.einsum("npq,nq->np", local.information, step))
     return np.asarray(local.log_likelihood + view.most(np.maximum(promised, 0.0)))
 

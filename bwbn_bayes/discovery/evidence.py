@@ -1,7 +1,7 @@
 """The evidence of a fitted model, under its own account of the errors: white, autoregressive, or with an unnamed force.
 
 Orders of autoregression and the scale of the unnamed force are chosen by evidence at an optimum of the very likelihood
-that they make, in turns with the parameters.
+that they make: orders in turns with the parameters, scales each with an optimum of its own.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bwbn_bayes.inference.importance import (
     laplace_mixture,
     sample_importance,
 )
-from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, outlook, polish
 from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.parameters import Floats
@@ -32,7 +32,7 @@ LAPLACE_SE = 2.0
 """Error allowed for Laplace's approximation where it was not checked by sampling. [nat]"""
 SCALES = tuple(2.0**exponent for exponent in range(10))
 """Of the unnamed force, over the noise level: one of them is within a factor of 1.4 of the best."""
-_N_POLISHED, _N_ITERATIONS, _N_TURNS = 6, 8, 2
+_N_POLISHED, _N_ITERATIONS, _N_TURNS = 6, 30, 2
 _REACH = 20.0
 """Starts further below the best do not keep it waiting. [nat]"""
 
@@ -188,35 +188,48 @@ def with_shared(
     assert isinstance(noise, IntegratedNoise)
     n_times = posterior.record.n_counted
 
-    def account(residual: Floats) -> Correlation:
-        found: list[tuple[float, Correlation]] = []
-        for scale in SCALES:
-            correlation = Correlation(shared=shared.times(scale))
-            misfit = np.sum(np.square(correlation.whitened(residual)), axis=1)[None]
-            level = float(np.sqrt((noise.scale[0] + 0.5 * misfit[0, 0]) / (noise.shape + 0.5 * n_times)))
-            priced = replace(correlation, log_prior=-0.5 * (scale * level / largest) ** 2)
-            value = replace(noise, correlation=priced).log_likelihood(misfit, n_times, np.empty((1, 0)))
-            found.append((float(value[0]), priced))
-        return max(found, key=lambda pair: pair[0])[1]
+    def priced(scale: float, residual: Floats) -> tuple[float, Correlation]:
+        """How likely a residual is under a scale of the force, and the errors' account with that scale's prior."""
+        correlation = Correlation(shared=shared.times(scale))
+        misfit = np.sum(np.square(correlation.whitened(residual)), axis=1)[None]
+        level = float(np.sqrt((noise.scale[0] + 0.5 * misfit[0, 0]) / (noise.shape + 0.5 * n_times)))
+        correlation = replace(correlation, log_prior=-0.5 * (scale * level / largest) ** 2)
+        value = replace(noise, correlation=correlation).log_likelihood(misfit, n_times, np.empty((1, 0)))
+        return float(value[0]), correlation
 
-    return _in_turns(posterior, modes, account, starts)
+    def fitted(scale: float, points: Floats) -> Evidence:
+        """The evidence under a scale, whose prior is that of the noise level at its own optimum."""
+        points, local = _refitted(_under(posterior, Correlation(shared=shared.times(scale))), points)
+        _, correlation = priced(scale, residual_of(posterior, points[0]))
+        local = replace(local, log_likelihood=local.log_likelihood + correlation.log_prior)
+        return laplace(_under(posterior, correlation), distinct(points, local))
+
+    residual = residual_of(posterior, modes[0].point)
+    at = max(range(len(SCALES)), key=lambda number: priced(SCALES[number], residual)[0])
+    points = np.array([mode.point for mode in modes[:_N_POLISHED]])
+    found = {at: fitted(SCALES[at], points if starts is None else np.concatenate([points, starts]))}
+    while True:
+        points = np.array([mode.point for mode in found[at].modes])
+        beside = [number for number in (at - 1, at + 1) if number in range(len(SCALES)) and number not in found]
+        found.update({number: fitted(SCALES[number], points) for number in beside})
+        best = max(found, key=lambda number: found[number].log_evidence)
+        if best == at:
+            return found[best]
+        at = best
 
 
-def _in_turns(
-    posterior: Posterior,
-    modes: tuple[Mode, ...],
-    account: Callable[[Floats], Correlation],
-    starts: Floats | None = None,
-) -> Evidence:
+def _in_turns(posterior: Posterior, modes: tuple[Mode, ...], account: Callable[[Floats], Correlation]) -> Evidence:
     """Laplace's evidence where account and optimum agree."""
     points = np.array([mode.point for mode in modes[:_N_POLISHED]])
     view = posterior
-    for turn in range(_N_TURNS):
-        correlation = account(residual_of(posterior, points[0]))
-        view = _under(posterior, correlation)
-        if turn == 0 and starts is not None:
-            points = np.concatenate([points, starts])
-        points, local = polish(view, points, n_iterations=_N_ITERATIONS, reach=_REACH)
-        order = np.argsort(-local.log_likelihood, kind="stable")[:_N_POLISHED]
-        points, local = points[order], local[order]
+    for _ in range(_N_TURNS):
+        view = _under(posterior, account(residual_of(posterior, points[0])))
+        points, local = _refitted(view, points)
     return laplace(view, distinct(points, local))
+
+
+def _refitted(view: Posterior, points: Floats) -> tuple[Floats, Linearisation]:
+    """The optima that points lead to, best first, and the expansions there."""
+    points, local = polish(view, points, n_iterations=_N_ITERATIONS, reach=_REACH)
+    order = np.argsort(-local.log_likelihood, kind="stable")[:_N_POLISHED]
+    return points[order], local[order]

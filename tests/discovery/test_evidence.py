@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, multivariate_t
 
 from bwbn_bayes.discovery.candidates import hypotheses, scales_of
-from bwbn_bayes.discovery.evidence import Evidence, autoregressive, autoregressive_bound, laplace, with_shared
+from bwbn_bayes.discovery.evidence import SCALES, Evidence, autoregressive, autoregressive_bound, laplace, with_shared
 from bwbn_bayes.discovery.evidence import sampled as sampled_evidence
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.elements.bouc_wen import BoucWen
@@ -19,7 +20,7 @@ from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
 from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
-from bwbn_bayes.parameters import Floats, Normal, PerStorey
+from bwbn_bayes.parameters import Floats, Normal, PerStorey, Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -211,18 +212,25 @@ def test_a_law_never_fits_worse_than_the_one_it_contains(effect: type[Effect], m
     assert with_it.log_likelihood > without.log_likelihood - 0.05
 
 
-def test_an_unnamed_force_is_the_closed_form_of_its_gaussian_process() -> None:
-    """A specimen of known law: the evidence at the chosen scale is a multivariate normal's, its level integrated."""
+def specimen_with_something_unnamed(k: float | Uniform) -> tuple[Posterior, Floats]:
+    """A specimen whose law lacks a force of the displacement alone, and the law's force."""
     rng = np.random.default_rng(7)
     path = 0.02 * np.sin(np.linspace(0.0, 20.0, 160)) * np.linspace(0.3, 1.0, 160)
     storey = BoucWen(k=60.0, alpha=Normal(0.15, 0.01).truncated(0.0, 1.0), beta=40.0, gamma=10.0, n=1.0)
-    specimen = Specimen(storey=storey)
     drawn = Record(name="drawn", time_step=1.0, excitation=path, channels={}, excitation_kind="displacement")
-    law = ENGINE.simulate(specimen, np.array([[0.15]]), drawn, ("force",)).values[0, 0]
+    law = ENGINE.simulate(Specimen(storey=storey), np.array([[0.15]]), drawn, ("force",)).values[0, 0]
     missing = 0.05 * np.max(np.abs(law)) * np.sin(path / 0.004)
     record = drawn.with_channels({"force": law + missing + 0.002 * rng.standard_normal(160)})
     noise = IntegratedNoise(shape=1.0, scale=(0.002**2,))
-    posterior = Posterior(model=specimen, record=record, engine=ENGINE, noise=noise)
+    specimen = Specimen(storey=replace(storey, k=k))
+    return Posterior(model=specimen, record=record, engine=ENGINE, noise=noise), law
+
+
+def test_an_unnamed_force_is_the_closed_form_of_its_gaussian_process() -> None:
+    """A specimen of known law: the evidence at the chosen scale is a multivariate normal's, its level integrated."""
+    posterior, law = specimen_with_something_unnamed(k=60.0)
+    record, noise = posterior.record, posterior.noise
+    assert isinstance(noise, IntegratedNoise)
     modes = distinct(*polish(posterior, np.full((1, 1), 0.5), n_iterations=20))
     basis, largest = unnamed_basis(record), 0.1 * float(np.max(np.abs(law)))
     found = with_shared(posterior, modes, SharedFunctions.of(basis), largest, None)
@@ -230,7 +238,7 @@ def test_an_unnamed_force_is_the_closed_form_of_its_gaussian_process() -> None:
     ratio = np.sqrt(np.sum(found.correlation.shared.variance) / np.sum(np.square(basis)))
     covariance = np.eye(160) + ratio**2 * basis @ basis.T
     values = found.posterior.space.from_unit(found.modes[0].point[None])
-    residual = record.channels["force"] - ENGINE.simulate(specimen, values, record).values[0, 0]
+    residual = record.channels["force"] - ENGINE.simulate(posterior.model, values, record).values[0, 0]
     # A normal with an inverse-gamma level is Student's t of two degrees of freedom.
     expected = multivariate_t(shape=noise.scale[0] * covariance, df=2).logpdf(residual)
     white = found.posterior.misfit(found.modes[0].point[None])[0, 0] / 160
@@ -239,3 +247,29 @@ def test_an_unnamed_force_is_the_closed_form_of_its_gaussian_process() -> None:
     # What was hidden has a root mean square of 0.035 of the largest force.
     assert 0.01 < level / np.max(np.abs(law)) < 0.12
     assert found.log_evidence > laplace(posterior, modes).log_evidence + 100.0
+
+
+def test_no_scale_of_an_unnamed_force_has_a_better_optimum() -> None:
+    """Scale and parameters each at the other's best need not be the best of both: six nats were left on a column."""
+    posterior, law = specimen_with_something_unnamed(k=Uniform(20, 120))
+    modes = distinct(*polish(posterior, np.full((1, 2), 0.5), n_iterations=20))
+    basis, largest = unnamed_basis(posterior.record), 0.1 * float(np.max(np.abs(law)))
+    found = with_shared(posterior, modes, SharedFunctions.of(basis), largest, None)
+
+    record, force = posterior.record, posterior.record.channels["force"]
+
+    def best_at(scale: float) -> float:
+        covariance = np.eye(160) + scale**2 * basis @ basis.T
+        inverse, student = np.linalg.inv(covariance), multivariate_t(shape=0.002**2 * covariance, df=2)
+
+        def missed(point: Floats) -> float:
+            values = posterior.space.from_unit(point[None])
+            residual = force - ENGINE.simulate(posterior.model, values, record).values[0, 0]
+            level = np.sqrt((0.002**2 + 0.5 * residual @ inverse @ residual) / 81.0)
+            return 0.5 * float(scale * level / largest) ** 2 - float(student.logpdf(residual))
+
+        starts = np.array([[0.5, 0.5], [0.3, 0.2]])
+        return -min(float(minimize(missed, start, bounds=[(0.01, 0.99)] * 2).fun) for start in starts)
+
+    best = max(map(best_at, SCALES))
+    assert found.log_likelihood == pytest.approx(best, abs=0.1)

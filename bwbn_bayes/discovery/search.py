@@ -21,7 +21,7 @@ from bwbn_bayes.discovery.explanation import Explanation, key_of
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.probability import cost_of_another
-from bwbn_bayes.discovery.race import Fit, race
+from bwbn_bayes.discovery.race import FAR, Fit, race
 from bwbn_bayes.discovery.run import Run, all_but, hypotheses_of, on_one_thread, on_threads, score_all
 from bwbn_bayes.discovery.second_look import rescanned, searched, widened
 from bwbn_bayes.discovery.unfinished import Unfinished
@@ -44,6 +44,8 @@ _N_KEPT = 40
 """Fits of a round that become explanations."""
 _MOST_RESHAPED = 2
 """Rounds in which forms of free shape are tried at a specimen."""
+_MOST_RIVALS = 3
+"""Other effects that are tried in free shape in the place of one of the best explanation's."""
 _TOGETHER = ("strength_degradation", "stiffness_degradation")
 _WITH = ("slip_lock", "foliente_pinching")
 """What occurs together in measured loops: a pinch with a loss of strength and stiffness."""
@@ -245,31 +247,48 @@ def _together(given: Explanation, run: Run) -> Iterator[Explanation]:
 def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
     """The best laws with each effect in a form of free shape: what its form leaves must not become another effect.
 
-    Where the best has several effects, the one that is best alone, too. Each form is tried on each base once. What a
-    specimen's laws leave is never noise, and their unnamed force may take it up: forms are tried there in the first
-    rounds alone.
+    Where the best has several effects, the one that is best alone, too; and what might stand in the place of one of
+    them: which law lies nearest in the form that it happens to have says little of which it is. Each form is tried on
+    each base once. What a specimen's laws leave is never noise, and their unnamed force may take it up: forms are tried
+    there in the first rounds alone.
     """
     best = pool.laws_alone.best
     if best.is_specimen and len(pool.expanded) > _MOST_RESHAPED:
         return []
     considered = {one.name for one in run.considered_first}
-    wanted = [] if best.is_noise else [best]
+    wanted = [] if best.is_noise else [(best, one) for one in best.added]
     alone = [pool.plain[key_of([one])] for one in best.added if key_of([one]) in pool.plain]
     if len(best.added) > 1 and alone:
-        wanted.append(max(alone, key=lambda one: one.evidence.log_evidence))
+        first = max(alone, key=lambda one: one.evidence.log_evidence)
+        wanted.append((first, first.added[0]))
     found: list[Explanation] = []
-    for whole in wanted:
-        for plain in whole.added:
-            base = pool.plain.get(whole.effects_key - key_of([plain]))
-            if base is None or run.must_stop():
-                continue
-            forms = [form for form in plain.free_shapes if form.name in considered]
-            every = [replace(plain, base=base.model, effect=form, carried=()) for form in forms]
-            every = [one for one in every if base.effects_key | key_of([one]) not in pool.reshaped]
-            pool.reshaped.update(base.effects_key | key_of([one]) for one in every)
-            if every:
-                found += _in_free_shape(base, every, run)
+    for whole, plain in (*wanted, *_rivals(best, pool)):
+        base = pool.plain.get(whole.effects_key - key_of([plain]))
+        if base is None or run.must_stop():
+            continue
+        forms = [form for form in plain.free_shapes if form.name in considered]
+        every = [replace(plain, base=base.model, effect=form, carried=()) for form in forms]
+        every = [one for one in every if base.effects_key | key_of([one]) not in pool.reshaped]
+        pool.reshaped.update(base.effects_key | key_of([one]) for one in every)
+        if every:
+            found += _in_free_shape(base, every, run)
     return found
+
+
+def _rivals(best: Explanation, pool: Pool) -> list[tuple[Explanation, Hypothesis]]:
+    """Other effects with forms of free shape, each where it stands best in the place of one of the best explanation's.
+
+    Where the best leaves noise, those that are not far behind it.
+    """
+    least = best.evidence.log_evidence - FAR if best.is_noise else -np.inf
+    found: dict[str, tuple[Explanation, Hypothesis]] = {}
+    for one in pool.laws_alone.explanations:
+        others = [own for own in one.added if not key_of([own]) <= best.effects_key]
+        if len(others) != 1 or len(one.added) != len(best.added) or one.evidence.log_evidence <= least:
+            continue
+        if others[0].free_shapes and others[0].name not in best.names:
+            found.setdefault(others[0].name, (one, others[0]))
+    return list(found.values())[:_MOST_RIVALS]
 
 
 def _in_free_shape(base: Explanation, every: Sequence[Hypothesis], run: Run) -> list[Explanation]:

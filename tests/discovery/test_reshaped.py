@@ -15,12 +15,13 @@ from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
+from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.effects import StiffnessDegradation
+from bwbn_bayes.elements.effects import CubicStiffness, GapImpact, StiffnessDegradation
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
-from bwbn_bayes.parameters import Floats, Normal
+from bwbn_bayes.parameters import Floats, Normal, Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
@@ -29,16 +30,22 @@ SPRING = {"k": 60.0, "c": 0.4, "alpha": 0.15, "beta": 12.0, "gamma": 2.0, "n": 1
 MASS, SD = 2.0, 0.05
 LOSS, POWER, WORK = 1.5, 2.0, 0.35
 """``eta = 1 + LOSS (epsilon/WORK)^POWER``: no form of the catalogue. [1], [1], [J]"""
+FORCE, HARDENING, DRIFT = 2.0, 5.0, 0.1
+"""``FORCE (u/DRIFT)^HARDENING``: neither is this; a stop comes nearer to it than a cubic spring. [N], [1], [m]"""
 
 
-def worn_response(ground: Floats, dt: float, n_steps: int = 16) -> Floats:
-    """Total acceleration [m/s^2] of one storey whose stiffness falls by a power of the work, by Runge and Kutta."""
+def response(ground: Floats, dt: float, *, loss: float = 0.0, spring: float = 0.0, n_steps: int = 16) -> Floats:
+    """Total acceleration [m/s^2] of one storey by Runge and Kutta.
+
+    Its stiffness falls by a power of the work, or a spring stands beside it that hardens by a power of the drift.
+    """
     k, c, alpha, beta, gamma, n = SPRING.values()
 
     def rates(y: Floats, a_g: float) -> tuple[Floats, float]:
         u, v, z, eps = y
-        eta = 1.0 + LOSS * (abs(eps) / WORK) ** POWER
-        total = -(alpha * k * u + (1.0 - alpha) * k * z + c * v) / MASS
+        eta = 1.0 + loss * (abs(eps) / WORK) ** POWER
+        hardening = spring * np.sign(u) * (abs(u) / DRIFT) ** HARDENING
+        total = -(alpha * k * u + (1.0 - alpha) * k * z + c * v + hardening) / MASS
         slope = (1.0 - abs(z) ** n * (beta * np.sign(z * v) + gamma)) / eta
         return np.array([v, total - a_g, slope * v, (1.0 - alpha) * k * z * v]), total
 
@@ -59,7 +66,7 @@ def worn_response(ground: Floats, dt: float, n_steps: int = 16) -> Floats:
 @pytest.fixture(scope="module")
 def pool() -> Pool:
     """The model as given, and with the best usual form of the effect that is hidden."""
-    clean = worn_response(GROUND.excitation, GROUND.time_step)
+    clean = response(GROUND.excitation, GROUND.time_step, loss=LOSS)
     measured = clean + SD * np.random.default_rng(5).standard_normal(len(clean))
     record = GROUND.with_channels({"acceleration_1": measured})
     plain = ShearBuilding(masses=[MASS], storey=BoucWen(**{**SPRING, "k": Normal(60.0, 6.0)}))
@@ -105,3 +112,21 @@ def test_a_name_shares_its_prior_over_its_forms_of_free_shape_too(pool: Pool) ->
     assert pool.run.variants["stiffness_degradation"] == 3  # linear, saturating and free, in the only storey
     usual = {h.symbols for h in pool.run.considered_first}
     assert len(usual) == 2
+
+
+def test_what_lies_nearest_in_its_usual_form_is_not_named_for_that() -> None:
+    """A spring of the fifth power: a stop comes nearer to it than a cubic one, until both may take a free shape."""
+    clean = response(GROUND.excitation, GROUND.time_step, spring=FORCE)
+    measured = clean + SD * np.random.default_rng(6).standard_normal(len(clean))
+    storey = BoucWen(**{**SPRING, "k": Uniform(30.0, 90.0), "beta": Uniform(4.0, 30.0)})
+    plain = ShearBuilding(masses=[MASS], storey=storey)
+    settings = DiscoverySettings(effects=(CubicStiffness, GapImpact), n_workers=1, particles=100, most_effects=1)
+    found = discover(plain, GROUND.with_channels({"acceleration_1": measured}), settings=settings)
+    usual = {
+        one.added[0].name: one.evidence.log_evidence
+        for one in found.steps[-1].explanations
+        if one.unnamed is None and [own.effect.form for own in one.added] in ([""], ["two-sided"])
+    }
+    assert usual["gap_impact"] > usual["cubic_stiffness"]
+    assert [one.hypothesis.name for one in found.added] == ["cubic_stiffness"]
+    assert found.probabilities["cubic_stiffness"] > 0.9

@@ -32,8 +32,8 @@ _LEAST_EFFECTIVE = 2000
 _BATCH = 4000
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it starts with this fraction of the draws asked for: each costs it some hundred solves."""
-_MOST_DRAWS, _MOST_UNFOLLOWED = 60_000, 6_000
-"""Draws at most, and where the posterior of a model that leaves more than noise is not followed."""
+_MOST_DRAWS, _MOST_ALONE, _MOST_UNFOLLOWED = 60_000, 20_000, 6_000
+"""Draws at most; where nothing takes over, so that a run ends; and where the posterior is not followed."""
 
 
 class ByImportance(Sampling):
@@ -46,7 +46,10 @@ class ByImportance(Sampling):
         settings, rng, history = given.settings, given.rng, given.history
         # Where nothing takes over, the bent posterior of a model that leaves more than noise is not worth following.
         follows = settings.fallback or given.explains
-        weighted, nested = weighted_draws(given.target, given.modes, rng, settings.particles, history, follows=follows)
+        most = _MOST_UNFOLLOWED if not follows else _MOST_DRAWS if settings.fallback else _MOST_ALONE
+        weighted, nested = weighted_draws(
+            given.target, given.modes, rng, settings.particles, history, follows=follows, most=most
+        )
         checks = (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
         evidences = {"importance": (weighted.log_evidence, weighted.log_evidence_se)}
         if weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k)):
@@ -66,6 +69,7 @@ def weighted_draws(
     history: History,
     *,
     follows: bool,
+    most: int,
 ) -> tuple[WeightedDraws, NestedLaplace | None]:
     """From the modes, or from the sheet through them where they alone cover the posterior badly; then from fits."""
     sheet, effective = Sheet(posterior, modes, rng), max(effective, _LEAST_EFFECTIVE)
@@ -79,7 +83,6 @@ def weighted_draws(
     tell = partial(history.tell_draws, posterior, effective)
     pool, short = Pool.empty(posterior.n_dim), float(effective)
     proposal: Proposal = sheet.proposal
-    most = _MOST_DRAWS if follows else _MOST_UNFOLLOWED
     while True:
         n = min(_BATCH if sheet.nested is not None else int(1.1 * short), most - len(pool.points))
         pool = pool.drawn(posterior, proposal, rng, n // 16 * 16 + 16)

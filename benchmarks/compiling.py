@@ -76,8 +76,8 @@ def measure(name: str, law: StoreyLaw, *, driven: bool) -> Compiled:
     """One law, from its symbols on."""
     generate = taken(lambda: scalar.programs_of(law))
     source = lane_source(*scalar.programs_of(law), driven=driven)
-    values, derivatives = (taken(lambda entry=entry: LaneKernel("bench", source).function(entry)) for entry in ENTRIES)  # type: ignore[misc]
-    read = taken(lambda: [LaneKernel("bench", source).function(entry) for entry in ENTRIES])
+    values, derivatives = (taken(lambda entry=entry: LaneKernel("bench", source).functions(entry)) for entry in ENTRIES)  # type: ignore[misc]
+    read = taken(lambda: [LaneKernel("bench", source).functions(entry) for entry in ENTRIES])
     return Compiled(
         law=name,
         n_parameters=len(law.parameters),

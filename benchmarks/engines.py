@@ -20,12 +20,9 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cache
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
-from numba import njit
 from rich.console import Console
 from rich.table import Table
 from scipy.integrate import odeint, solve_ivp
@@ -34,10 +31,11 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock, StiffnessDegradation, StrengthDegradation, SuddenDamage
 from bwbn_bayes.engines.base import Engine, Response, Status
 from bwbn_bayes.engines.cvodes import Cvodes
+from bwbn_bayes.engines.lane_kernel import Functions
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.reference import Reference
-from bwbn_bayes.engines.scalar import Carried, ScalarProblem, ScalarRk4, scalar_problems, solve_each
+from bwbn_bayes.engines.scalar import Carried, ScalarProblem, ScalarRk4, Wanted, in_rows, scalar_problems, solve_each
 from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.parameters import Floats, PerStorey, Uniform
 from bwbn_bayes.records.record import Record
@@ -89,32 +87,34 @@ class Lsoda(Reduction):
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        return solve_each(scalar_problems(model, draws, record, names, with_tangents=False), self._solve)[0]
+        return solve_each(scalar_problems(model, draws, record, names, _WANTED), self._solve)[0]
 
     def _solve(self, problem: ScalarProblem, draw: int, carried: Carried, out: Floats) -> Status:
         kernel, dt, n_times = problem.kernel, problem.time_step, problem.n_times
-        data, slack = carried.data, 1e-9 * dt
+        data, slack, rows = carried.data, 1e-9 * dt, in_rows(out)
         y, room, none = carried.state[0], np.zeros(problem.n_states), np.zeros((0, problem.n_states))
         kernel.prepare(data)
         kernel.strike(slack, 0.0, y, none, room, room, data)
         now, first = 0.0, 0
         while first < n_times:
-            event = kernel.next_event(now, slack, data)
+            event = kernel.next_event(data)
             last = min(int(np.ceil((min(event, n_times * dt) - slack) / dt)), n_times)
             samples = np.arange(first, last) * dt
             times = np.unique([now, *samples, event if last < n_times else samples[-1]])
-            states = self._carry(kernel.rhs, y, times, data)
+            states = self._carry(kernel, y, times, data)
             own = states[np.searchsorted(times, samples)]
-            _observer(kernel)(first, own, room, none, *problem.channel_arrays, data, out)
+            kernel.observed(own, *problem.channel_arrays, data, room, rows, first)
             y, now, first = states[-1].copy(), event, last
             kernel.strike(event + slack, 0.0, y, none, room, room, data)
         return Status.OK
 
-    def _carry(self, rhs: Callable[..., int], y: Floats, times: Floats, data: Floats) -> Floats:
-        dy = np.empty_like(y)
+    def _carry(self, kernel: Functions, y: Floats, times: Floats, data: Floats) -> Floats:
+        at, dy = np.empty_like(y), np.empty_like(y)
+        rhs = kernel.rhs.given(at, dy, data)
 
         def rates(t: float, state: Floats) -> Floats:
-            rhs(t, state, dy, data)
+            at[:] = state
+            rhs(t)
             return dy
 
         if self.through_odeint:
@@ -133,20 +133,17 @@ class Lsoda(Reduction):
         return np.ascontiguousarray(solved.y.T)
 
 
-@cache
-def _observer(kernel: ModuleType) -> Callable[..., None]:
-    """Compiled loop over samples, so that SciPy does not pay for Python outside its solver."""
-    rhs, observe = kernel.rhs, kernel.observe
+# Samples are observed in a compiled loop, so that SciPy does not pay for Python outside its solver.
+_OBSERVED = """
 
-    @njit
-    def observed(first, states, rate, none, starts, row, coefficient, ground, data, out):  # type: ignore[no-untyped-def]
-        for i in range(states.shape[0]):
-            j = first + i
-            rhs(j * data[1], states[i], rate, data)
-            observe(j, states[i], none, starts, row, coefficient, ground, data, out[j])
-
-    compiled: Callable[..., None] = observed
-    return compiled
+def observed(states: floats_2d, starts: integers, row: integers, coefficient: floats, ground_part: floats, data: floats,
+             rate: floats, out: floats_2d, first: int):
+    for i in range(states.shape[0]):
+        j = first + i
+        rates(states[i], ground_at(j * data[1], data), rate, data)
+        see(states[i], starts, row, coefficient, ground_part, data, out[j], j)
+"""
+_WANTED = Wanted(entries=("prepare", "strike", "next_event", "rhs", "observed"), further=_OBSERVED)
 
 
 def building(n_storeys: int, sigma: float) -> Structure:

@@ -6,7 +6,6 @@ The default run takes a few examples of each kind; the slow one ten thousand in 
 from __future__ import annotations
 
 import json
-import pickle
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -24,7 +23,8 @@ from strong_motion_files import cosmos, smc
 from bwbn_bayes import Result, Settings, UserError, read_record, sine
 from bwbn_bayes.engines import cache_files
 from bwbn_bayes.engines.journal import Journal
-from bwbn_bayes.engines.kernel_cache import load_kernel
+from bwbn_bayes.engines.lane_compiler import object_code
+from bwbn_bayes.engines.lane_kernel import LaneKernel
 from bwbn_bayes.records.readers import write_record
 from bwbn_bayes.results import Facts
 from bwbn_bayes.structures.model_file import load_model_file
@@ -157,21 +157,19 @@ def test_facts_of_results(tmp_path: Path, slow: bool) -> None:
 
 
 @RUNS
-@pytest.mark.parametrize("suffix", [".py", ".nbc"])
+@pytest.mark.parametrize("suffix", [".py", ".object"])
 def test_cache_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, slow: bool) -> None:
     """The kernel is always the one that was generated."""
     monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path / "cache"))
     cache_files._first_usable.cache_clear()
-    source = "from bwbn_bayes.engines.kernel_cache import njit\n\n@njit()\ndef double(x):\n    return 2.0 * x\n"
-    load_kernel.cache_clear()
-    assert load_kernel("fuzz", source).double(1.0) == 2.0
+    kernel = LaneKernel("fuzz", "def double(x: float) -> float:\n    return 2.0 * x\n")
+    assert kernel.functions("double").double(1.0) == 2.0
     (path,) = (tmp_path / "cache").rglob(f"*{suffix}")
-    planted = pickle.dumps(Path.home)
+    planted = object_code(kernel.source.replace("2.0", "3.0"), "double")
 
     def test(data: bytes) -> None:
         path.write_bytes(data)
-        load_kernel.cache_clear()
-        assert load_kernel("fuzz", source).double(1.0) == 2.0
+        assert kernel.functions("double").double(1.0) == 2.0
 
     _fuzz(0.025, damaged(path.read_bytes()) | damaged(planted), test, slow)
 

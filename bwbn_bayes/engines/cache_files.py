@@ -89,7 +89,7 @@ def _exposed(folder: Path) -> str | None:
 
 def _sweep(folder: Path) -> None:
     """Remove what killed processes never finished."""
-    for path in (*folder.glob("*.[0-9]*.[0-9]*.tmp"), *folder.glob("__pycache__/*.[0-9]*.[0-9]*.tmp")):
+    for path in folder.glob("*.[0-9]*.[0-9]*.tmp"):
         if time.time() - path.lstat().st_mtime > _ABANDONED:
             path.unlink(missing_ok=True)
 

@@ -1,4 +1,4 @@
-"""From the symbolic storey law to lines of code that numba compiles.
+"""From the symbolic storey law to lines of code that :mod:`~bwbn_bayes.engines.lane_compiler` compiles.
 
 The printer knows the handful of functions a law may use. Powers with a symbolic exponent become
 ``_exp2(n * _log2(x))``, base two because its scaling by ``1 / log(2)`` joins the constants of the argument; ``sign`` is
@@ -34,8 +34,8 @@ OFFSET = "1e-300"
 """What is added to magnitudes, and to what must not be zero, as it is printed."""
 
 
-class _NumbaPrinter(PythonCodePrinter):
-    """Prints expressions as numba source free of branches and library calls."""
+class _KernelPrinter(PythonCodePrinter):
+    """Prints expressions as kernel text free of branches and library calls."""
 
     def _print_sign(self, expr: sp.Expr) -> str:
         argument = self._print(expr.args[0])
@@ -93,8 +93,8 @@ class _NumbaPrinter(PythonCodePrinter):
 
 
 def print_expression(expression: sp.Expr) -> str:
-    """Numba source of one expression."""
-    return str(_NumbaPrinter().doprint(expression))
+    """Kernel text of one expression."""
+    return str(_KernelPrinter().doprint(expression))
 
 
 def _base_two(expression: sp.Expr, done: dict[sp.Expr, sp.Expr]) -> sp.Expr:

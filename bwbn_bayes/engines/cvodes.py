@@ -1,29 +1,28 @@
 """CVODES with a compiled right-hand side: LLNL's solver through the library that ``sundials4py`` ships.
 
-Its Python callbacks cost more than the solve, so the generated kernel hands CVODES the addresses of compiled functions.
+Its Python callbacks cost more than the solve, so the kernel hands CVODES the addresses of its own functions.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from types import ModuleType
 from typing import Literal
 
 import llvmlite.binding
 import numpy as np
 
-from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.base import Response, Status
-from bwbn_bayes.engines.cvodes_source import cvodes_source
+from bwbn_bayes.engines.cvodes_template import CALLBACKS, LIBRARY, SOLVE
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar import (
     Carried,
     ScalarProblem,
-    programs_of,
-    scalar_kernel,
+    Wanted,
+    in_rows,
     scalar_problems,
     solve_each,
 )
@@ -74,8 +73,7 @@ class Cvodes(Reduction):
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problems = scalar_problems(model, draws, record, names, with_tangents=False, load=cvodes_kernel)
-        return self._solve_each(model, draws, problems)[0]
+        return self._solve_each(model, draws, record, names, with_tangents=False)[0]
 
     def sensitivities(
         self,
@@ -92,12 +90,14 @@ class Cvodes(Reduction):
         event of unknown time the sensitivities jump by the difference of the rates.
         """
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problems = scalar_problems(model, draws, record, names, with_tangents=True, load=cvodes_kernel)
-        return self._solve_each(model, draws, problems)
+        return self._solve_each(model, draws, record, names, with_tangents=True)
 
     def _solve_each(
-        self, model: Structure, draws: Floats, problems: Sequence[ScalarProblem]
+        self, model: Structure, draws: Floats, record: Record, names: tuple[str, ...], *, with_tangents: bool
     ) -> tuple[Response, Floats]:
+        load_library()  # code that calls it cannot be loaded before
+        wanted = Wanted(entries=("run_cvodes",), with_tangents=with_tangents, further=LIBRARY + CALLBACKS + SOLVE)
+        problems = scalar_problems(model, draws, record, names, wanted)
         spread = np.array([parameter.prior.sd for parameter in model.space.parameters])
         scales = np.maximum(np.abs(draws), spread)
 
@@ -107,38 +107,24 @@ class Cvodes(Reduction):
         return solve_each(problems, solve, self.n_threads)
 
     def _solve(self, problem: ScalarProblem, scales: Floats, carried: Carried, out: Floats) -> Status:
-        kernel = problem.kernel
-        flag = kernel.run_cvodes(
+        n_rows, n_states = carried.state.shape
+        flag = problem.kernel.run_cvodes(
             self.method == "bdf",
             self.rtol,
             self.atol,
             self.max_steps,
             scales,
-            kernel.rates_callback.address,
-            kernel.jacobian_callback.address,
-            kernel.tangents_callback.address,
             *problem.channel_arrays,
             *carried,
-            out,
+            np.empty(n_rows, dtype=np.int64),
+            np.empty(1, dtype=np.int64),
+            np.empty((2, n_states)),
+            np.empty(1),
+            in_rows(out),
         )
         if flag >= 0:
             return Status.OK
         return Status.STEP_LIMIT if flag in _STEP_FLAGS else Status.NON_FINITE
-
-
-@cache
-def cvodes_kernel(law: StoreyLaw, driven: bool) -> ModuleType:
-    """The compiled CVODES kernel of a law.
-
-    Raises
-    ------
-    UserError
-        If ``sundials4py`` is not installed or its library cannot be used.
-    """
-    load_library()
-    from bwbn_bayes.engines.kernel_cache import load_kernel  # numba, which most runs do without
-
-    return load_kernel("cvodes", cvodes_source(*programs_of(law), driven=driven), scalar_kernel(law, driven))
 
 
 @cache
@@ -148,7 +134,7 @@ def load_library() -> None:
     Raises
     ------
     UserError
-        If ``sundials4py`` is not installed or its library does not export CVODES.
+        If ``sundials4py`` is not installed or its library lacks a function that is called.
     """
     require_installed("cvodes", "engine cvodes")
     library = import_module("sundials4py").__file__ or ""
@@ -156,5 +142,6 @@ def load_library() -> None:
         llvmlite.binding.load_library_permanently(library)
     except RuntimeError as error:
         raise UserError(f"the engine cvodes cannot load {library}: reinstall sundials4py") from error
-    if llvmlite.binding.address_of_symbol("CVodeSensInit") is None:
-        raise UserError(f"the engine cvodes finds no CVODES in {library}: install another version of sundials4py")
+    for name in re.findall(r"def (\w+)", LIBRARY):  # LLVM ends the process where code calls what it cannot find
+        if llvmlite.binding.address_of_symbol(name) is None:
+            raise UserError(f"the engine cvodes finds no {name} in {library}: install another version of sundials4py")

@@ -1,12 +1,15 @@
-"""Machine code from the text of a lane kernel, which is written in a small part of Python.
+"""Machine code from the text of a kernel, which is written in a small part of Python.
 
 numba took nine tenths of a kernel's seconds for what it needs to know about any Python: types, reference counts,
 wrappers, and two rounds of optimising for each of thirty functions. Here the text is read with ``ast`` and written as
 LLVM's own, which is optimised once. A kernel holds integers, numbers, truth values, and arrays of numbers or integers
 in one or two dimensions, row after row; functions of these, each called with arguments of the same kinds everywhere;
-loops over ranges, ``while``, ``if``. Names in capitals are numbers known beforehand, ``LANES`` among them. Functions
-whose name begins with an underscore are formulas, put where they are called. A number has 64 bits, or 32 where the text
-says ``BITS = 32``; what is called double has 64 in both, and so has what is made of the two together.
+loops over ranges, ``while``, ``if``. Names in capitals are numbers known beforehand, ``LANES`` among them: an ``if``
+that asks one alone is decided beforehand, too. Functions whose name begins with an underscore are formulas, put where
+they are called. A number has 64 bits, or 32 where the text says ``BITS = 32``; what is called double has 64 in both,
+and so has what is made of the two together. A function whose text is ``...`` is one of a library that is loaded. An
+array goes to it as its address; a function's name is its address, to be called back at; ``_doubles_at(address, size)``
+and ``_integers_at`` are the arrays that it gives.
 
 A loop over ``range(LANES)`` becomes operations on whole vectors where it holds nothing but assignments to names, which
 nobody needs after it, and to elements one lane apart.
@@ -21,12 +24,13 @@ from dataclasses import dataclass, field
 import llvmlite.binding as llvm
 
 from bwbn_bayes.engines.lane_expressions import Expressions
-from bwbn_bayes.engines.lane_values import DOUBLE, INT, PRECISIONS, TRUTH, Array, Precision, Value
+from bwbn_bayes.engines.lane_values import DOUBLE, INT, PRECISIONS, SHORT, TRUTH, Array, Precision, Value
 
 Kind = str | tuple[str, int]
 """Type of a scalar; or of an array's elements, and how many dimensions it has."""
 KINDS: dict[str, Kind] = {
     "int": INT,
+    "int32": SHORT,
     "float": "real",
     "double": DOUBLE,
     "bool": TRUTH,
@@ -36,36 +40,55 @@ KINDS: dict[str, Kind] = {
     "integers": (INT, 1),
     "integers_2d": (INT, 2),
 }
-"""Kinds of the arguments that a kernel takes from outside, as its text annotates them; real are its own numbers."""
+"""Kinds of what a kernel takes from outside and returns, as its text annotates it; real are its own numbers."""
+IN_A_ROW = ".in_a_row"
 # Vectors of 512 bits where there are such: processors tuned for half of that take a fifth longer.
 _ATTRIBUTES = 'nounwind "prefer-vector-width"="512"'
 
 
 @dataclass(frozen=True, kw_only=True)
+class Signature:
+    """What a function takes from outside, each argument as it is annotated and its kind, and the type that it returns.
+
+    The type is None where it returns nothing.
+    """
+
+    parameters: tuple[tuple[str, Kind], ...]
+    returns: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class _Compiled:
-    """A function in LLVM's text, the kinds of its parameters, and the type that it returns."""
+    """A function in LLVM's text, the kinds of its parameters, and the type that it returns.
+
+    One of a library takes of an array only where it begins.
+    """
 
     text: str
     kinds: tuple[Kind, ...]
     returns: str
+    is_of_library: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Module:
     functions: dict[str, ast.FunctionDef]
     constants: dict[str, int | float]
+    entries: frozenset[str] = frozenset()
     compiled: dict[str, _Compiled] = field(default_factory=dict)
     declared: dict[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, source: str) -> _Module:
-        """A kernel's text, read."""
+    def of(cls, source: str, entries: Sequence[str] = ()) -> _Module:
+        """A kernel's text, read, of which some functions are called from outside."""
         body, constants = ast.parse(source).body, dict[str, int | float]()
         for node in body:
             if isinstance(node, ast.Assign):
                 constants[ast.unparse(node.targets[0])] = eval(ast.unparse(node.value), {}, constants)
         return cls(
-            functions={node.name: node for node in body if isinstance(node, ast.FunctionDef)}, constants=constants
+            functions={node.name: node for node in body if isinstance(node, ast.FunctionDef)},
+            constants=constants,
+            entries=frozenset(entries),
         )
 
     @property
@@ -73,10 +96,14 @@ class _Module:
         """What it computes with."""
         return PRECISIONS[int(self.constants.get("BITS", 64))]
 
-    def parameters(self, entry: str) -> tuple[str, ...]:
-        """How the text annotates each argument of a function."""
-        arguments = self.functions[entry].args.args
-        return tuple(ast.unparse(one.annotation) for one in arguments if one.annotation is not None)
+    def signature(self, name: str) -> Signature:
+        """How the text annotates a function."""
+        node = self.functions[name]
+        written = [ast.unparse(one.annotation) for one in node.args.args if one.annotation is not None]
+        returns = None if node.returns is None else self.kind(ast.unparse(node.returns))
+        assert len(written) == len(node.args.args), f"{name} does not say what it takes"
+        assert not isinstance(returns, tuple), f"{name} returns an array"
+        return Signature(parameters=tuple((one, self.kind(one)) for one in written), returns=returns)
 
     def kind(self, name: str) -> Kind:
         """The kind of an argument that is annotated so."""
@@ -88,35 +115,62 @@ class _Module:
             case other:
                 return other
 
-    def compile(self, name: str, kinds: tuple[Kind, ...], *, is_entry: bool = False) -> _Compiled:
-        """A function and all that it calls."""
+    def called(self, name: str, kinds: tuple[Kind, ...]) -> _Compiled:
+        """A function that is called with such arguments, compiled when this first happens, with all that it calls."""
+        if name in self.compiled:
+            return self.compiled[name]
+        is_outside = name in self.entries or _is_of_library(self.functions[name])
+        return self.from_outside(name) if is_outside else self._written(name, kinds, None)
+
+    def from_outside(self, name: str) -> _Compiled:
+        """A function that others than this text call, or that a library holds."""
+        if name in self.compiled:
+            return self.compiled[name]
+        signature = self.signature(name)
+        kinds = tuple(kind for _, kind in signature.parameters)
+        if not _is_of_library(self.functions[name]):
+            return self._written(name, kinds, signature)
+        returns = signature.returns or "void"
+        words = ", ".join("ptr" if isinstance(kind, tuple) else kind for kind in kinds)
+        text = f"declare {returns} @{name}({words})"
+        self.compiled[name] = _Compiled(text=text, kinds=kinds, returns=returns, is_of_library=True)
+        return self.compiled[name]
+
+    def _written(self, name: str, kinds: tuple[Kind, ...], signature: Signature | None) -> _Compiled:
         writer = _Writer(self)
-        made = writer.function(self.functions[name], kinds, is_entry=is_entry)
+        made = writer.function(self.functions[name], kinds, signature)
         self.declared.update(writer.declared)
         self.compiled[name] = made
         return made
 
 
-def entry_parameters(source: str, entry: str) -> tuple[tuple[str, Kind], ...]:
-    """How each argument of a function of a kernel's text is annotated, one of :data:`KINDS`, and what it then is."""
+def _is_of_library(node: ast.FunctionDef) -> bool:
+    """Whether a function's text is ``...``: a library holds it."""
+    first = node.body[0]
+    return isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and first.value.value is ...
+
+
+def signatures(source: str, entries: Sequence[str]) -> dict[str, Signature]:
+    """What functions of a kernel's text take and return."""
     module = _Module.of(source)
-    return tuple((name, module.kind(name)) for name in module.parameters(entry))
+    return {entry: module.signature(entry) for entry in entries}
 
 
-def object_code(source: str, entry: str) -> bytes:
-    """An object file for this processor with one function of a kernel's text, and all that it calls.
+def object_code(source: str, *entries: str) -> bytes:
+    """An object file for this processor with functions of a kernel's text, and all that they call.
 
     Parameters
     ----------
     source : str
         The text.
-    entry : str
-        A function whose arguments are annotated by :data:`KINDS`. It takes truth values as integers and each array
-        as where it begins and its sizes, and returns nothing.
+    entries : str
+        Functions whose arguments and results are annotated by :data:`KINDS`. They take truth values as integers and
+        each array as where it begins and its sizes. Beside each stands one named with :data:`IN_A_ROW` that takes where
+        these words stand, eight bytes each: quicker to call from Python than one with many arguments.
     """
-    module = _Module.of(source)
-    module.compile(entry, tuple(map(module.kind, module.parameters(entry))), is_entry=True)
-    texts = [*module.declared.values(), *(one.text for one in module.compiled.values())]
+    module = _Module.of(source, entries)
+    rows = [_in_a_row(entry, module.from_outside(entry)) for entry in entries]
+    texts = [*module.declared.values(), *(one.text for one in module.compiled.values()), *rows]
     machine, code = target_machine(), llvm.parse_assembly("\n".join(texts))
     code.triple, code.data_layout = machine.triple, str(machine.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=3)
@@ -124,6 +178,20 @@ def object_code(source: str, entry: str) -> bytes:
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(code, builder)
     return bytes(machine.emit_object(code))
+
+
+def _in_a_row(name: str, entry: _Compiled) -> str:
+    types: list[str] = []
+    for kind in entry.kinds:
+        types += ["ptr", *[INT] * kind[1]] if isinstance(kind, tuple) else [INT if kind == TRUTH else kind]
+    lines = [f"define {entry.returns} @{name}{IN_A_ROW}(ptr %words) {_ATTRIBUTES} {{"]
+    for number, type_ in enumerate(types):
+        lines.append(f"  %place{number} = getelementptr inbounds {INT}, ptr %words, {INT} {number}")
+        lines.append(f"  %word{number} = load {type_}, ptr %place{number}, align 1")
+    words = ", ".join(f"{type_} %word{number}" for number, type_ in enumerate(types))
+    call = f"call {entry.returns} @{name}({words}) noinline"
+    lines += [f"  {call}", "  ret void"] if entry.returns == "void" else [f"  %r = {call}", f"  ret {entry.returns} %r"]
+    return "\n".join([*lines, "}"])
 
 
 def target_machine() -> llvm.TargetMachine:
@@ -152,18 +220,26 @@ class _Writer(Expressions):
         self.leave: list[str] = []
         self.returned: Value | None = None
 
-    def function(self, node: ast.FunctionDef, kinds: tuple[Kind, ...], *, is_entry: bool) -> _Compiled:
-        """The whole function."""
+    def function(self, node: ast.FunctionDef, kinds: tuple[Kind, ...], signature: Signature | None) -> _Compiled:
+        """The whole function; what it must return is known where it is called from outside."""
         parameters: list[str] = []
         for argument, kind in zip(node.args.args, kinds, strict=True):
-            parameters += self._parameter(argument.arg, kind, is_entry=is_entry)
+            parameters += self._parameter(argument.arg, kind, is_entry=signature is not None)
         self._run(node.body)
+        if signature is not None:
+            self._promised(node.name, signature.returns)
         returns = "void" if self.returned is None else self.returned.type
         self.lines.append("  ret void" if self.returned is None else f"  ret {returns} {self.returned.text}")
-        linkage = "" if is_entry else "internal "
+        linkage = "internal " if signature is None else ""
         opening = f"define {linkage}{returns} @{node.name}({', '.join(parameters)}) {_ATTRIBUTES} {{"
         text = "\n".join([opening, "entry:", *self.slots_at_entry, *self.lines, "}"])
         return _Compiled(text=text, kinds=kinds, returns=returns)
+
+    def _promised(self, name: str, returns: str | None) -> None:
+        assert (self.returned is None) == (returns is None), f"{name} does not say what it returns"
+        if self.returned is not None and returns is not None:
+            is_short = returns == SHORT and self.returned.type == INT
+            self.returned = self.integer(self.returned, SHORT) if is_short else self.turned(self.returned, returns)
 
     def _parameter(self, name: str, kind: Kind, *, is_entry: bool) -> list[str]:
         if isinstance(kind, tuple):
@@ -174,29 +250,40 @@ class _Writer(Expressions):
         if is_entry and kind == TRUTH:
             self.store(name, self.emit(TRUTH, f"icmp ne {INT} %{name}, 0"))
             return [f"{INT} %{name}"]
+        if is_entry and kind == SHORT:
+            self.store(name, self.integer(Value(SHORT, f"%{name}"), INT))
+            return [f"{SHORT} %{name}"]
         self.store(name, Value(kind, f"%{name}"))
         return [f"{kind} %{name}"]
 
     def call(self, name: str, nodes: Sequence[ast.expr]) -> Value | None:
         """A call of another function, which is compiled when it is first called."""
-        given = [self.array(node) or self.value(node) for node in nodes]
-        compiled = self.module.compiled.get(name)
-        if compiled is None:
-            kinds = tuple(one.kind if isinstance(one, Array) else one.type for one in given)
-            compiled = self.module.compile(name, kinds)
+        given = [self._address(node) or self.array(node) or self.value(node) for node in nodes]
+        kinds = tuple(one.kind if isinstance(one, Array) else one.type for one in given)
+        compiled = self.module.called(name, kinds)
         words: list[str] = []
         for one, kind in zip(given, compiled.kinds, strict=True):
             if isinstance(one, Array):
                 assert one.kind == kind, f"{name} takes another kind of array"
-                words += [f"ptr {one.start}", *(f"{INT} {size}" for size in one.sizes)]
+                sizes = () if compiled.is_of_library else one.sizes
+                words += [f"ptr {one.start}", *(f"{INT} {size}" for size in sizes)]
             else:
                 assert isinstance(kind, str), f"{name} takes an array"
-                words.append(f"{kind} {self.turned(one, kind).text}")
+                value = self.integer(one, SHORT) if kind == SHORT and one.type == INT else self.turned(one, kind)
+                words.append(f"{kind} {value.text}")
         text = f"call {compiled.returns} @{name}({', '.join(words)})"
         if compiled.returns == "void":
             self.lines.append(f"  {text}")
             return None
-        return self.emit(compiled.returns, text)
+        result = self.emit(compiled.returns, text)
+        return self.integer(result, INT) if compiled.returns == SHORT else result
+
+    def _address(self, node: ast.expr) -> Value | None:
+        """Where a function of the text begins, for a library that will call it; None where a node names none."""
+        if not isinstance(node, ast.Name) or node.id not in self.module.functions:
+            return None
+        self.module.from_outside(node.id)
+        return Value(INT, f"ptrtoint (ptr @{node.id} to {INT})")
 
     def _run(self, body: Sequence[ast.stmt]) -> None:
         for line in body:

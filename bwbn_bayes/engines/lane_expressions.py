@@ -7,7 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 from bwbn_bayes.engines.lane_values import DOUBLE, INT, TRUTH, Array, Instructions, Precision, Value
 
-_INTRINSICS = {"abs": "fabs", "np.ceil": "ceil", "np.rint": "rint"}
+_INTRINSICS = {"abs": "fabs", "np.ceil": "ceil", "np.rint": "rint", "np.exp2": "exp2", "np.log2": "log2"}
+
+
+_VIEWS = {"np.ravel": None, "_doubles_at": DOUBLE, "_integers_at": INT}
+"""What makes an array of another, or of an address and sizes; the type of the elements there."""
 
 
 class Expressions(Instructions):
@@ -125,7 +129,10 @@ class Expressions(Instructions):
         raise NotImplementedError(f"{ast.unparse(node)} is nothing that a kernel may hold")
 
     def choose(self, test: ast.expr, yes: Callable[[], None], no: Callable[[], None]) -> None:
-        """Do one of two."""
+        """Do one of two; where a name in capitals says which, the other is not written."""
+        if isinstance(test, ast.Name) and test.id in self.constants:
+            (yes if self.constants[test.id] else no)()
+            return
         then, other, end = self.name("then"), self.name("else"), self.name("end")
         self.branch(self.value(test), then, other)
         for name, write in ((then, yes), (other, no)):
@@ -165,9 +172,12 @@ class Expressions(Instructions):
                 return self.number(self.value(nodes[0]))
             case "double":
                 return self.number(self.value(nodes[0]), DOUBLE)
-            case "min":
-                left, right = map(self.value, nodes)
-                return self.selected(self.compared(ast.Lt, left, right), left, right)
+            case "int":
+                return self.integer(self.value(nodes[0]), INT)
+            case "min" | "max":
+                first, other = map(self.value, nodes)  # the first where either is no number, as in Python
+                is_beyond = self.compared(ast.Lt if name == "min" else ast.Gt, other, first)
+                return self.selected(is_beyond, other, first)
             case _ if name in _INTRINSICS:
                 return self.intrinsic(_INTRINSICS[name], self.value(nodes[0]))
         found = self.call(name, nodes)
@@ -191,7 +201,7 @@ class Expressions(Instructions):
     # --- arrays -------------------------------------------------------------------------------------------------------
 
     def array(self, node: ast.expr) -> Array | None:
-        """An array, a row of one, or what remains of one from an element on; None where a node is none of these."""
+        """An array, a row of one, what remains of one from an element or row on, or another view; None otherwise."""
         match node:
             case ast.Name(id=name) if name in self._kept_arrays:
                 element, (start, *sizes) = self._kept_arrays[name]
@@ -202,13 +212,29 @@ class Expressions(Instructions):
                 whole, first = self.array(name), self.value(lower)
                 assert whole is not None
                 left = self.emit(INT, f"sub {INT} {whole.sizes[0]}, {first.text}")
-                return Array(whole.element, self.element_of(whole, first.text), (left.text,))
+                for size in whole.sizes[1:]:
+                    first = self.binary(ast.Mult, first, Value(INT, size))
+                return Array(whole.element, self.element_of(whole, first.text), (left.text, *whole.sizes[1:]))
             case ast.Subscript(value=ast.Name() as name, slice=row) if not isinstance(row, ast.Tuple):
                 whole = self.array(name)
                 if whole is not None and len(whole.sizes) == 2:
                     first = self.binary(ast.Mult, self.value(row), Value(INT, whole.sizes[1]))
                     return Array(whole.element, self.element_of(whole, first.text), whole.sizes[1:])
+            case ast.Call(func=function, args=[first_node, *sizes]) if ast.unparse(function) in _VIEWS:
+                return self._view(_VIEWS[ast.unparse(function)], first_node, sizes)
         return None
+
+    def _view(self, element: str | None, node: ast.expr, sizes: Sequence[ast.expr]) -> Array:
+        """An array as one long row, or the numbers that stand at an address."""
+        if element is not None:
+            start = self.emit("ptr", f"inttoptr {INT} {self.value(node).text} to ptr")
+            return Array(element, start.text, tuple(self.value(size).text for size in sizes))
+        whole = self.array(node)
+        assert whole is not None, f"{ast.unparse(node)} is no array"
+        length = Value(INT, "1")
+        for size in whole.sizes:
+            length = self.binary(ast.Mult, length, Value(INT, size))
+        return Array(whole.element, whole.start, (length.text,))
 
     def place(self, node: ast.Subscript) -> tuple[str, str]:
         """Where an element stands and its type, a vector where the index holds the lane."""

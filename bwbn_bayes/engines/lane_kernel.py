@@ -1,4 +1,4 @@
-"""Lane kernels as functions of Python: compiled when first asked for, or read from the cache.
+"""Kernels as functions of Python: compiled when first asked for, or read from the cache.
 
 They run beside each other: Python's own lock is not held meanwhile.
 """
@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import struct
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ import numpy as np
 from bwbn_bayes.engines import lane_compiler, lane_expressions, lane_values
 from bwbn_bayes.engines.cache_files import read_checked, write_checked
 from bwbn_bayes.engines.kept_code import code_path, keep_source
-from bwbn_bayes.engines.lane_compiler import Kind, entry_parameters, object_code, target_machine
+from bwbn_bayes.engines.lane_compiler import IN_A_ROW, Signature, object_code, signatures, target_machine
 
 _ENGINES: list[llvm.ExecutionEngine] = []
 """They own the code, which is called as long as the process lives."""
@@ -43,30 +44,31 @@ class LaneKernel:
     source: str
 
     @cached_property
-    def run(self) -> Callable[..., None]:
+    def run(self) -> Compiled:
         """The march without derivatives."""
-        return self.function("run")
+        return self.functions("run").run
 
     @cached_property
-    def run_with_tangents(self) -> Callable[..., None]:
+    def run_with_tangents(self) -> Compiled:
         """The march with derivatives."""
-        return self.function("run_with_tangents")
+        return self.functions("run_with_tangents").run_with_tangents
 
-    def function(self, entry: str) -> Callable[..., None]:
-        """A function of the text; its arrays must lie row after row."""
+    def functions(self, *entries: str) -> Functions:
+        """Functions of the text, compiled together."""
         with _COMPILING:
-            address = _address(entry, self._code(entry))
-        return _called(address, entry_parameters(self.source, entry))
+            engine = _loaded(self._code(entries))
+        known = signatures(self.source, entries)
+        return Functions({entry: Compiled.of(engine, entry, signature) for entry, signature in known.items()})
 
-    def _code(self, entry: str) -> bytes:
+    def _code(self, entries: tuple[str, ...]) -> bytes:
         path = kernel_path(self.kind, self.source)
         if path is None:
-            return object_code(self.source, entry)
+            return object_code(self.source, *entries)
         keep_source(path, self.source.encode())
-        place = path.with_name(f"{path.stem}.{entry}.object")
+        place = path.with_name(f"{'.'.join((path.stem, *entries))}.object")
         kept = read_checked(place)
         if kept is None:
-            kept = object_code(self.source, entry)
+            kept = object_code(self.source, *entries)
             write_checked(place, kept)
         return kept
 
@@ -82,39 +84,115 @@ def _compiler_hash() -> str:
     return hashlib.sha256(b"".join(Path(str(module.__file__)).read_bytes() for module in modules)).hexdigest()
 
 
-def _address(entry: str, code: bytes) -> int:
+def _loaded(code: bytes) -> llvm.ExecutionEngine:
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target_machine())
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     _ENGINES.append(engine)
-    return int(engine.get_function_address(entry))
+    return engine
 
 
-def _called(address: int, parameters: tuple[tuple[str, Kind], ...]) -> Callable[..., None]:
-    """A function that takes numbers and arrays, each array as where it begins and its sizes."""
-    words: list[Any] = []
-    for _, kind in parameters:
-        if isinstance(kind, tuple):
-            words += [ctypes.c_void_p, *[ctypes.c_int64] * kind[1]]
-        else:
-            words.append(_SCALARS.get(kind, ctypes.c_int64))
-    function = ctypes.CFUNCTYPE(None, *words)(address)
-    elements = [_ELEMENTS[kind[0]] if isinstance(kind, tuple) else None for _, kind in parameters]
+@dataclass(frozen=True, kw_only=True)
+class Compiled:
+    """A function that takes numbers and arrays, which must lie row after row.
 
-    def call(*arguments: Any) -> None:
-        given: list[Any] = []
-        for (word, _), element, argument in zip(parameters, elements, arguments, strict=True):
-            if element is None:
-                given.append(argument)
+    Attributes
+    ----------
+    signature : Signature
+        What it takes and returns.
+    words : struct.Struct
+        Its arguments as bytes: an array is where it begins and its sizes.
+    address : int
+        Where the function begins that takes these one by one, for other compiled code.
+    in_a_row : int
+        Where the one begins that takes where they stand in a row.
+    """
+
+    signature: Signature
+    words: struct.Struct
+    address: int
+    in_a_row: int
+
+    @classmethod
+    def of(cls, engine: llvm.ExecutionEngine, entry: str, signature: Signature) -> Compiled:
+        """A function whose machine code is loaded."""
+        forms = ["q" * (1 + kind[1]) if isinstance(kind, tuple) else _FORMS[kind] for _, kind in signature.parameters]
+        return cls(
+            signature=signature,
+            words=struct.Struct("=" + "".join(forms)),
+            address=engine.get_function_address(entry),
+            in_a_row=engine.get_function_address(entry + IN_A_ROW),
+        )
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it; other threads run meanwhile.
+
+        Raises
+        ------
+        TypeError
+            If an array is of another kind or does not lie row after row.
+        """
+        return self._function(self.words.pack(*self._row(arguments)))
+
+    def given(self, *arguments: Any) -> Callable[..., Any]:
+        """The function of the last argument, a number, or of none: for many short calls, at a microsecond each.
+
+        Arrays are looked at once, and other threads wait.
+        """
+        open_ = [kind for _, kind in self.signature.parameters[len(arguments) :]]
+        row = ctypes.create_string_buffer(self.words.pack(*self._row(arguments), *[0] * len(open_)), self.words.size)
+        function = ctypes.PYFUNCTYPE(self._returns, ctypes.c_void_p)(self.in_a_row)
+        start = ctypes.addressof(row)
+        # What is given must live as long as what is returned.
+        held = arguments, row
+        if not open_:
+            return partial(lambda _: function(start), held)
+        (kind,) = open_
+        last = SCALARS[str(kind)].from_buffer(row, self.words.size - 8)
+
+        def of_last(_: object, argument: float) -> Any:
+            last.value = argument
+            return function(start)
+
+        return partial(of_last, held)
+
+    @cached_property
+    def _function(self) -> Callable[..., Any]:
+        return ctypes.CFUNCTYPE(self._returns, ctypes.c_char_p)(self.in_a_row)
+
+    @property
+    def _returns(self) -> Any:
+        return None if self.signature.returns is None else SCALARS[self.signature.returns]
+
+    def _row(self, arguments: tuple[Any, ...]) -> list[Any]:
+        words: list[Any] = []
+        for (annotation, kind), argument in zip(self.signature.parameters, arguments, strict=False):
+            if isinstance(kind, str):
+                words.append(argument)
                 continue
-            if argument.dtype != element or not argument.flags.c_contiguous:
-                raise TypeError(f"a kernel takes {word} that lie row after row, not {argument.dtype}")
-            given.append(argument.__array_interface__["data"][0])
-            given += argument.shape
-        function(*given)
+            element, n_sizes = kind
+            if argument.dtype != _ELEMENTS[element] or argument.ndim != n_sizes or not argument.flags.c_contiguous:
+                raise TypeError(f"a kernel takes {annotation} that lie row after row, not {argument.dtype}")
+            words.append(argument.__array_interface__["data"][0])
+            words += argument.shape
+        return words
 
-    return call
+
+class Functions:
+    """Functions of one kernel, by their names in its text."""
+
+    def __init__(self, functions: Mapping[str, Compiled]) -> None:
+        vars(self).update(functions)
+
+    def __getattr__(self, name: str) -> Compiled:
+        raise AttributeError(f"{name} is not among the functions that were asked for")
 
 
-_SCALARS = {"double": ctypes.c_double, "float": ctypes.c_float}
+SCALARS: dict[str, Any] = {
+    "double": ctypes.c_double,
+    "float": ctypes.c_float,
+    "i64": ctypes.c_int64,
+    "i32": ctypes.c_int32,
+}
+_FORMS = {"double": "d", "float": "f4x", "i64": "q", "i32": "i4x", "i1": "q"}
 _ELEMENTS = {"double": np.dtype(np.float64), "float": np.dtype(np.float32), "i64": np.dtype(np.int64)}

@@ -30,7 +30,7 @@ _MAKING = threading.Lock()
 @cache
 def summarise(single: bool) -> Callable[..., None]:
     """Sums what a kernel stored."""
-    return LaneKernel("sums", summary_source(single=single)).function("summarise")
+    return LaneKernel("sums", summary_source(single=single)).functions("summarise").summarise
 
 
 def is_compiled(law: StoreyLaw, driven: bool, *, single: bool = False) -> bool:

@@ -6,7 +6,7 @@ import ast
 import struct
 from typing import NamedTuple
 
-DOUBLE, INT, TRUTH = "double", "i64", "i1"
+DOUBLE, INT, SHORT, TRUTH = "double", "i64", "i32", "i1"
 
 
 class Precision(NamedTuple):
@@ -29,7 +29,7 @@ class Precision(NamedTuple):
 
 PRECISIONS = {
     64: Precision(DOUBLE, INT, 8),
-    32: Precision("float", "i32", 16),
+    32: Precision("float", SHORT, 16),
 }
 """By the bits of a number. A vector fills a register of 512 bits: with all sixteen doubles at once derivatives took a
 third longer, since twice as many registers are asked for."""
@@ -223,6 +223,13 @@ class Instructions:
             return value
         type_ = self.as_wide(scalar, value)
         how = ("fpext" if scalar == DOUBLE else "fptrunc") if value.is_number else "sitofp"
+        return self.emit(type_, f"{how} {value.type} {value.text} to {type_}")
+
+    def integer(self, value: Value, type_: str) -> Value:
+        """A number's whole part, or an integer with more or fewer bits."""
+        if value.type == type_:
+            return value
+        how = "fptosi" if value.is_number else "sext" if type_ == INT else "trunc"
         return self.emit(type_, f"{how} {value.type} {value.text} to {type_}")
 
     def wide(self, value: Value) -> Value:

@@ -18,13 +18,14 @@ from scipy.optimize import brentq
 
 from bwbn_bayes.engines.base import Response, Status
 from bwbn_bayes.engines.reduction import Reduction
-from bwbn_bayes.engines.scalar import Carried, ScalarProblem, scalar_problems, solve_each
+from bwbn_bayes.engines.scalar import Carried, ScalarProblem, Wanted, scalar_problems, solve_each
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
 _SLACK = 1e-9
 """Events within this share of a sample interval of a sample happen at the sample."""
+_WANTED = Wanted(entries=("prepare", "strike", "drive", "rhs", "see", "next_event"))
 
 
 class _NonFiniteError(ArithmeticError):
@@ -73,7 +74,7 @@ class Reference(Reduction):
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problems = scalar_problems(model, draws, record, names, with_tangents=False)
+        problems = scalar_problems(model, draws, record, names, _WANTED)
         return solve_each(problems, self._solve)[0]
 
     def sensitivities(
@@ -113,33 +114,37 @@ class Reference(Reduction):
         kernel, dt, data = problem.kernel, problem.time_step, carried.data
         slack = _SLACK * dt
         kernel.prepare(data)
-        y, rates = carried.state[0].copy(), np.zeros(problem.n_states)
+        y, rates, seen = carried.state[0], np.zeros(problem.n_states), np.empty(out.shape[2])
         no_tangents = np.zeros((0, problem.n_states))
         kernel.strike(slack, 0.0, y, no_tangents, rates, rates, data)
         piece = self._start(problem, data)
+        drive, rhs = kernel.drive.given(y, data), kernel.rhs.given(y, rates, data)
+        see, next_event = kernel.see.given(y, *problem.channel_arrays, data, seen), kernel.next_event.given(data)
         for j in range(problem.n_times):
-            kernel.drive(j, y, data)
-            if kernel.rhs(j * dt, y, rates, data):
+            drive(j)
+            if rhs(j * dt):
                 raise _NonFiniteError
-            kernel.see(j, y, *problem.channel_arrays, data, out[j, 0])
+            see(j)
+            out[j, 0] = seen
             if j + 1 == problem.n_times:
                 break
             now, end = j * dt, (j + 1) * dt
             while now < end:
-                event = kernel.next_event(now, slack, data)
+                event = next_event()
                 until = event if event < end - slack else end
-                y = piece(now, until, y)
+                y[:] = piece(now, until, y.copy())
                 now = until
                 if event <= until + slack:
                     kernel.strike(until + slack, 0.0, y, no_tangents, rates, rates, data)
-        carried.state[0] = y
 
     def _start(self, problem: ScalarProblem, data: Floats) -> Callable[[float, float, Floats], Floats]:
         """A function that carries the state from one time to another."""
-        rhs, dy = problem.kernel.rhs, np.empty(problem.n_states)
+        state, dy = np.empty(problem.n_states), np.empty(problem.n_states)
+        rhs = problem.kernel.rhs.given(state, dy, data)
 
         def rates(t: float, y: Floats) -> Floats:
-            if rhs(t, y, dy, data):
+            state[:] = y
+            if rhs(t):
                 raise _NonFiniteError
             return dy.copy()
 
@@ -232,7 +237,7 @@ class _ContinuedLsoda:
         return np.asarray(solver.y if solver.t == until else solver.dense_output()(until), dtype=np.float64)
 
     def _new(self, now: float, until: float, y: Floats) -> LSODA:
-        problem, slack = self.problem, _SLACK * self.problem.time_step
-        event = self.problem.kernel.next_event(now, slack, self.data)
+        problem = self.problem
+        event = self.problem.kernel.next_event(self.data)
         end = until if problem.driven else min(event, (problem.n_times - 1) * problem.time_step)
         return LSODA(self.rates, now, y, end, rtol=self.engine.rtol, atol=self.engine.atol)

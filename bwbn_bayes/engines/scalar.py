@@ -6,12 +6,11 @@ The scalar Runge-Kutta is the scheme of the lane engine without its lanes: the m
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -30,6 +29,7 @@ from bwbn_bayes.engines.base import (
 )
 from bwbn_bayes.engines.codegen import LawPrograms, law_programs, packed, spelled, unpacked
 from bwbn_bayes.engines.kept_code import is_remembered, remembered
+from bwbn_bayes.engines.lane_kernel import Functions, LaneKernel
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
@@ -46,8 +46,8 @@ class ScalarProblem:
 
     Attributes
     ----------
-    kernel : module
-        The compiled functions of :mod:`~bwbn_bayes.engines.scalar_source`.
+    kernel : Functions
+        Those of :mod:`~bwbn_bayes.engines.scalar_source` that the engine asked for.
     place : Layout
         Where things stand in ``data``.
     n_links, n_states, n_directions, n_times : int
@@ -70,7 +70,7 @@ class ScalarProblem:
         Of each draw.
     """
 
-    kernel: ModuleType
+    kernel: Functions
     place: Layout
     n_links: int
     n_states: int
@@ -128,14 +128,27 @@ class ScalarProblem:
         return self.channels.starts, self.channels.row, self.channels.coefficient, self.channels.ground
 
 
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What an engine asks of a law's kernel.
+
+    Attributes
+    ----------
+    entries : tuple of str
+        Functions of the text, compiled together.
+    with_tangents : bool
+        Whether they march and observe with derivatives.
+    further : str
+        Text after that of :mod:`~bwbn_bayes.engines.scalar_source`.
+    """
+
+    entries: tuple[str, ...]
+    with_tangents: bool = False
+    further: str = ""
+
+
 def scalar_problems(
-    model: Structure,
-    draws: Floats,
-    record: Record,
-    names: Sequence[str],
-    *,
-    with_tangents: bool,
-    load: Callable[[StoreyLaw, bool], ModuleType] | None = None,
+    model: Structure, draws: Floats, record: Record, names: Sequence[str], wanted: Wanted
 ) -> tuple[ScalarProblem, ...]:
     """Set up the draws of a model under a record, stretch by stretch.
 
@@ -149,10 +162,8 @@ def scalar_problems(
         Its excitation must be of the model's kind.
     names : sequence of str
         Channels to observe.
-    with_tangents : bool
-        Whether derivatives with respect to the identified parameters are wanted.
-    load : callable, optional
-        Compiles the kernel from the law and whether it is driven; :func:`scalar_kernel` by default.
+    wanted : Wanted
+        Functions of the kernel, and whether derivatives with respect to the identified parameters are wanted.
 
     Raises
     ------
@@ -162,13 +173,13 @@ def scalar_problems(
     check_record(model, record)
     driven = model.excitation_kind == "displacement"
     place = layout(*programs_of(model.law))
-    n, d = model.n_links, model.space.n_dim if with_tangents else 0
+    n, d = model.n_links, model.space.n_dim if wanted.with_tangents else 0
     local, n_law = model.table.local(np.asarray(draws, dtype=np.float64)), len(model.law.parameters)
 
     def on(stretch: Stretch) -> ScalarProblem:
         own = tuple(names) if stretch.samples is not None else ()
         return ScalarProblem(
-            kernel=(load or scalar_kernel)(model.law, driven),
+            kernel=scalar_kernel(model.law, driven, wanted),
             place=place,
             n_links=n,
             n_states=place.n_states(n),
@@ -232,11 +243,15 @@ def _key_of(safe: StoreyLaw) -> str:
 
 
 @cache
-def scalar_kernel(law: StoreyLaw, driven: bool) -> ModuleType:
-    """The compiled scalar kernel of a law."""
-    from bwbn_bayes.engines.kernel_cache import load_kernel  # numba, which most runs do without
+def scalar_kernel(law: StoreyLaw, driven: bool, wanted: Wanted) -> Functions:
+    """Compiled functions of the scalar kernel of a law."""
+    source = scalar_source(*programs_of(law), driven=driven, with_tangents=wanted.with_tangents)
+    return LaneKernel("scalar", source + wanted.further).functions(*wanted.entries)
 
-    return load_kernel("scalar", scalar_source(*programs_of(law), driven=driven))
+
+def in_rows(out: Floats) -> Floats:
+    """Room for channels and their derivatives as kernels take it, ``(n_times * (1 + n_directions), n_channels)``."""
+    return out.reshape(out.shape[0] * out.shape[1], out.shape[2])
 
 
 class Carried(NamedTuple):
@@ -312,6 +327,9 @@ def _solve_stretches(
     return Status.OK
 
 
+_ENTRIES = ("run_rk4",)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ScalarRk4(Reduction):
     """Runge-Kutta of order 4, one draw at a time.
@@ -342,7 +360,7 @@ class ScalarRk4(Reduction):
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problems = scalar_problems(model, draws, record, names, with_tangents=False)
+        problems = scalar_problems(model, draws, record, names, Wanted(entries=_ENTRIES))
         return solve_each(problems, self._solve, self.n_threads)[0]
 
     def sensitivities(
@@ -356,10 +374,11 @@ class ScalarRk4(Reduction):
     ) -> tuple[Response, Floats]:
         """Response and its derivatives ``(n_draws, n_parameters, n_channels, n_times)``."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problems = scalar_problems(model, draws, record, names, with_tangents=True)
+        problems = scalar_problems(model, draws, record, names, Wanted(entries=_ENTRIES, with_tangents=True))
         return solve_each(problems, self._solve, self.n_threads)
 
     def _solve(self, problem: ScalarProblem, draw: int, carried: Carried, out: Floats) -> Status:
         steps = interval_steps(problem.excitation, self.substeps, driven=problem.driven)
-        problem.kernel.run_rk4(steps, float(self.resolution), *problem.channel_arrays, *carried, out)
+        room = np.empty((3, *carried.state.shape))
+        problem.kernel.run_rk4(steps, self.resolution, *problem.channel_arrays, *carried, *room, in_rows(out))
         return Status.OK

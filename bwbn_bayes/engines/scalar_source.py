@@ -24,13 +24,10 @@ from bwbn_bayes.elements.law import (
     StoreyLaw,
 )
 from bwbn_bayes.engines.codegen import INPUT_NAMES, INVERSE_MASS, LawPrograms, Part, Program, print_expression
-from bwbn_bayes.engines.scalar_template import EVENTS, LAW, RUNGE_KUTTA
+from bwbn_bayes.engines.scalar_template import EVENTS, LAW, RUNGE_KUTTA, SIZES
 from bwbn_bayes.engines.step_rules import MARGIN, MOST_STEPS, REACH, has_kink
 
 HEAD = 5
-FLAGS = 'error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"}, nogil=True'
-INNER_FLAGS = f"{FLAGS}, no_cpython_wrapper=True, no_cfunc_wrapper=True"
-"""Of functions that only others of the kernel call: without what Python calls them by they compile a seventh sooner."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +125,7 @@ def layout(law: StoreyLaw, programs: LawPrograms) -> Layout:
     )
 
 
-def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str:
+def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool, with_tangents: bool) -> str:
     """Source of the scalar kernel of one storey law.
 
     Parameters
@@ -139,17 +136,16 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         The law as straight-line code.
     driven : bool
         True for a specimen whose displacement is given, False for a base-excited building.
+    with_tangents : bool
+        Whether what marches and observes does so with derivatives.
     """
     place = layout(law, programs)
     fields = {
-        "flags": FLAGS,
-        "inner_flags": INNER_FLAGS,
         "head": HEAD,
         "block": place.block,
         "n_rows": place.n_rows,
         "n_base_rows": place.n_base_rows,
         "moved": _indent(_moved(place, "i")),
-        "inverse_mass": place.inverse_mass,
         "force": place.force,
         "acceleration": place.acceleration,
         "force_slope": place.force_slope,
@@ -162,11 +158,10 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         "applied": place.applied,
         "runs_on_from": place.runs_on_from,
         **_bending(programs, place),
-        "driven": str(driven),
+        "driven": driven,
+        "with_tangents": with_tangents,
         "drift_rate_rate": (
-            "0.0"
-            if driven
-            else f"data[{HEAD} + (int(data[here + {place.upper}]) - 1) * {place.block} + acceleration] - under"
+            "0.0" if driven else f"data[HEAD + (int(data[here + {place.upper}]) - 1) * BLOCK + acceleration] - under"
         ),
         "prepare": _indent(_prepare(law, place, programs)),
         "rates": _indent([*_rates(law, programs.storey, place, _storey_targets(law, place)), "dy[base] = v"]),
@@ -180,10 +175,10 @@ def scalar_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool) -> str
         "next_event": _indent(_next_event(law, place)),
         "strike": _indent(_strike(law, place)),
         "refine": _indent(_refine(law)),
-        "refine_base": _refine_base(law, place),
+        "refine_base": _refine_base(law),
         "turn": _indent(_turn(law)),
     }
-    return "".join(part.format(**fields) for part in (LAW, EVENTS, RUNGE_KUTTA))
+    return "".join(part.format(**fields) for part in (SIZES, LAW, EVENTS, RUNGE_KUTTA))
 
 
 def _bending(programs: LawPrograms, place: Layout) -> dict[str, str]:
@@ -204,7 +199,7 @@ def _loads(law: StoreyLaw, place: Layout, program: Program, first: int, lines: l
     """Lines that load what the given lines use; ``first`` is the position of the program's first hoisted value."""
     words = set(re.findall(r"[A-Za-z_]\w*", "\n".join(lines)))
     sources = {str(symbol): f"y[base + {row}]" for row, symbol in enumerate((DRIFT, DRIFT_RATE, *law.states))}
-    sources |= {str(symbol): f"y[n_links * {place.n_rows} + {r}]" for r, symbol in enumerate(law.base_states)}
+    sources |= {str(symbol): f"y[n_links * ROWS + {r}]" for r, symbol in enumerate(law.base_states)}
     sources |= {str(symbol): f"data[here + {column}]" for column, symbol in enumerate(law.symbols)}
     hoisted = enumerate(program.hoisted)
     sources |= {name: f"data[here + {place.derived + first + column}]" for column, (name, _) in hoisted}
@@ -246,13 +241,13 @@ def _below(law: StoreyLaw, programs: LawPrograms, place: Layout) -> str:
     """Acceleration of what the building stands on."""
     if programs.base is None:
         return "    below = ground"
-    rates = [f"dy[n_links * {place.n_rows} + {r}]" for r in range(place.n_base_rows)]
+    rates = [f"dy[n_links * ROWS + {r}]" for r in range(place.n_base_rows)]
     return _first_storey(_rates(law, programs.base, place, ["below", *rates]))
 
 
 def _first_storey(lines: list[str]) -> str:
     """Lines about the base: ``here`` is the block of storey 1."""
-    return "\n".join("    " + line for line in [f"here = {HEAD}", *lines])
+    return "\n".join("    " + line for line in ["here = HEAD", *lines])
 
 
 def _slopes(law: StoreyLaw, part: Part, place: Layout, table: int, kept: Sequence[str] = ()) -> list[str]:
@@ -274,8 +269,8 @@ def _around_slopes(law: StoreyLaw, programs: LawPrograms, place: Layout) -> str:
     if programs.base is not None:
         lines += [_first_storey(_slopes(law, programs.base, place, place.base_slope))]
     if programs.floor is not None:
-        lines += ["    for i in range(n_links):", f"        base = i * {place.n_rows}"]
-        lines += [f"        here = {HEAD} + i * {place.block}"]
+        lines += ["    for i in range(n_links):", "        base = i * ROWS"]
+        lines += ["        here = HEAD + i * BLOCK"]
         lines += [f"        net = data[here + {place.pull}] + data[here + {place.applied}]"]
         lines += [_indent(_slopes(law, programs.floor, place, place.slope))]
     return "\n".join(lines)
@@ -297,7 +292,7 @@ def _moved(place: Layout, storey: str) -> list[str]:
     return [
         f"moved = here + {place.n_columns - 1}",
         "if k >= 0:",
-        f"    moved = here + int(data[{HEAD} + n_links * {place.block} + {storey} * n_directions + k])",
+        f"    moved = here + int(data[HEAD + n_links * BLOCK + {storey} * n_directions + k])",
     ]
 
 
@@ -328,8 +323,8 @@ def _below_slope(programs: LawPrograms, place: Layout) -> str:
     if programs.base is None:
         return "    below = 0.0"
     own = range(place.n_base_rows)
-    tangents = {r: f"t[n_links * {place.n_rows} + {r}]" for r in own} | {len(programs.variables) - 1: "net"}
-    targets = ["below", *(f"dt_[n_links * {place.n_rows} + {r}]" for r in own)]
+    tangents = {r: f"t[n_links * ROWS + {r}]" for r in own} | {len(programs.variables) - 1: "net"}
+    targets = ["below", *(f"dt_[n_links * ROWS + {r}]" for r in own)]
     lines = _moved(place, "0") + [
         f"{targets[row]} = {_slope(programs.base, row, place.base_slope + row * place.n_columns, tangents)}"
         for row in programs.base.rows
@@ -353,15 +348,15 @@ def _strike(law: StoreyLaw, place: Layout) -> list[str]:
         happened = f"data[here + {place.happened + number}]"
         lines += [
             f"if {happened} == 0.0 and data[here + {column}] <= until:",
-            "    if n_directions > 0:",
+            "    if WITH_TANGENTS:",
             "        rates(y, ground, before, data)",
             f"    {happened} = 1.0",
             "    prepare(data)",
-            "    if n_directions > 0:",
+            "    if WITH_TANGENTS:",
             "        rates(y, ground, after, data)",
-            "    for k in range(n_directions):",
-            f"        if int(data[seed + k]) == {2 + len(law.states) + column}:",
-            "            tangents[k] += before - after",
+            "        for k in range(n_directions):",
+            f"            if int(data[seed + k]) == {2 + len(law.states) + column}:",
+            "                jump(tangents[k], before, after)",
         ]
     return lines
 
@@ -373,19 +368,19 @@ def _refine(law: StoreyLaw) -> list[str]:
         if feature.state in law.base_states:
             continue
         state, width = names.index(str(feature.state)), print_expression(feature.width)
-        near = "True" if feature.everywhere else f"abs(y[base + {state}]) / ({width}) < change + {REACH}"
+        near = "" if feature.everywhere else f" and abs(y[base + {state}]) / ({width}) < change + {REACH}"
         lines += _needed(law, width, f"base + {state}", near)
     return lines
 
 
-def _refine_base(law: StoreyLaw, place: Layout) -> str:
+def _refine_base(law: StoreyLaw) -> str:
     """The same of what the base has, after every link; its widths stand in each link's block."""
     names = [str(s) for s in law.base_states]
     lines = []
     for feature in law.sharp_features:
         if feature.state in law.base_states:
-            row = f"n_links * {place.n_rows} + {names.index(str(feature.state))}"
-            lines += _needed(law, print_expression(feature.width), row, "True")
+            row = f"n_links * ROWS + {names.index(str(feature.state))}"
+            lines += _needed(law, print_expression(feature.width), row, "")
     return "".join(f"\n    {line}" for line in ["n_links = int(data[0])", *lines]) if lines else ""
 
 
@@ -396,7 +391,7 @@ def _needed(law: StoreyLaw, width: str, row: str, near: str) -> list[str]:
     return [
         *(f"{name} = data[here + {constants[name]}]" for name in used),
         f"change = abs(dy[{row}]) * dt / ({width})",
-        f"if resolution > 0.0 and {near}:",
+        f"if resolution > 0.0{near}:",
         f"    steps = max(steps, min(np.ceil(change / resolution), {MOST_STEPS}))",
     ]
 
@@ -407,5 +402,5 @@ def _turn(law: StoreyLaw) -> list[str]:
     return [
         "if y[base + 1] * (y[base + 1] + h * dy[base + 1]) < 0.0:",
         "    until = -y[base + 1] / dy[base + 1]",
-        f"    h = until if {MARGIN} * h < until < {1.0 - MARGIN} * h else h",
+        f"    h = until if {MARGIN} * h < until and until < {1.0 - MARGIN} * h else h",
     ]

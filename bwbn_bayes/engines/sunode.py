@@ -13,17 +13,17 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
-from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
 
 from bwbn_bayes.engines.base import Response, Status
+from bwbn_bayes.engines.lane_kernel import Functions
 from bwbn_bayes.engines.reduction import Reduction
-from bwbn_bayes.engines.scalar import Carried, ScalarProblem, scalar_problems, solve_each
+from bwbn_bayes.engines.scalar import Carried, ScalarProblem, Wanted, scalar_problems, solve_each
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record
@@ -31,6 +31,13 @@ from bwbn_bayes.structures.structure import Structure
 
 _RETRIES = 200
 """Times that SUNDIALS may run out of its 500 steps between two samples."""
+_WANTED = Wanted(
+    entries=(
+        *("prepare", "drive", "strike", "next_event", "ground_at", "rates", "observe"),
+        *("rhs", "jacobian", "slopes", "direction"),
+    )
+)
+_WITH_TANGENTS = replace(_WANTED, with_tangents=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +74,7 @@ class Sunode(Reduction):
         """Response at the record's times; its measured channels unless others are named."""
         load_sunode()
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problems = scalar_problems(model, draws, record, names, with_tangents=False)
+        problems = scalar_problems(model, draws, record, names, _WANTED)
         return solve_each(problems, self._solve)[0]
 
     def sensitivities(
@@ -85,7 +92,7 @@ class Sunode(Reduction):
         """
         load_sunode()
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problems = scalar_problems(model, draws, record, names, with_tangents=True)
+        problems = scalar_problems(model, draws, record, names, _WITH_TANGENTS)
         return solve_each(problems, self._solve)
 
     def adjoint_pullback(self, model: Structure, draws: Floats, record: Record, cotangents: Floats) -> Floats:
@@ -101,7 +108,7 @@ class Sunode(Reduction):
         cotangents : (n_draws, n_channels, n_times) array
         """
         load_sunode()
-        problems = scalar_problems(model, draws, record, tuple(record.channels), with_tangents=True)
+        problems = scalar_problems(model, draws, record, tuple(record.channels), _WITH_TANGENTS)
         problem, law = problems[0], model.law
         if len(problems) > 1 or problem.sensors is not None or law.events or law.initial or problem.driven:
             slopes = solve_each(problems, self._solve)[1]
@@ -121,11 +128,11 @@ class Sunode(Reduction):
         y, tangents = carried.state[0].copy(), carried.state[1:].copy()
         before, after, rate = np.zeros_like(y), np.zeros_like(y), np.zeros_like(y)
         kernel.prepare(numbers)
-        kernel.drive(0, y, numbers)
+        kernel.drive(y, numbers, 0)
         kernel.strike(tolerance, 0.0, y, tangents[:0], before, after, numbers)
         now, j = 0.0, 0
         while True:
-            event = kernel.next_event(now, tolerance, numbers)
+            event = kernel.next_event(numbers)
             end = min(event, times[min(j + 1, problem.n_times - 1)] if problem.driven else times[-1])
             stops = np.concatenate([[now], times[(times > now + tolerance) & (times < end - tolerance)], [end]])
             try:
@@ -140,7 +147,7 @@ class Sunode(Reduction):
             if event <= end + tolerance:
                 kernel.strike(end + tolerance, kernel.ground_at(end, numbers), y, tangents, before, after, numbers)
             if problem.driven and abs(now - times[j]) < tolerance:
-                kernel.drive(j, y, numbers)
+                kernel.drive(y, numbers, j)
             if now >= times[-1] - tolerance:
                 _observe(problem, j, y, tangents, numbers, rate, out[j])
                 carried.data[:], carried.state[0], carried.state[1:] = numbers, y, tangents
@@ -178,7 +185,7 @@ def _observe(
 ) -> None:
     kernel = problem.kernel
     kernel.rates(y, kernel.ground_at(j * problem.time_step, numbers), rate, numbers)
-    kernel.observe(j, y, np.ascontiguousarray(tangents), *problem.channel_arrays, numbers, out)
+    kernel.observe(y, np.ascontiguousarray(tangents), *problem.channel_arrays, numbers, rate, out, j)
 
 
 def _channel_slopes(
@@ -208,7 +215,7 @@ def _channel_slopes(
 
 @cache
 def _forward_solver(
-    kernel: ModuleType, n_states: int, n_directions: int, n_numbers: int, method: str, rtol: float, atol: float
+    kernel: Functions, n_states: int, n_directions: int, n_numbers: int, method: str, rtol: float, atol: float
 ) -> Any:
     from sunode.solver import Solver
 
@@ -221,7 +228,7 @@ def _forward_solver(
 
 @cache
 def _adjoint_solver(
-    kernel: ModuleType, n_states: int, n_directions: int, n_numbers: int, method: str, rtol: float, atol: float
+    kernel: Functions, n_states: int, n_directions: int, n_numbers: int, method: str, rtol: float, atol: float
 ) -> Any:
     from sunode.solver import AdjointSolver
 

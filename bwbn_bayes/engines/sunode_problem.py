@@ -1,23 +1,24 @@
 """The generated kernel as a ``sunode`` problem; importing this module needs ``sunode``.
 
 sunode's own SymPy front end takes every state for positive and would drop ``Abs`` and ``sign`` from a hysteretic law,
-so the compiled functions of :mod:`~bwbn_bayes.engines.scalar_source` are handed over instead. A draw's flat array
-travels as user data.
+so the compiled functions of :mod:`~bwbn_bayes.engines.scalar_source` are handed over instead, which numba's code calls
+by their addresses. A draw's flat array travels as user data.
 """
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
 import numba
 import numpy as np
 from sunode.problem import Problem
 
+from bwbn_bayes.engines.lane_kernel import SCALARS, Compiled, Functions
 from bwbn_bayes.parameters import Floats
 
-Compiled = Callable[..., int]
+Callback = Callable[..., int]
 
 
 class KernelProblem(Problem):  # type: ignore[misc]
@@ -25,13 +26,13 @@ class KernelProblem(Problem):  # type: ignore[misc]
 
     Parameters
     ----------
-    kernel : module
+    kernel : Functions
         Compiled functions of one storey law.
     n_states, n_directions, n_numbers : int
         Sizes of the state, of the identified parameters and of a draw's flat array.
     """
 
-    def __init__(self, kernel: ModuleType, n_states: int, n_directions: int, n_numbers: int) -> None:
+    def __init__(self, kernel: Functions, n_states: int, n_directions: int, n_numbers: int) -> None:
         square, wide = (n_states, n_states), (n_directions, n_states)
         self.kernel = kernel
         self.state_dtype = np.dtype([("y", np.float64, (n_states,))])
@@ -56,48 +57,49 @@ class KernelProblem(Problem):  # type: ignore[misc]
         """Identified parameters."""
         return self._sizes[1]
 
-    def make_rhs(self) -> Compiled:
+    def make_rhs(self) -> Callback:
         """Rates of the states."""
-        rhs = self.kernel.rhs
+        rhs = _for_numba(self.kernel.rhs)
 
         @numba.njit  # type: ignore[untyped-decorator]
         def rates(out: Floats, t: float, y: Any, user_data: Any) -> int:
-            return rhs(t, y.y, out, user_data.numbers)  # type: ignore[no-any-return]
+            y, data = y.y, user_data.numbers
+            return rhs(y.ctypes, y.size, out.ctypes, out.size, data.ctypes, data.size, t)  # type: ignore[no-any-return]
 
         return rates  # type: ignore[no-any-return]
 
-    def make_jac_dense(self) -> Compiled:
+    def make_jac_dense(self) -> Callback:
         """Derivative of the rates with respect to the states."""
-        jacobian = self.kernel.jacobian
+        jacobian = self._jacobian()
 
         @numba.njit  # type: ignore[untyped-decorator]
         def jac(out: Floats, _time: float, y: Any, _rates: Floats, user_data: Any) -> int:
-            jacobian(y.y, user_data.matrix, user_data.numbers)
+            jacobian(y.y, user_data)
             out[:, :] = user_data.matrix.T
             return 0
 
         return jac  # type: ignore[no-any-return]
 
-    def make_sensitivity_rhs(self) -> Compiled:
+    def make_sensitivity_rhs(self) -> Callback:
         """Rates of the sensitivities, ``out (n_params, n_states)``."""
-        slopes, direction, ground_at = self.kernel.slopes, self.kernel.direction, self.kernel.ground_at
+        slopes, direction = self._slopes(), self._direction()
 
         @numba.njit  # type: ignore[untyped-decorator]
         def sensitivity(out: Floats, t: float, y: Any, tangents: Floats, user_data: Any) -> int:
-            slopes(y.y, ground_at(t, user_data.numbers), user_data.numbers)
+            slopes(t, y.y, user_data.numbers)
             for k in range(tangents.shape[0]):
                 direction(k, tangents[k], out[k], user_data.numbers)
             return 0 if np.isfinite(np.sum(out)) else 1
 
         return sensitivity  # type: ignore[no-any-return]
 
-    def make_adjoint_rhs(self) -> Compiled:
+    def make_adjoint_rhs(self) -> Callback:
         """Rates of the adjoint, minus the transposed Jacobian times it."""
-        jacobian = self.kernel.jacobian
+        jacobian = self._jacobian()
 
         @numba.njit  # type: ignore[untyped-decorator]
         def adjoint(out: Floats, _time: float, y: Any, multiplier: Floats, user_data: Any) -> int:
-            jacobian(y.y, user_data.matrix, user_data.numbers)
+            jacobian(y.y, user_data)
             for i in range(out.shape[0]):
                 total = 0.0
                 for j in range(out.shape[0]):
@@ -107,13 +109,13 @@ class KernelProblem(Problem):  # type: ignore[misc]
 
         return adjoint  # type: ignore[no-any-return]
 
-    def make_adjoint_quad_rhs(self) -> Compiled:
+    def make_adjoint_quad_rhs(self) -> Callback:
         """Rates of the parameters' gradient: the adjoint times the rates' derivatives at a fixed state."""
-        slopes, direction, ground_at = self.kernel.slopes, self.kernel.direction, self.kernel.ground_at
+        slopes, direction = self._slopes(), self._direction()
 
         @numba.njit  # type: ignore[untyped-decorator]
         def quadrature(out: Floats, t: float, y: Any, multiplier: Floats, user_data: Any) -> int:
-            slopes(y.y, ground_at(t, user_data.numbers), user_data.numbers)
+            slopes(t, y.y, user_data.numbers)
             still, rate = user_data.room[0], user_data.room[1]
             for k in range(out.shape[0]):
                 direction(k, still, rate, user_data.numbers)
@@ -122,14 +124,58 @@ class KernelProblem(Problem):  # type: ignore[misc]
 
         return quadrature  # type: ignore[no-any-return]
 
-    def make_adjoint_jac_dense(self) -> Compiled:
+    def make_adjoint_jac_dense(self) -> Callback:
         """Derivative of the adjoint's rates with respect to the adjoint."""
-        jacobian = self.kernel.jacobian
+        jacobian = self._jacobian()
 
         @numba.njit  # type: ignore[untyped-decorator]
         def jac(out: Floats, _time: float, y: Any, _multiplier: Floats, _rates: Floats, user_data: Any) -> int:
-            jacobian(y.y, user_data.matrix, user_data.numbers)
+            jacobian(y.y, user_data)
             out[:, :] = -user_data.matrix
             return 0
 
         return jac  # type: ignore[no-any-return]
+
+    def _slopes(self) -> Callable[..., None]:
+        """The table of partial derivatives at time t, into ``data``."""
+        slopes, ground_at = _for_numba(self.kernel.slopes), _for_numba(self.kernel.ground_at)
+
+        @numba.njit  # type: ignore[untyped-decorator]
+        def slopes_at(t: float, y: Floats, data: Floats) -> None:
+            ground = ground_at(t, data.ctypes, data.size)
+            slopes(y.ctypes, y.size, ground, data.ctypes, data.size)
+
+        return slopes_at  # type: ignore[no-any-return]
+
+    def _direction(self) -> Callable[..., None]:
+        """Rates of the tangent in direction k."""
+        direction = _for_numba(self.kernel.direction)
+
+        @numba.njit  # type: ignore[untyped-decorator]
+        def direction_of(k: int, tangent: Floats, rate: Floats, data: Floats) -> None:
+            direction(k, tangent.ctypes, tangent.size, rate.ctypes, rate.size, data.ctypes, data.size)
+
+        return direction_of  # type: ignore[no-any-return]
+
+    def _jacobian(self) -> Callable[..., None]:
+        """The Jacobian, transposed, into ``user_data.matrix``."""
+        jacobian, n_states = _for_numba(self.kernel.jacobian), self.n_states
+
+        @numba.njit  # type: ignore[untyped-decorator]
+        def transposed(y: Floats, user_data: Any) -> None:
+            matrix, unit, data = user_data.matrix, user_data.room[1], user_data.numbers
+            jacobian(y.ctypes, y.size, matrix.ctypes, n_states, n_states, unit.ctypes, n_states, data.ctypes, data.size)
+
+        return transposed  # type: ignore[no-any-return]
+
+
+def _for_numba(function: Compiled) -> Callable[..., Any]:
+    """A compiled function as numba's code calls it: an array is its address and its sizes."""
+    words: list[Any] = []
+    for _, kind in function.signature.parameters:
+        if isinstance(kind, tuple):
+            words += [ctypes.c_void_p, *[ctypes.c_int64] * kind[1]]
+        else:
+            words.append(SCALARS[kind])
+    returns = function.signature.returns
+    return ctypes.CFUNCTYPE(None if returns is None else SCALARS[returns], *words)(function.address)

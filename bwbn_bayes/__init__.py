@@ -1,6 +1,6 @@
 """bwbn_bayes: Bayesian identification of degrading, pinching Bouc-Wen-Baber-Noori structures from measured records.
 
-A public name is imported on first use: SymPy, numba, SciPy and Matplotlib take seconds to load.
+A public name is imported on first use: SymPy, SciPy and Matplotlib take seconds to load.
 """
 
 from typing import TYPE_CHECKING

@@ -13,8 +13,8 @@ UNREADABLE_ARRAYS = (
 """What reading JSON and an archive of arrays may raise where they are not what was written, or no such thing at all."""
 
 EXTRAS: Mapping[str, tuple[str, ...]] = {
-    "pymc": ("pymc", "pytensor"),
-    "nuts": ("pymc", "pytensor", "nutpie"),
+    "pymc": ("pymc", "pytensor", "numba"),
+    "nuts": ("pymc", "pytensor", "numba", "nutpie"),
     "ga": ("pymoo",),
     "cvodes": ("sundials4py",),
     "distributed": ("distributed",),

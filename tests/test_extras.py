@@ -55,6 +55,26 @@ def test_an_extra_brings_what_its_sentence_promises() -> None:
     assert not required & libraries("all")
 
 
+SOLVE = """
+import sys
+sys.modules["numba"] = None
+import numpy as np
+from bwbn_bayes import BoucWen, ShearBuilding, Uniform, sine
+from bwbn_bayes.engines.available import engine
+model = ShearBuilding(masses=[1.0], storey=BoucWen(k=Uniform(20, 60), beta=1.0, gamma=1.0))
+for name in ("lanes", "scalar", "reference", "cvodes"):
+    response, slopes = engine(name).sensitivities(model, np.array([[40.0]]), sine(1.0, 1.0, 0.4, 0.02), ["drift_1"])
+    print(name, bool(np.all(np.isfinite(slopes)) and np.any(slopes != 0.0)))
+"""
+
+
+def test_no_engine_needs_numba() -> None:
+    """It took seconds for every law, and 33 MB; sunode brings its own."""
+    done = subprocess.run([sys.executable, "-c", SOLVE], capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["lanes", "True", "scalar", "True", "reference", "True", "cvodes", "True"]
+
+
 def test_the_package_is_imported_without_any_extra() -> None:
     """PyMC and pymoo were imported with the package's own modules, so that none ran where one was missing."""
     optional = {library for extra in DECLARED["optional-dependencies"] for library in libraries(extra)}

@@ -46,7 +46,7 @@ _WITHOUT_FORCE = (
     "force beside it (--unnamed-force)."
 )
 
-_LIBRARIES = ("bwbn-bayes", "numpy", "scipy", "llvmlite", "numba", "sympy", "arviz", "xarray")
+_LIBRARIES = ("bwbn-bayes", "numpy", "scipy", "llvmlite", "sympy", "arviz", "xarray")
 
 
 @dataclass(frozen=True, kw_only=True)

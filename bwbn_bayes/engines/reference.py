@@ -25,7 +25,8 @@ from bwbn_bayes.structures.structure import Structure
 
 _SLACK = 1e-9
 """Events within this share of a sample interval of a sample happen at the sample."""
-_WANTED = Wanted(entries=("prepare", "strike", "drive", "rhs", "see", "next_event"))
+WANTED = Wanted(entries=("prepare", "strike", "drive", "rhs", "see", "next_event"))
+"""What it calls of a kernel."""
 
 
 class _NonFiniteError(ArithmeticError):
@@ -74,7 +75,7 @@ class Reference(Reduction):
     ) -> Response:
         """Response at the record's times; its measured channels unless others are named."""
         names = tuple(record.channels) if channels is None else tuple(channels)
-        problems = scalar_problems(model, draws, record, names, _WANTED)
+        problems = scalar_problems(model, draws, record, names, WANTED)
         return solve_each(problems, self._solve)[0]
 
     def sensitivities(

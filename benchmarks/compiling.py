@@ -26,7 +26,7 @@ from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines import scalar
-from bwbn_bayes.engines.lane_kernel import LaneKernel
+from bwbn_bayes.engines.kernel import Kernel
 from bwbn_bayes.engines.lane_source import lane_source
 from bwbn_bayes.engines.reference import WANTED
 from bwbn_bayes.inference.summary import processor_name
@@ -81,8 +81,8 @@ def measure(name: str, law: StoreyLaw, *, driven: bool) -> Compiled:
     """One law, from its symbols on."""
     generate = taken(lambda: scalar.programs_of(law))
     source = lane_source(*scalar.programs_of(law), driven=driven)
-    values, derivatives = (taken(lambda entry=entry: LaneKernel("bench", source).functions(entry)) for entry in ENTRIES)  # type: ignore[misc]
-    read = taken(lambda: [LaneKernel("bench", source).functions(entry) for entry in ENTRIES])
+    values, derivatives = (taken(lambda entry=entry: Kernel("bench", source).functions(entry)) for entry in ENTRIES)  # type: ignore[misc]
+    read = taken(lambda: [Kernel("bench", source).functions(entry) for entry in ENTRIES])
     return Compiled(
         law=name,
         n_parameters=len(law.parameters),

@@ -31,7 +31,7 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock, StiffnessDegradation, StrengthDegradation, SuddenDamage
 from bwbn_bayes.engines.base import Engine, Response, Status
 from bwbn_bayes.engines.cvodes import Cvodes
-from bwbn_bayes.engines.lane_kernel import Functions
+from bwbn_bayes.engines.kernel import Functions
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.reference import Reference

@@ -23,8 +23,8 @@ from strong_motion_files import cosmos, smc
 from bwbn_bayes import Result, Settings, UserError, read_record, sine
 from bwbn_bayes.engines import cache_files
 from bwbn_bayes.engines.journal import Journal
-from bwbn_bayes.engines.lane_compiler import object_code
-from bwbn_bayes.engines.lane_kernel import LaneKernel
+from bwbn_bayes.engines.kernel import Kernel
+from bwbn_bayes.engines.kernel_compiler import object_code
 from bwbn_bayes.records.readers import write_record
 from bwbn_bayes.results import Facts
 from bwbn_bayes.structures.model_file import load_model_file
@@ -162,7 +162,7 @@ def test_cache_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: st
     """The kernel is always the one that was generated."""
     monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path / "cache"))
     cache_files._first_usable.cache_clear()
-    kernel = LaneKernel("fuzz", "def double(x: float) -> float:\n    return 2.0 * x\n")
+    kernel = Kernel("fuzz", "def double(x: float) -> float:\n    return 2.0 * x\n")
     assert kernel.functions("double").double(1.0) == 2.0
     (path,) = (tmp_path / "cache").rglob(f"*{suffix}")
     planted = object_code(kernel.source.replace("2.0", "3.0"), "double")

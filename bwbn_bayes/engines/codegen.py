@@ -1,4 +1,4 @@
-"""From the symbolic storey law to lines of code that :mod:`~bwbn_bayes.engines.lane_compiler` compiles.
+"""From the symbolic storey law to lines of code that :mod:`~bwbn_bayes.engines.kernel_compiler` compiles.
 
 The printer knows the handful of functions a law may use. Powers with a symbolic exponent become
 ``_exp2(n * _log2(x))``, base two because its scaling by ``1 / log(2)`` joins the constants of the argument; ``sign`` is

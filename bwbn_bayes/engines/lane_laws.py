@@ -7,21 +7,21 @@ from collections.abc import Callable
 from functools import cache
 
 from bwbn_bayes.elements.law import StoreyLaw
-from bwbn_bayes.engines.lane_kernel import LaneKernel, kernel_path
+from bwbn_bayes.engines.kernel import Kernel, kernel_path
 from bwbn_bayes.engines.lane_source import LaneLayout, lane_layout, lane_source, summary_source
 from bwbn_bayes.engines.scalar import has_programs, programs_of
 
 
-def kernel_of(law: StoreyLaw, driven: bool, single: bool = False) -> tuple[LaneKernel, LaneLayout]:
+def kernel_of(law: StoreyLaw, driven: bool, single: bool = False) -> tuple[Kernel, LaneLayout]:
     """The compiled kernel of a law and the layout of its rows; made once, whichever threads ask."""
     with _MAKING:
         return _made(law, driven, single)
 
 
 @cache
-def _made(law: StoreyLaw, driven: bool, single: bool) -> tuple[LaneKernel, LaneLayout]:
+def _made(law: StoreyLaw, driven: bool, single: bool) -> tuple[Kernel, LaneLayout]:
     safe, programs = programs_of(law)
-    return LaneKernel("lanes", lane_source(safe, programs, driven=driven, single=single)), lane_layout(safe, programs)
+    return Kernel("lanes", lane_source(safe, programs, driven=driven, single=single)), lane_layout(safe, programs)
 
 
 _MAKING = threading.Lock()
@@ -30,7 +30,7 @@ _MAKING = threading.Lock()
 @cache
 def summarise(single: bool) -> Callable[..., None]:
     """Sums what a kernel stored."""
-    return LaneKernel("sums", summary_source(single=single)).functions("summarise").summarise
+    return Kernel("sums", summary_source(single=single)).functions("summarise").summarise
 
 
 def is_compiled(law: StoreyLaw, driven: bool, *, single: bool = False) -> bool:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.engines.base import OBSERVED_KINDS, ChannelMap, channel_map, check_record, masses
 from bwbn_bayes.engines.directions import Directions
+from bwbn_bayes.engines.kernel import Kernel
 from bwbn_bayes.engines.lane_block import Block
-from bwbn_bayes.engines.lane_kernel import LaneKernel
 from bwbn_bayes.engines.lane_laws import kernel_of, summarise
 from bwbn_bayes.engines.lane_source import LANES, LaneLayout
 from bwbn_bayes.engines.observation import Sensors, sensors_of
@@ -134,7 +134,7 @@ def _positions(names: tuple[str, ...], some: Iterable[str]) -> NDArray[np.int64]
 class Problem:
     """What every block of one call shares; ``real`` is the type of the kernel's numbers."""
 
-    kernel: LaneKernel
+    kernel: Kernel
     real: np.dtype[Any]
     layout: LaneLayout
     n_links: int

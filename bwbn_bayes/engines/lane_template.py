@@ -3,7 +3,7 @@
 Mathematics, a building's quantities before its first step, a stage of a Runge-Kutta scheme, and the march through time.
 The march stands in a kernel twice, with derivatives (``_with_tangents``) and without: each compiles when first called.
 Numbers are doubles or singles; times since the start, those of events and sums over samples are doubles in both.
-What may stand here says :mod:`~bwbn_bayes.engines.lane_compiler`.
+What may stand here says :mod:`~bwbn_bayes.engines.kernel_compiler`.
 """
 
 SIZES = """\

@@ -29,7 +29,7 @@ from bwbn_bayes.engines.base import (
 )
 from bwbn_bayes.engines.codegen import LawPrograms, law_programs, packed, spelled, unpacked
 from bwbn_bayes.engines.kept_code import is_remembered, remembered
-from bwbn_bayes.engines.lane_kernel import Functions, LaneKernel
+from bwbn_bayes.engines.kernel import Functions, Kernel
 from bwbn_bayes.engines.observation import Sensors, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
@@ -246,7 +246,7 @@ def _key_of(safe: StoreyLaw) -> str:
 def scalar_kernel(law: StoreyLaw, driven: bool, wanted: Wanted) -> Functions:
     """Compiled functions of the scalar kernel of a law."""
     source = scalar_source(*programs_of(law), driven=driven, with_tangents=wanted.with_tangents)
-    return LaneKernel("scalar", source + wanted.further).functions(*wanted.entries)
+    return Kernel("scalar", source + wanted.further).functions(*wanted.entries)
 
 
 def in_rows(out: Floats) -> Floats:

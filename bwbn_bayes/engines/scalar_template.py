@@ -1,7 +1,7 @@
 """The text of a scalar kernel that is the same for every law; names in braces are filled by ``scalar_source``.
 
 The law, its slopes and directions; events, the driven top and what is observed; the Runge-Kutta march.
-What may stand here says :mod:`~bwbn_bayes.engines.lane_compiler`.
+What may stand here says :mod:`~bwbn_bayes.engines.kernel_compiler`.
 """
 
 SIZES = """\

@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bwbn_bayes.engines.base import Response, Status
-from bwbn_bayes.engines.lane_kernel import Functions
+from bwbn_bayes.engines.kernel import Functions
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar import Carried, ScalarProblem, Wanted, scalar_problems, solve_each
 from bwbn_bayes.errors import UserError

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from sunode.problem import Problem
 
-from bwbn_bayes.engines.lane_kernel import SCALARS, Compiled, Functions
+from bwbn_bayes.engines.kernel import SCALARS, Compiled, Functions
 from bwbn_bayes.parameters import Floats
 
 Callback = Callable[..., int]

@@ -16,8 +16,8 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines import cache_files, precompile
 from bwbn_bayes.engines.cache_files import cache_directory, write_checked
 from bwbn_bayes.engines.kept_code import remembered
-from bwbn_bayes.engines.lane_compiler import object_code
-from bwbn_bayes.engines.lane_kernel import LaneKernel
+from bwbn_bayes.engines.kernel import Kernel
+from bwbn_bayes.engines.kernel_compiler import object_code
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
 SOURCE = "def double(x: float) -> float:\n    return 2.0 * x\n"
@@ -38,7 +38,7 @@ def _forget() -> None:
 
 def _run() -> None:
     """What every run does: a kernel is loaded and solves, and something is remembered."""
-    assert LaneKernel("probe", SOURCE).functions("double").double(1.0) == 2.0
+    assert Kernel("probe", SOURCE).functions("double").double(1.0) == 2.0
     assert remembered("probe", "key", lambda: ["made"]) == ["made"]
 
 
@@ -106,7 +106,7 @@ def test_what_is_planted_would_be_felt(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path / "cache"))
     _run()
     _plant(tmp_path / "cache", tmp_path / "trace")
-    assert LaneKernel("probe", SOURCE).functions("double").double(1.0) == 3.0
+    assert Kernel("probe", SOURCE).functions("double").double(1.0) == 3.0
     assert remembered("probe", "key", lambda: ["made"]) == ["planted"]
 
 

@@ -13,7 +13,7 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock
 from bwbn_bayes.engines import scalar
 from bwbn_bayes.engines.kept_code import remembered
-from bwbn_bayes.engines.lane_kernel import LaneKernel
+from bwbn_bayes.engines.kernel import Kernel
 from bwbn_bayes.engines.lane_laws import is_compiled
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -50,7 +50,7 @@ def test_generated_source_does_not_depend_on_the_order_of_a_set(tmp_path: Path) 
 def test_changed_source_is_another_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BWBN_CACHE_DIR", str(tmp_path))
     texts = (f"def answer() -> int:\n    return {value}\n" for value in (1, 2))
-    one, two = (LaneKernel("probe", text).functions("answer") for text in texts)
+    one, two = (Kernel("probe", text).functions("answer") for text in texts)
     assert (one.answer(), two.answer()) == (1, 2)
     assert len(list(tmp_path.glob("probe_*.py"))) == 2
 
@@ -89,11 +89,11 @@ import hashlib
 import sys
 import numpy as np
 from bwbn_bayes import BoucWen, ShearBuilding, SlipLock, Uniform, el_centro
-from bwbn_bayes.engines import lane_kernel, lanes
+from bwbn_bayes.engines import kernel, lanes
 
-compile_code = lane_kernel.object_code
+compile_code = kernel.object_code
 compiled = []
-lane_kernel.object_code = lambda source, *entries: compiled.extend(entries) or compile_code(source, *entries)
+kernel.object_code = lambda source, *entries: compiled.extend(entries) or compile_code(source, *entries)
 storey = BoucWen(k=Uniform(20, 60), c=Uniform(0, 1), alpha=0.05, beta=Uniform(1, 80), gamma=15.0, n=1.2)
 model = ShearBuilding(masses=[1.0], storey=storey).with_effect(SlipLock(delta_s=0.02, sigma=0.05))
 ground = el_centro("chopra", duration=6.0)

@@ -13,7 +13,7 @@ from engine_cases import CONVERGED, FREE, TIME_STEP, building, record_of, relati
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock, StrengthDegradation, SuddenDamage
 from bwbn_bayes.engines.base import Status
-from bwbn_bayes.engines.lane_kernel import LaneKernel
+from bwbn_bayes.engines.kernel import Kernel
 from bwbn_bayes.engines.lane_laws import is_compiled
 from bwbn_bayes.engines.lane_template import SINGLE_MATHEMATICS
 from bwbn_bayes.engines.lanes import Lanes
@@ -41,7 +41,7 @@ def run(x: floats, power: floats, logarithm: floats):
         power[l] = _exp2(x[l])
         logarithm[l] = _log2(power[l])
 """
-    kernel = LaneKernel("probe", f"LANES = 16\nBITS = 32\n{SINGLE_MATHEMATICS}\n{text}")
+    kernel = Kernel("probe", f"LANES = 16\nBITS = 32\n{SINGLE_MATHEMATICS}\n{text}")
     for x in np.random.default_rng(1).uniform(-100.0, 127.0, (200, 16)).astype(np.float32):
         power, logarithm = np.empty_like(x), np.empty_like(x)
         kernel.run(x, power, logarithm)
@@ -67,13 +67,13 @@ def run(n: int, h: double, x: floats, total: doubles, shown: floats):
     total[1] = h / 3
 """
     x, total, shown = np.full(16, 0.1, dtype=np.float32), np.zeros(16), np.zeros(16, dtype=np.float32)
-    LaneKernel("probe", text).run(1000, 0.7, x, total, shown)
+    Kernel("probe", text).run(1000, 0.7, x, total, shown)
     np.testing.assert_allclose(total[2:], 500.0 * x[2:].astype(np.float64), rtol=1e-13)
     np.testing.assert_array_equal(shown[2:], total[2:].astype(np.float32))
     assert total[1] == 0.7 / 3.0
     assert shown[0] == np.float32(np.float32(0.7 / 3.0) + np.float32(0.1))
     with pytest.raises(TypeError, match="a kernel takes floats that lie row after row, not float64"):
-        LaneKernel("probe", text).run(1, 0.7, x.astype(np.float64), total, shown)
+        Kernel("probe", text).run(1, 0.7, x.astype(np.float64), total, shown)
 
 
 @pytest.mark.parametrize("time", [1.3, 1.3071, 5.0])

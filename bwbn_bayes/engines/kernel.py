@@ -18,10 +18,10 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
-from bwbn_bayes.engines import lane_compiler, lane_expressions, lane_values
+from bwbn_bayes.engines import kernel_compiler, kernel_expressions, kernel_values
 from bwbn_bayes.engines.cache_files import read_checked, write_checked
 from bwbn_bayes.engines.kept_code import code_path, keep_source
-from bwbn_bayes.engines.lane_compiler import IN_A_ROW, Signature, object_code, signatures, target_machine
+from bwbn_bayes.engines.kernel_compiler import IN_A_ROW, Signature, object_code, signatures, target_machine
 
 _ENGINES: list[llvm.ExecutionEngine] = []
 """They own the code, which is called as long as the process lives."""
@@ -29,7 +29,7 @@ _COMPILING = threading.RLock()
 
 
 @dataclass(frozen=True)
-class LaneKernel:
+class Kernel:
     """The functions of one kernel's text that are called from outside.
 
     Parameters
@@ -80,7 +80,7 @@ def kernel_path(kind: str, source: str) -> Path | None:
 
 @cache
 def _compiler_hash() -> str:
-    modules = (lane_compiler, lane_expressions, lane_values)
+    modules = (kernel_compiler, kernel_expressions, kernel_values)
     return hashlib.sha256(b"".join(Path(str(module.__file__)).read_bytes() for module in modules)).hexdigest()
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from bwbn_bayes import BoucWen, FolientePinching, PerStorey, ShearBuilding, SlipLock, SuddenDamage, Uniform, el_centro
 from bwbn_bayes.engines import lane_laws, scalar
-from bwbn_bayes.engines.lane_compiler import KINDS, object_code
-from bwbn_bayes.engines.lane_kernel import LaneKernel
+from bwbn_bayes.engines.kernel import Kernel
+from bwbn_bayes.engines.kernel_compiler import KINDS, object_code
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.structures.structure import Structure
@@ -120,7 +120,7 @@ def test_a_text_means_what_it_means_in_python(twice: bool) -> None:
     table, picked = np.array([[2, 1], [3, 5], [7, 1]]), rng.integers(0, 32, 16)
     measured = rng.normal(size=(5, 2))
     found, expected = np.zeros(100), np.zeros(100)
-    total = LaneKernel("probe", WORDS).run(20, 0.1, twice, x, table, picked, measured, found)
+    total = Kernel("probe", WORDS).run(20, 0.1, twice, x, table, picked, measured, found)
     result = in_python(WORDS)["run"](20, 0.1, twice, x, table, picked, measured, expected)
     np.testing.assert_allclose(found, expected, rtol=1e-14)
     assert total == pytest.approx(result, rel=1e-14)
@@ -157,7 +157,7 @@ def test_a_library_is_called_and_calls_back() -> None:
     """C's own: numbers of 32 bits keep their sign, arrays are addresses, a function is where it begins."""
     x = np.random.default_rng(1).uniform(0.26, 9.0, 50)
     x[7], expected = 0.26, np.sort(np.append(np.delete(x, 7), 0.26))[::-1]
-    kernel = LaneKernel("probe", OF_A_LIBRARY).functions("run", "taken")
+    kernel = Kernel("probe", OF_A_LIBRARY).functions("run", "taken")
     assert kernel.run(x) == -3
     np.testing.assert_array_equal(x, expected)
     powers = np.array([-1, 3, 0])
@@ -168,7 +168,7 @@ def test_a_function_of_its_last_argument() -> None:
     """What was given is read anew at every call, and lives as long as the function."""
     text = "def run(x: floats, n: int, t: float) -> float:\n    x[1] += 1.0\n    return x[0] * t + n\n"
     text += "def first(x: floats) -> float:\n    return x[0]\n"
-    kernel = LaneKernel("probe", text).functions("run", "first")
+    kernel = Kernel("probe", text).functions("run", "first")
     x = np.array([2.0, 0.0])
     run, first = kernel.run.given(x, 3), kernel.first.given(x)
     assert (run(0.5), first()) == (4.0, 2.0)
@@ -216,11 +216,11 @@ def run_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     """From now on kernels are Python's."""
     forget_kernels()
 
-    def functions(self: LaneKernel, *entries: str) -> SimpleNamespace:
+    def functions(self: Kernel, *entries: str) -> SimpleNamespace:
         names = in_python(self.source)
         return SimpleNamespace(**{entry: names[entry] for entry in entries})
 
-    monkeypatch.setattr(LaneKernel, "functions", functions)
+    monkeypatch.setattr(Kernel, "functions", functions)
 
 
 def forget_kernels() -> None:
@@ -273,6 +273,6 @@ def test_other_words_are_refused(line: str) -> None:
 @pytest.mark.parametrize("x", [np.zeros(4, dtype=np.float32), np.zeros((4, 2))[:, 0], np.zeros(4, dtype=np.int64)])
 def test_arrays_of_another_kind_are_refused(x: np.ndarray) -> None:
     """Machine code would read them as what they are not."""
-    kernel = LaneKernel("probe", "LANES = 16\ndef run(x: floats):\n    x[0] = 1.0\n")
+    kernel = Kernel("probe", "LANES = 16\ndef run(x: floats):\n    x[0] = 1.0\n")
     with pytest.raises(TypeError, match="a kernel takes floats that lie row after row"):
         kernel.run(x)

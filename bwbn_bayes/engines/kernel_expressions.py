@@ -1,11 +1,11 @@
-"""Expressions of a lane kernel's text, as instructions of LLVM."""
+"""Expressions of a kernel's text, as instructions of LLVM."""
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Mapping, Sequence
 
-from bwbn_bayes.engines.lane_values import DOUBLE, INT, TRUTH, Array, Instructions, Precision, Value
+from bwbn_bayes.engines.kernel_values import DOUBLE, INT, TRUTH, Array, Instructions, Precision, Value
 
 _INTRINSICS = {"abs": "fabs", "np.ceil": "ceil", "np.rint": "rint", "np.exp2": "exp2", "np.log2": "log2"}
 

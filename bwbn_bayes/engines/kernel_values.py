@@ -1,4 +1,4 @@
-"""What a lane kernel's text computes with, as LLVM writes it: numbers, vectors of them, arrays."""
+"""What a kernel's text computes with, as LLVM writes it: numbers, vectors of them, arrays."""
 
 from __future__ import annotations
 

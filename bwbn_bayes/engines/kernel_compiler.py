@@ -23,8 +23,8 @@ from dataclasses import dataclass, field
 
 import llvmlite.binding as llvm
 
-from bwbn_bayes.engines.lane_expressions import Expressions
-from bwbn_bayes.engines.lane_values import DOUBLE, INT, PRECISIONS, SHORT, TRUTH, Array, Precision, Value
+from bwbn_bayes.engines.kernel_expressions import Expressions
+from bwbn_bayes.engines.kernel_values import DOUBLE, INT, PRECISIONS, SHORT, TRUTH, Array, Precision, Value
 
 Kind = str | tuple[str, int]
 """Type of a scalar; or of an array's elements, and how many dimensions it has."""

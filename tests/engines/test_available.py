@@ -32,3 +32,11 @@ def test_a_missing_library_is_a_reason_not_an_error(monkeypatch: pytest.MonkeyPa
     assert "needs sundials4py, which is not installed" in facts["cvodes"].reason
     monkeypatch.undo()
     assert all(fact.reason and (fact.available or fact.name == "sunode") for fact in available.engines())
+
+
+def test_a_library_that_lacks_a_function_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Code that calls what the process does not have would end it."""
+    cvodes.load_library.cache_clear()
+    monkeypatch.setattr(cvodes, "LIBRARY", f"{cvodes.LIBRARY}def CVodeNowhere(memory: int) -> int32: ...\n")
+    with pytest.raises(UserError, match=r"the engine cvodes finds no CVodeNowhere in .*: install another version"):
+        engine("cvodes")

@@ -120,7 +120,8 @@ class Reference(Reduction):
         kernel.strike(slack, 0.0, y, no_tangents, rates, rates, data)
         piece = self._start(problem, data)
         drive, rhs = kernel.drive.given(y, data), kernel.rhs.given(y, rates, data)
-        see, next_event = kernel.see.given(y, *problem.channel_arrays, data, seen), kernel.next_event.given(data)
+        see = kernel.see.given(y, *problem.channel_arrays, data, seen)
+        event = kernel.next_event(data)
         for j in range(problem.n_times):
             drive(j)
             if rhs(j * dt):
@@ -131,12 +132,12 @@ class Reference(Reduction):
                 break
             now, end = j * dt, (j + 1) * dt
             while now < end:
-                event = next_event()
                 until = event if event < end - slack else end
                 y[:] = piece(now, until, y.copy())
                 now = until
                 if event <= until + slack:
                     kernel.strike(until + slack, 0.0, y, no_tangents, rates, rates, data)
+                    event = kernel.next_event(data)
 
     def _start(self, problem: ScalarProblem, data: Floats) -> Callable[[float, float, Floats], Floats]:
         """A function that carries the state from one time to another."""

@@ -198,7 +198,7 @@ def badly_sampled(facts: Facts) -> tuple[str, ...]:
         return ()
     sentence = (
         f"The posterior of the final model could not be sampled well: its draws are worth {worth:.0f} independent "
-        "ones, and the errors stated for its parameters are rough. `bwbn identify improved_model.py` falls back on "
-        "transitional MCMC."
+        "ones, and the errors stated for its parameters are rough. The command bwbn identify improved_model.py falls "
+        "back on transitional MCMC."
     )
     return (sentence,)

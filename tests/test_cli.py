@@ -6,6 +6,7 @@ import ast
 import io
 import json
 import math
+import os
 import shutil
 import subprocess
 import sys
@@ -444,6 +445,34 @@ def test_a_run_that_fails_leaves_the_old_files_whole(
     _is_one_sentence(run(*arguments), "No space left on device", after_steps=True)
     assert old.read_text(encoding="utf-8") == "whole"
     assert list(tmp_path.iterdir()) == [old]
+
+
+def _shown_to(place: object, *arguments: str, closed: bool = False) -> subprocess.CompletedProcess[str]:
+    code = f"from bwbn_bayes.cli import main; main({list(arguments)!r})"
+    command = ["sh", "-c", f'exec "$@" {">&-" if closed else ""}', "sh", sys.executable, "-c", code]
+    return subprocess.run(command, stdout=place, stderr=subprocess.PIPE, text=True, check=False)  # type: ignore[call-overload, no-any-return]
+
+
+@pytest.mark.parametrize("command", ["--version", "effects"])
+def test_what_cannot_be_shown_is_one_sentence(command: str) -> None:
+    """A full disk behind `>` ended in sixty lines of traceback."""
+    with Path("/dev/full").open("w") as full:
+        done = _shown_to(full, command)
+    assert done.stderr == (
+        "error: what is shown cannot be written (No space left on device): make room, or choose another place\n"
+    )
+    assert done.returncode == 2
+
+
+def test_where_nobody_reads_nothing_is_said() -> None:
+    """`bwbn engines >&-` ended in a traceback, and so did a reader that closed a pipe."""
+    done = _shown_to(None, "engines", closed=True)
+    assert (done.stderr, done.returncode) == ("", 0)
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as pipe:
+        done = _shown_to(pipe, "--version")
+    assert (done.stderr, done.returncode) == ("", 1)
 
 
 def test_a_fault_of_ours_keeps_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,12 +8,14 @@ needs it: help and refusals should not wait for it.
 from __future__ import annotations
 
 import errno
+import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 import typer
 from rich.console import Console
@@ -35,6 +37,9 @@ if TYPE_CHECKING:
     from bwbn_bayes.records.record import Record
     from bwbn_bayes.structures.model_file import ModelFile
     from bwbn_bayes.structures.structure import Structure
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""What the system says where a disk takes no more."""
 
 DISCOVERY_PARTICLES = "2000"
 """What help says of the default in DiscoverySettings, which is loaded with all of discovery."""
@@ -482,17 +487,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = list(sys.argv[1:] if arguments is None else arguments)
     try:
         code = app(given or ["--help"], standalone_mode=False)
+        if sys.stdout is not None:  # as it is where a shell closed it
+            sys.stdout.flush()
     except (KeyboardInterrupt, typer.Abort):
         code = EXIT_CODE
     except UserError as error:
         _refuse(str(error))
     except typer.TyperException as error:
         _refuse(error.format_message())
+    except BrokenPipeError:  # whoever read has read enough
+        _drop(sys.stdout)
+        code = 1
     except OSError as error:
-        # Asking whether there is such a file refuses a name that no file can have; all else is told where it happens.
-        if error.errno != errno.ENAMETOOLONG:
+        # Asking whether there is such a file refuses a name that no file can have, and what is shown can be more than
+        # a disk takes; all else is told where it happens.
+        if error.errno == errno.ENAMETOOLONG:
+            _refuse(f"{str(error.filename)[:60]}...: no file can have so long a name, give a shorter one")
+        if error.errno not in _NO_ROOM:
             raise
-        _refuse(f"{str(error.filename)[:60]}...: no file can have so long a name, give a shorter one")
+        _drop(sys.stdout)
+        place = error.filename or "what is shown"
+        _refuse(f"{place} cannot be written ({error.strerror}): make room, or choose another place")
     if code == EXIT_CODE:  # typer makes it of KeyboardInterrupt, and says nothing
         print("stopped", file=sys.stderr)
     sys.exit(code or 0)
@@ -535,8 +550,18 @@ def _refuse(sentence: str) -> None:
     from bwbn_bayes.records.record import one_line
 
     message = Text.assemble(("error: ", "bold red"), one_line(sentence))
-    Console(stderr=True).print(message, soft_wrap=True)
+    try:
+        Console(stderr=True).print(message, soft_wrap=True)
+    except OSError:
+        _drop(sys.stderr)
     sys.exit(2)
+
+
+def _drop(stream: TextIO | None) -> None:
+    """Forget what waits in a stream that takes nothing: Python would try again at the end, and fail with pages."""
+    with suppress(OSError):
+        if stream is not None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _warn(model: Structure, notes: Console) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import random
-import resource
 import signal
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from full_disk import full_at
 from inference_cases import MODELS, recorded, sdof_model
 
 from bwbn_bayes import BoucWen, Result, Settings, ShearBuilding, Uniform, UserError, identify
@@ -158,17 +158,6 @@ def test_another_file_and_a_second_run_are_refused(tmp_path: Path) -> None:
     with Journal.opened(tmp_path / "run"):  # noqa: SIM117  (the second is tried while the first is open)
         with pytest.raises(UserError, match="another run writes it"), Journal.opened(tmp_path / "run"):
             pass
-
-
-@contextmanager
-def full_at(n_bytes: int) -> Iterator[None]:
-    """No file grows beyond so many bytes, as on a disk that fills up: a part is written, then an error comes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (n_bytes, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.mark.parametrize("n_bytes", [0, 10, 30, 3000, 4800])

@@ -124,6 +124,7 @@ def test_a_full_disk_is_one_sentence(fleet: Path, monkeypatch: pytest.MonkeyPatc
     with full_at(0), pytest.raises(UserError, match=r"--out .* cannot be written \(File too large\): finished records"):
         run_batch(jobs, fleet / "out", 1, lambda _: None)
     assert ran == []
+    assert list((fleet / "out").iterdir()) == []
 
     def fill(_: str) -> None:
         if ran:

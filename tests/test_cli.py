@@ -464,6 +464,40 @@ def test_what_cannot_be_shown_is_one_sentence(command: str) -> None:
     assert done.returncode == 2
 
 
+def test_letters_that_a_terminal_lacks_are_question_marks() -> None:
+    """The catalogue's Greek ended in a traceback."""
+    code = "from bwbn_bayes.cli import main; main(['effects', 'appendage'])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONIOENCODING": "ascii"}, capture_output=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"?" in done.stdout
+
+
+HOMELESS = """
+from bwbn_bayes.cli import main
+try:
+    main(["--version"])
+except SystemExit:
+    pass
+import matplotlib.font_manager
+from bwbn_bayes.engines.cache_files import cache_directory
+cache_directory()
+"""
+
+
+def test_a_home_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
+    """Matplotlib told of it twice besides."""
+    kept = {name: it for name, it in os.environ.items() if name not in ("BWBN_CACHE_DIR", "XDG_CACHE_HOME")}
+    environment = {**kept, "HOME": "/proc/nowhere", "TMPDIR": str(tmp_path)}
+    environment.pop("MPLCONFIGDIR", None)
+    done = subprocess.run([sys.executable, "-c", HOMELESS], env=environment, capture_output=True, text=True, check=True)
+    assert done.stderr == (
+        "compiled kernels cannot be kept in /proc/nowhere/.cache/bwbn_bayes (No such file or directory): "
+        f"{tmp_path / f'bwbn_bayes-{os.geteuid()}'} is used instead\n"
+    )
+
+
 def test_where_nobody_reads_nothing_is_said() -> None:
     """`bwbn engines >&-` ended in a traceback, and so did a reader that closed a pipe."""
     done = _shown_to(None, "engines", closed=True)

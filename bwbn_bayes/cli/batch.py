@@ -202,8 +202,11 @@ def _written(jobs: Sequence[Job], refused: dict[str, str], out: Path) -> tuple[B
         out.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
             fresh = out / f"{name}.new"
-            fresh.write_text(text, encoding="utf-8")
-            fresh.replace(out / name)
+            try:
+                fresh.write_text(text, encoding="utf-8")
+                fresh.replace(out / name)
+            finally:
+                fresh.unlink(missing_ok=True)
     return rows
 
 

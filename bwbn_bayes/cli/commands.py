@@ -7,15 +7,14 @@ needs it: help and refusals should not wait for it.
 
 from __future__ import annotations
 
-import errno
-import os
+import logging
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import partial
 from importlib import metadata
+from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, TextIO
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -24,6 +23,7 @@ from rich.text import Text
 from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
 from bwbn_bayes.cli.interruption import EXIT_CODE, stopped_with
+from bwbn_bayes.cli.refusal import refuse, refuse_what_the_system_refuses
 from bwbn_bayes.errors import UserError, require_installed
 from bwbn_bayes.inference.registry import METHODS, require_library
 from bwbn_bayes.inference.settings import MOST_PARTICLES, Settings
@@ -37,9 +37,6 @@ if TYPE_CHECKING:
     from bwbn_bayes.records.record import Record
     from bwbn_bayes.structures.model_file import ModelFile
     from bwbn_bayes.structures.structure import Structure
-
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""What the system says where a disk takes no more."""
 
 DISCOVERY_PARTICLES = "2000"
 """What help says of the default in DiscoverySettings, which is loaded with all of discovery."""
@@ -485,6 +482,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         Those of the process by default.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
+    # A terminal without Greek letters shows question marks in their place.
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
+    # It tells in sentences of its own of a home that cannot be written; ours is said once (engines/cache_files.py).
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
         code = app(given or ["--help"], standalone_mode=False)
         if sys.stdout is not None:  # as it is where a shell closed it
@@ -492,22 +494,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (KeyboardInterrupt, typer.Abort):
         code = EXIT_CODE
     except UserError as error:
-        _refuse(str(error))
+        refuse(str(error))
     except typer.TyperException as error:
-        _refuse(error.format_message())
-    except BrokenPipeError:  # whoever read has read enough
-        _drop(sys.stdout)
-        code = 1
+        refuse(error.format_message())
     except OSError as error:
-        # Asking whether there is such a file refuses a name that no file can have, and what is shown can be more than
-        # a disk takes; all else is told where it happens.
-        if error.errno == errno.ENAMETOOLONG:
-            _refuse(f"{str(error.filename)[:60]}...: no file can have so long a name, give a shorter one")
-        if error.errno not in _NO_ROOM:
-            raise
-        _drop(sys.stdout)
-        place = error.filename or "what is shown"
-        _refuse(f"{place} cannot be written ({error.strerror}): make room, or choose another place")
+        code = refuse_what_the_system_refuses(error)
     if code == EXIT_CODE:  # typer makes it of KeyboardInterrupt, and says nothing
         print("stopped", file=sys.stderr)
     sys.exit(code or 0)
@@ -544,24 +535,6 @@ def _goes_on(directory: Path, checkpoint: Path | None = None) -> str:
     if has_begun(checkpoint):
         return f"stopped: what was solved is in checkpoint {checkpoint}, and the same command goes on from there"
     return f"stopped: nothing was solved, checkpoint {checkpoint} holds nothing yet"
-
-
-def _refuse(sentence: str) -> None:
-    from bwbn_bayes.records.record import one_line
-
-    message = Text.assemble(("error: ", "bold red"), one_line(sentence))
-    try:
-        Console(stderr=True).print(message, soft_wrap=True)
-    except OSError:
-        _drop(sys.stderr)
-    sys.exit(2)
-
-
-def _drop(stream: TextIO | None) -> None:
-    """Forget what waits in a stream that takes nothing: Python would try again at the end, and fail with pages."""
-    with suppress(OSError):
-        if stream is not None:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _warn(model: Structure, notes: Console) -> None:

@@ -247,10 +247,15 @@ BAD_MODELS = [
     ("class Odd(BaseException):\n    pass\n\nraise Odd('mine')\n", "line 4: Odd: mine"),
     ("raise GeneratorExit\n", "line 1: GeneratorExit"),
     ("raise KeyboardInterrupt\n", "line 1: KeyboardInterrupt"),
+    ("class Mute(Exception):\n    def __str__(self):\n        1 / 0\n\nraise Mute\n", "line 5: Mute: its text cannot"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = -1e6\n", "`snr_db` is '-1e+06'"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = 10**400\n", "`snr_db` is 'beyond all bounds'"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = float('nan')\n", "`snr_db` is 'nan'"),
     (SDOF.read_text(encoding="utf-8") + "truth = dict.fromkeys(truth, 10**5000)\n", "`truth`: k is larger"),
+    (
+        SDOF.read_text(encoding="utf-8") + "truth = {**truth, 1: 2.0}\n",
+        "values of parameters: 1 not identified",
+    ),
 ]
 
 
@@ -370,11 +375,12 @@ def test_a_record_without_channels_is_one_sentence(run: Run, tmp_path: Path) -> 
     [
         (lambda r: r.with_channels({"acceleration_1": np.full(r.n_times, 3.0)}), "acceleration_1 never changes"),
         (lambda r: replace(r, excitation=np.zeros(r.n_times)), "ground_acceleration never changes"),
+        (lambda r: replace(r, excitation=1e200 * r.excitation), "ground_acceleration reaches 3.13e+200 in SI units"),
         (lambda r: Record(name=r.name, time_step=r.time_step, excitation=r.excitation[:8],
                           channels={"acceleration_1": r.channels["acceleration_1"][:8]}), "8 samples: at least 32"),
         (lambda r: r.with_channels({"acceleration_2": r.channels["acceleration_1"]}), "acceleration_2"),
     ],
-    ids=["stuck sensor", "no ground motion", "too short", "a floor too many"],
+    ids=["stuck sensor", "no ground motion", "beyond all bounds", "too short", "a floor too many"],
 )  # fmt: skip
 @pytest.mark.parametrize("method", ["importance", "ga"])
 def test_a_record_that_tells_nothing_is_refused_before_the_search(

@@ -173,7 +173,9 @@ def report(rows: Sequence[Installed], console: Console) -> None:
     console.print(table)
     console.print("Of import, --help and in brackets processor time.", highlight=False)
     for extra, sentence in rows[0].refusals.items():
-        console.print(f"{extra}: {sentence or 'not refused in one sentence'}", highlight=False, soft_wrap=True)
+        console.print(
+            f"{extra}: {sentence or 'not refused in one sentence'}", highlight=False, markup=False, soft_wrap=True
+        )
 
 
 def main() -> None:

@@ -63,6 +63,8 @@ hear = lambda _, facts: write_unfinished(facts, out) if isinstance(facts, Unfini
 found = discover(load_model_file(model).model, read_record(record), settings=settings, listener=hear)
 write_discovery_files(found, out, model)
 """
+_TOOK = ("elapsed_s", "median_s", "worst_s")
+"""How names of times end; those of a standard error end in ``_se``."""
 _GRACE = 10.0
 """Time that children have to end in after their parent was killed. [s]"""
 
@@ -104,9 +106,9 @@ class Killed:
 
 
 def timeless(found: Any) -> Any:
-    """Without seconds."""
+    """Without seconds that it took."""
     if isinstance(found, dict):
-        return {key: timeless(value) for key, value in found.items() if not key.endswith("elapsed_s")}
+        return {key: timeless(value) for key, value in found.items() if not key.endswith(_TOOK)}
     return [timeless(value) for value in found] if isinstance(found, list) else found
 
 

@@ -3,10 +3,12 @@
 ``python -m benchmarks.scaling [--workers 2] [--particles 20000] [--json FILE]``
 
 A shear building of some storeys under filtered noise of some samples, an acceleration measured at every floor. The
-model says that a solve takes ``samples * (storeys * (cut + steps * step) + steps * sweep)``: three times are fitted at
-five sizes, and foretell ten others. ``efficiency`` is what so many processes reach of as many times one thread, for a
-batch of so many draws: by the clock, which means something on a quiet machine alone, and by processor time, one
+model says that a solve takes ``samples * storeys * (cut + steps * step + storeys * turn)``: steps end where a storey
+turns, and the more storeys there are the more often one does, for all lanes that share a block. Three times are fitted
+at five sizes, and foretell ten others. ``efficiency`` is what so many processes reach of as many times one thread, for
+a batch of so many draws: by the clock, which means something on a quiet machine alone, and by processor time, one
 thread's over that of the workers' slowest and of the process that hands out and gathers, which cannot overlap with it.
+What that process takes of each draw bounds how many workers it can feed.
 
 Times are processor times, the least of some rounds.
 """
@@ -46,8 +48,8 @@ class Size:
     @property
     def counts(self) -> tuple[int, int, int]:
         """How often each of the model's three times is taken in a solve."""
-        swept = self.samples * self.steps
-        return self.samples * self.storeys, swept * self.storeys, swept
+        cut = self.samples * self.storeys
+        return cut, cut * self.steps, cut * self.storeys
 
 
 FITTED = tuple(
@@ -79,13 +81,14 @@ class Cost:
 
 @dataclass(frozen=True, kw_only=True)
 class Efficiency:
-    """Of workers, by the clock and by processor time; seconds of the batch on one thread."""
+    """Of workers, by the clock and by processor time; seconds of the batch on one thread, handing out of one draw."""
 
     workers: int
     draws: int
     alone_s: float
     by_clock: float
     by_processor: float
+    handing_us: float
 
 
 def problem(storeys: int, samples: int) -> tuple[Structure, Record]:
@@ -119,7 +122,7 @@ def seconds(sizes: Sequence[Size]) -> list[float]:
 
 
 def costs() -> tuple[tuple[float, ...], list[Cost]]:
-    """The model's times ``cut, step, sweep`` [s], fitted, and what they foretell."""
+    """The model's times ``cut, step, turn`` [s], fitted, and what they foretell."""
     batches = seconds((*FITTED, *FORETOLD))
     solve = {size: batch / size.draws for size, batch in zip((*FITTED, *FORETOLD), batches, strict=True)}
     # Least squares of relative errors.
@@ -147,7 +150,7 @@ def efficiency(n_workers: int, n_draws: int) -> Efficiency:
         for one in (engine, several):
             one.misfit(model, draws[: 64 * n_workers], record)  # compiled and loaded before it is timed
         workers = list(executor._pool._processes)
-        clock, processor = [], []
+        clock, processor, handing = [], [], []
         for _ in range(ROUNDS):
             alone = (time.perf_counter(), time.process_time())
             engine.misfit(model, draws, record)
@@ -156,7 +159,8 @@ def efficiency(n_workers: int, n_draws: int) -> Efficiency:
             ended, after = (time.perf_counter(), time.process_time()), [processor_time(pid) for pid in workers]
             slowest = max(now - then for then, now in zip(before, after, strict=True))
             clock.append((began[0] - alone[0], ended[0] - began[0]))
-            processor.append((began[1] - alone[1], slowest + ended[1] - began[1]))
+            handing.append(ended[1] - began[1])
+            processor.append((began[1] - alone[1], slowest + handing[-1]))
     finally:
         executor.close()
     by_clock, by_processor = (
@@ -169,6 +173,7 @@ def efficiency(n_workers: int, n_draws: int) -> Efficiency:
         alone_s=min(alone for alone, _ in processor),
         by_clock=by_clock,
         by_processor=by_processor,
+        handing_us=1e6 * min(handing) / n_draws,
     )
 
 
@@ -186,13 +191,14 @@ def main() -> None:
         sizes = (one.size.storeys, one.size.samples, one.size.draws, one.size.steps)
         told = (f"{one.measured_ms:.3g}", f"{one.foretold_ms:.3g}", f"{100.0 * one.error:+.0f} %")
         table.add_row(*map(str, sizes), *told)
-    fitted = {f"{name}_ns": round(1e9 * one, 1) for name, one in zip(("cut", "step", "sweep"), times, strict=True)}
+    fitted = {f"{name}_ns": round(1e9 * one, 1) for name, one in zip(("cut", "step", "turn"), times, strict=True)}
     console.print(", ".join(f"{name.removesuffix('_ns')} {one} ns" for name, one in fitted.items()), highlight=False)
     console.print(table)
     spread = efficiency(options.workers, options.particles)
     console.print(
         f"{spread.workers} workers, {spread.draws} draws, {spread.alone_s:.2f} s on one thread: efficiency "
-        f"{spread.by_clock:.2f} by the clock, {spread.by_processor:.2f} by processor time",
+        f"{spread.by_clock:.2f} by the clock, {spread.by_processor:.2f} by processor time; handing out and gathering "
+        f"{spread.handing_us:.2g} us a draw",
         highlight=False,
     )
     console.print(f"load of the machine meanwhile {os.getloadavg()[0]:.1f}", highlight=False)

@@ -219,8 +219,8 @@ class Result:
         tree = self.tree.copy()
         tree.attrs["facts"] = json.dumps(asdict(self.facts))
         # By way of memory: HDF5 on a full disk ends in pages of its own.
-        contents = tree.to_netcdf(engine="h5netcdf", encoding=_compression(tree))
-        Path(path).write_bytes(contents)
+        with tree.to_netcdf(engine="h5netcdf", encoding=_compression(tree)) as contents, Path(path).open("wb") as file:
+            file.write(contents)
 
     @classmethod
     def load(cls, path: Path | str) -> Result:

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
+from full_disk import full_at
 
 from bwbn_bayes import BoucWen, ShearBuilding, UserError, simulate, sine, write_record
 from bwbn_bayes.cli import batch
@@ -95,8 +96,12 @@ def test_a_changed_record_model_or_option_is_run_again(fleet: Path, monkeypatch:
         file.write("\n")
     run_batch(_jobs(fleet), fleet / "out", 1, lambda _: None)
     assert ran[3:] == ["r2"]
+    for damaged in ('{"checks": [', "3", "{}"):  # each ended the whole batch in a traceback
+        (fleet / "out" / "r1" / "result.json").write_text(damaged)
+        run_batch(_jobs(fleet), fleet / "out", 1, lambda _: None)
+    assert ran[4:] == ["r1", "r1", "r1"]
     run_batch(_jobs(fleet, particles="200"), fleet / "out", 1, lambda _: None)
-    assert len(ran) == 7
+    assert len(ran) == 10
 
 
 def test_a_place_without_records_is_the_user_s_mistake(tmp_path: Path) -> None:
@@ -104,3 +109,35 @@ def test_a_place_without_records_is_the_user_s_mistake(tmp_path: Path) -> None:
     for pattern in (str(tmp_path), str(tmp_path / "*.csv")):
         with pytest.raises(UserError, match="no record"):
             records_of(pattern)
+
+
+def test_a_full_disk_is_one_sentence(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ended in a traceback, and only when every record that waited had been run."""
+    ran: list[str] = []
+
+    def run(job: Job) -> str:
+        ran.append(job.name)
+        return "refused"
+
+    monkeypatch.setattr(batch, "_run", run)
+    jobs = _jobs(fleet)
+    with full_at(0), pytest.raises(UserError, match=r"--out .* cannot be written \(File too large\): finished records"):
+        run_batch(jobs, fleet / "out", 1, lambda _: None)
+    assert ran == []
+    assert list((fleet / "out").iterdir()) == []
+
+    def fill(_: str) -> None:
+        if ran:
+            raise UserError("full")
+
+    with pytest.raises(UserError, match="full"):
+        run_batch(jobs, fleet / "out", 1, fill)
+    assert len(ran) < len(jobs)
+
+
+def test_a_record_that_finds_no_room_does_not_hold_up_the_others(fleet: Path) -> None:
+    (fleet / "out").mkdir()
+    (fleet / "out" / "r1").write_text("taken")
+    said: list[str] = []
+    run_batch(_jobs(fleet)[1:2], fleet / "out", 1, said.append)
+    assert said[-1].startswith(f"1 of 1: r1: --out {fleet / 'out' / 'r1'} cannot be written (File exists): ")

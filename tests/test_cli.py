@@ -6,6 +6,7 @@ import ast
 import io
 import json
 import math
+import os
 import shutil
 import subprocess
 import sys
@@ -246,10 +247,15 @@ BAD_MODELS = [
     ("class Odd(BaseException):\n    pass\n\nraise Odd('mine')\n", "line 4: Odd: mine"),
     ("raise GeneratorExit\n", "line 1: GeneratorExit"),
     ("raise KeyboardInterrupt\n", "line 1: KeyboardInterrupt"),
+    ("class Mute(Exception):\n    def __str__(self):\n        1 / 0\n\nraise Mute\n", "line 5: Mute: its text cannot"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = -1e6\n", "`snr_db` is '-1e+06'"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = 10**400\n", "`snr_db` is 'beyond all bounds'"),
     (SDOF.read_text(encoding="utf-8") + "snr_db = float('nan')\n", "`snr_db` is 'nan'"),
     (SDOF.read_text(encoding="utf-8") + "truth = dict.fromkeys(truth, 10**5000)\n", "`truth`: k is larger"),
+    (
+        SDOF.read_text(encoding="utf-8") + "truth = {**truth, 1: 2.0}\n",
+        "values of parameters: 1 not identified",
+    ),
 ]
 
 
@@ -369,11 +375,12 @@ def test_a_record_without_channels_is_one_sentence(run: Run, tmp_path: Path) -> 
     [
         (lambda r: r.with_channels({"acceleration_1": np.full(r.n_times, 3.0)}), "acceleration_1 never changes"),
         (lambda r: replace(r, excitation=np.zeros(r.n_times)), "ground_acceleration never changes"),
+        (lambda r: replace(r, excitation=1e200 * r.excitation), "ground_acceleration reaches 3.13e+200 in SI units"),
         (lambda r: Record(name=r.name, time_step=r.time_step, excitation=r.excitation[:8],
                           channels={"acceleration_1": r.channels["acceleration_1"][:8]}), "8 samples: at least 32"),
         (lambda r: r.with_channels({"acceleration_2": r.channels["acceleration_1"]}), "acceleration_2"),
     ],
-    ids=["stuck sensor", "no ground motion", "too short", "a floor too many"],
+    ids=["stuck sensor", "no ground motion", "beyond all bounds", "too short", "a floor too many"],
 )  # fmt: skip
 @pytest.mark.parametrize("method", ["importance", "ga"])
 def test_a_record_that_tells_nothing_is_refused_before_the_search(
@@ -444,6 +451,68 @@ def test_a_run_that_fails_leaves_the_old_files_whole(
     _is_one_sentence(run(*arguments), "No space left on device", after_steps=True)
     assert old.read_text(encoding="utf-8") == "whole"
     assert list(tmp_path.iterdir()) == [old]
+
+
+def _shown_to(place: object, *arguments: str, closed: bool = False) -> subprocess.CompletedProcess[str]:
+    code = f"from bwbn_bayes.cli import main; main({list(arguments)!r})"
+    command = ["sh", "-c", f'exec "$@" {">&-" if closed else ""}', "sh", sys.executable, "-c", code]
+    return subprocess.run(command, stdout=place, stderr=subprocess.PIPE, text=True, check=False)  # type: ignore[call-overload, no-any-return]
+
+
+@pytest.mark.parametrize("command", ["--version", "effects"])
+def test_what_cannot_be_shown_is_one_sentence(command: str) -> None:
+    """A full disk behind `>` ended in sixty lines of traceback."""
+    with Path("/dev/full").open("w") as full:
+        done = _shown_to(full, command)
+    assert done.stderr == (
+        "error: what is shown cannot be written (No space left on device): make room, or choose another place\n"
+    )
+    assert done.returncode == 2
+
+
+def test_letters_that_a_terminal_lacks_are_question_marks() -> None:
+    """The catalogue's Greek ended in a traceback."""
+    code = "from bwbn_bayes.cli import main; main(['effects', 'appendage'])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONIOENCODING": "ascii"}, capture_output=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"?" in done.stdout
+
+
+HOMELESS = """
+from bwbn_bayes.cli import main
+try:
+    main(["--version"])
+except SystemExit:
+    pass
+import matplotlib.font_manager
+from bwbn_bayes.engines.cache_files import cache_directory
+cache_directory()
+"""
+
+
+def test_a_home_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
+    """Matplotlib told of it twice besides."""
+    kept = {name: it for name, it in os.environ.items() if name not in ("BWBN_CACHE_DIR", "XDG_CACHE_HOME")}
+    environment = {**kept, "HOME": "/proc/nowhere", "TMPDIR": str(tmp_path)}
+    environment.pop("MPLCONFIGDIR", None)
+    done = subprocess.run([sys.executable, "-c", HOMELESS], env=environment, capture_output=True, text=True, check=True)
+    assert done.stderr == (
+        "compiled kernels cannot be kept in /proc/nowhere/.cache/bwbn_bayes (No such file or directory): "
+        f"{tmp_path / f'bwbn_bayes-{os.geteuid()}'} is used instead\n"
+    )
+
+
+def test_where_nobody_reads_nothing_is_said() -> None:
+    """`bwbn engines >&-` ended in a traceback, and so did a reader that closed a pipe."""
+    done = _shown_to(None, "engines", closed=True)
+    assert (done.stderr, done.returncode) == ("", 0)
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as pipe:
+        done = _shown_to(pipe, "--version")
+    assert (done.stderr, done.returncode) == ("", 1)
 
 
 def test_a_fault_of_ours_keeps_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ What each sentence says is tested beside the room that says it; here stands that
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -100,14 +101,37 @@ FILES: list[bytes] = [
         _of(masses).encode()
         for masses in ("[]", "[0.0]", "[-1.0]", "[float('nan')]", "['a']", "None", "[1e400]", "1.0")
     ),
-    *(_of(masses).encode() for masses in ("[[1.0]]", "[Uniform(1, 2)]", "{}", "[1.0, 0.0]")),
+    *(_of(masses).encode() for masses in ("[[1.0]]", "[Uniform(1, 2)]", "{}", "[1.0, 0.0]", "[10**400]", "b'ab'")),
+    *(
+        text.encode()
+        for text in (
+            "class Mute(Exception):\n    def __str__(self):\n        1 / 0\nraise Mute\n",
+            "raise ExceptionGroup('a', [ValueError('b\\n\\x1b[31mc')])\n",
+            "import sys\nsys.setrecursionlimit(10**6)\ndef f(): return f()\nf()\n",
+            "(" * 500 + ")" * 500,
+        )
+    ),
     *(
         _of(storey=STOREY.replace(old, new)).encode()
         for old, new in (
             *(("Uniform(20, 60)", f"Uniform({ends})") for ends in ("60, 20", "20, 20", "nan, 1", "'a', 'b'", "20")),
             *(
                 ("Uniform(20, 60)", value)
-                for value in ("-1.0", "'k'", "None", "float('nan')", "[20.0]", "PerStorey([])")
+                for value in (
+                    *(
+                        "-1.0",
+                        "'k'",
+                        "None",
+                        "float('nan')",
+                        "[20.0]",
+                        "PerStorey([])",
+                        "PerStorey",
+                        "Uniform",
+                        "1 + 2j",
+                    ),
+                    *("10**400", "Uniform(10**400, 10**401)", "Uniform(0, float('inf'))", "Uniform(0, 1e-320)"),
+                    *("Uniform(1e308, 1.7e308)", "Uniform", "True", "b'1'", "{1: 2}", "range(3)", "float('inf')"),
+                )
             ),
             *(("Uniform(20, 60)", f"PerStorey({value})") for value in ("[1.0, 2.0]", "None", "['a']")),
             *(("c=0.2", f"c={value}") for value in ("-0.2", "'c'", "float('inf')", "True")),
@@ -136,6 +160,7 @@ FILES: list[bytes] = [
         )
     ),
     *((_of() + f"truth = {value}\n").encode() for value in ("1.0", "[]", "{'k': 'a'}", "{'q': 1.0}", "{'k': 1e5}")),
+    *((_of() + f"truth = {value}\n").encode() for value in ("{1: 40.0}", "{'k': float('nan')}", "{'k': 1 + 2j}")),
     *((_of() + f"snr_db = {value}\n").encode() for value in ("'a'", "float('nan')", "-1e6", "10**400", "[30]")),
     *((_of() + f"excitation = {value}\n").encode() for value in ("1.0", "'el_centro'", "[0.0]", "sine()")),
     *((_of() + f"excitation = {value}\n").encode() for value in ("el_centro('x')", "el_centro(duration=-1.0)")),
@@ -184,6 +209,11 @@ TABLES: list[bytes] = [
     _table(end="\r\r"),
     _table().replace(b"\n", b"\x00"),
     _table()[:-9] + b"\xff\xff\n",
+    _table(rows=[f"{0.02 * i:.2f},{1e200 * np.sin(i)},{1e200 * np.cos(i)}" for i in range(40)]),
+    _table(rows=[f"{-0.02 * i:.2f},{i},{i}" for i in range(40)]),
+    *(_table().decode().encode(kind) for kind in ("utf-16", "utf-32", "utf-16-le")),
+    *(_table(_TOP.replace("[m/s^2]", f"[{unit}]", 1)) for unit in ("m*" * 5000 + "m", "nan m/s^2", "0 m/s^2", "degC")),
+    *(b"1," * 10**5, b"\n" * 10**5, b"#" * 10**5, b"# a: b\n" * 10**4),
     ("time [s]," * 3000 + "\n" + "0," * 3000 + "\n").encode(),
 ]
 
@@ -194,7 +224,7 @@ MAPS = [
     *("acceleration_1 = drift_1 [m] minus base", "🙂 = time", "acceleration_1 = acceleration_" + "9" * 400),
 ]
 
-CHECKPOINTS = ["/", "/proc/x/ck", "/dev/full/ck", "c" * 300]
+CHECKPOINTS = ["/", "/proc/x/ck", "/dev/full/ck", "c" * 300, "..", "."]
 MOTION = np.round(np.sin(np.arange(24.0)), 3)
 
 
@@ -273,6 +303,14 @@ def _at2(head: str) -> Make:
     return _record(".AT2", text.encode())
 
 
+def _no_file(suffix: str) -> Make:
+    def make(place: Path) -> tuple[object, ...]:
+        os.mkfifo(place / f"record{suffix}")
+        return ("identify", SDOF, "--record", f"record{suffix}")
+
+    return make
+
+
 def _result(number: int) -> Make:
     def make(place: Path) -> tuple[object, ...]:
         whole = (b"CDF\x01" + b"\x00" * 60) * 9
@@ -292,6 +330,7 @@ CASES: list[tuple[str, Make]] = [
     *((f"head {i}", _at2(head)) for i, head in enumerate(AT2_HEADS)),
     *((f"{suffix} {i}", _damaged_record(suffix, i)) for suffix in KINDS for i in range(7)),
     *((f"result {i}", _result(i)) for i in range(7)),
+    *((f"named pipe{suffix}", _no_file(suffix)) for suffix in (".csv", ".nc", ".mat", ".v2", ".smc", ".AT2")),
 ]
 
 

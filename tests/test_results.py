@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import asdict
@@ -78,6 +79,26 @@ def test_facts_that_are_no_text_are_no_result(tmp_path: Path) -> None:
         Result.load(_stored(3, tmp_path / "result.nc"))
 
 
+def test_what_is_no_plain_file_is_no_result(tmp_path: Path) -> None:
+    """A named pipe was waited for without end."""
+    path = tmp_path / "result.nc"
+    os.mkfifo(path)
+    handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)  # where it were opened, something would come
+    os.write(handle, b"x")
+    with pytest.raises(UserError, match="is no saved result") as refused:
+        Result.load(path)
+    os.close(handle)
+    assert "no plain file" in str(refused.value.__cause__)
+
+
+def test_a_result_that_finds_no_room_is_told_of_once(tmp_path: Path) -> None:
+    """Python told of a buffer on stderr when the interpreter ended."""
+    done = subprocess.run(
+        [sys.executable, "-c", NO_ROOM, str(tmp_path / "result.nc")], capture_output=True, text=True, check=True
+    )
+    assert (done.stdout, done.stderr) == ("[Errno 27] File too large\n", "")
+
+
 FULL = """
 import sys
 from pathlib import Path
@@ -86,6 +107,24 @@ record = sine(amplitude=1.0, frequency_hz=1.0, duration=100.0, time_step=0.01)
 try:
     write_record(record, Path(sys.argv[1]))
 except UserError as error:
+    print(error)
+"""
+
+
+NO_ROOM = """
+import resource, sys
+import xarray as xr
+from bwbn_bayes import Result
+from bwbn_bayes.results import Facts
+facts = Facts(
+    method="", model="", record="", engine="", seed=1, parameters=(), log_evidence=0.0, log_evidence_se=0.0, nrmse={},
+    noise_sd={}, n_solves=0, n_stages=0, elapsed_s=0.0, effective_sample_size=0.0, storeys=1,
+)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
+try:
+    Result(tree=xr.DataTree(xr.Dataset({"x": ("time", [1.0] * 5000)})), facts=facts).save(sys.argv[1])
+except OSError as error:
+    kept = error  # as a chain of exceptions keeps it, traceback and all, until the process ends
     print(error)
 """
 

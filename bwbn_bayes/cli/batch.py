@@ -22,7 +22,7 @@ from typing import Any
 
 from bwbn_bayes.engines.children import end_with_parent
 from bwbn_bayes.engines.journal import forget
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, writing
 from bwbn_bayes.records.readers import RECORD_SUFFIXES
 from bwbn_bayes.report.batch_html import BatchRow, batch_page
 
@@ -63,13 +63,16 @@ class Job:
         return self.directory / "meanwhile"
 
     @property
-    def is_finished(self) -> bool:
-        """Whether its files are there, of this record, model and options."""
+    def row(self) -> BatchRow | None:
+        """What its files say, of this record, model and options; None where they are not there, or damaged."""
         try:
             note = json.loads((self.directory / _NOTE).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return False
-        return note == {"key": self.key} and (self.directory / self.finished_file).exists()
+            if note != {"key": self.key}:
+                return None
+            facts = json.loads((self.directory / self.finished_file).read_text(encoding="utf-8"))
+            return _discovered(self, facts) if self.finished_file == "discovery.json" else _identified(self, facts)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return None
 
 
 def records_of(pattern: str) -> tuple[Path, ...]:
@@ -130,23 +133,36 @@ def run_batch(jobs: Sequence[Job], out: Path, n_at_once: int, say: Callable[[str
 
     Tables and page are written anew after each record, so that they show at any time what is done.
     """
-    waiting = [job for job in jobs if not job.is_finished]
+    waiting = [job for job in jobs if job.row is None]
     say(f"{len(jobs)} records, {len(jobs) - len(waiting)} of them done before")
     refused: dict[str, str] = {}
     rows = _written(jobs, refused, out)
     with ThreadPoolExecutor(n_at_once) as pool:
         running = {pool.submit(_run, job): job for job in waiting}
-        for number, done in enumerate(as_completed(running), start=1):
-            job, fault = running[done], done.result()
-            if fault:
-                refused[job.name] = fault
-            say(f"{number} of {len(waiting)}: {job.name}: {fault or 'done'}")
-            rows = _written(jobs, refused, out)
+        try:
+            for number, done in enumerate(as_completed(running), start=1):
+                job, fault = running[done], done.result()
+                if fault:
+                    refused[job.name] = fault
+                say(f"{number} of {len(waiting)}: {job.name}: {fault or 'done'}")
+                rows = _written(jobs, refused, out)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)  # what waits is not run before the fault is told
+            raise
     return rows
 
 
 def _run(job: Job) -> str:
-    """Run a job in a process of its own; the sentence by which it was refused, if it was."""
+    """Run a job; the sentence by which it was refused, if it was."""
+    try:
+        with writing(f"--out {job.directory}", "make room there, or choose another directory"):
+            return _ran(job)
+    except UserError as error:
+        return str(error)
+
+
+def _ran(job: Job) -> str:
+    """Run a job in a process of its own; the sentence by which that was refused, if it was."""
     job.directory.mkdir(parents=True, exist_ok=True)
     said = job.directory / _SAID
     process = multiprocessing.get_context("spawn").Process(target=_in_process, args=(job.arguments, str(said)))
@@ -182,20 +198,21 @@ def _written(jobs: Sequence[Job], refused: dict[str, str], out: Path) -> tuple[B
         "batch.csv": _csv(rows),
         "batch.html": batch_page(rows),
     }
-    out.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        fresh = out / f"{name}.new"
-        fresh.write_text(text, encoding="utf-8")
-        fresh.replace(out / name)
+    with writing(f"--out {out}", "finished records are kept; make room there"):
+        out.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            fresh = out / f"{name}.new"
+            try:
+                fresh.write_text(text, encoding="utf-8")
+                fresh.replace(out / name)
+            finally:
+                fresh.unlink(missing_ok=True)
     return rows
 
 
 def _row(job: Job, refused: dict[str, str]) -> BatchRow:
-    if not job.is_finished:
-        fault = refused.get(job.name, "")
-        return BatchRow(record=job.name, status="refused" if fault else "waiting", sentence=fault)
-    facts = json.loads((job.directory / job.finished_file).read_text(encoding="utf-8"))
-    return _discovered(job, facts) if job.finished_file == "discovery.json" else _identified(job, facts)
+    fault = refused.get(job.name, "")
+    return job.row or BatchRow(record=job.name, status="refused" if fault else "waiting", sentence=fault)
 
 
 def _identified(job: Job, facts: dict[str, Any]) -> BatchRow:

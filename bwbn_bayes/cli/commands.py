@@ -7,11 +7,12 @@ needs it: help and refusals should not wait for it.
 
 from __future__ import annotations
 
-import errno
+import logging
 import sys
 from collections.abc import Sequence
 from functools import partial
 from importlib import metadata
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -22,6 +23,7 @@ from rich.text import Text
 from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
 from bwbn_bayes.cli.interruption import EXIT_CODE, stopped_with
+from bwbn_bayes.cli.refusal import refuse, refuse_what_the_system_refuses
 from bwbn_bayes.errors import UserError, require_installed
 from bwbn_bayes.inference.registry import METHODS, require_library
 from bwbn_bayes.inference.settings import MOST_PARTICLES, Settings
@@ -480,19 +482,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
         Those of the process by default.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
+    # A terminal without Greek letters shows question marks in their place.
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
+    # It tells in sentences of its own of a home that cannot be written; ours is said once (engines/cache_files.py).
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
         code = app(given or ["--help"], standalone_mode=False)
+        if sys.stdout is not None:  # as it is where a shell closed it
+            sys.stdout.flush()
     except (KeyboardInterrupt, typer.Abort):
         code = EXIT_CODE
     except UserError as error:
-        _refuse(str(error))
+        refuse(str(error))
     except typer.TyperException as error:
-        _refuse(error.format_message())
+        refuse(error.format_message())
     except OSError as error:
-        # Asking whether there is such a file refuses a name that no file can have; all else is told where it happens.
-        if error.errno != errno.ENAMETOOLONG:
-            raise
-        _refuse(f"{str(error.filename)[:60]}...: no file can have so long a name, give a shorter one")
+        code = refuse_what_the_system_refuses(error)
     if code == EXIT_CODE:  # typer makes it of KeyboardInterrupt, and says nothing
         print("stopped", file=sys.stderr)
     sys.exit(code or 0)
@@ -529,14 +535,6 @@ def _goes_on(directory: Path, checkpoint: Path | None = None) -> str:
     if has_begun(checkpoint):
         return f"stopped: what was solved is in checkpoint {checkpoint}, and the same command goes on from there"
     return f"stopped: nothing was solved, checkpoint {checkpoint} holds nothing yet"
-
-
-def _refuse(sentence: str) -> None:
-    from bwbn_bayes.records.record import one_line
-
-    message = Text.assemble(("error: ", "bold red"), one_line(sentence))
-    Console(stderr=True).print(message, soft_wrap=True)
-    sys.exit(2)
 
 
 def _warn(model: Structure, notes: Console) -> None:

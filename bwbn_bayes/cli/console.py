@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def results_console() -> Console:
     """Stdout; a file or a pipe is not folded at 80 columns."""
-    return Console() if sys.stdout.isatty() else Console(width=160)
+    return Console() if sys.stdout is not None and sys.stdout.isatty() else Console(width=160)
 
 
 @contextmanager

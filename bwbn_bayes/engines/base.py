@@ -252,6 +252,10 @@ def check_record(model: Structure, record: Record) -> None:
         )
 
 
+_MOST = 1e100
+"""Of a signal, far beyond any: sums of its squares are still numbers."""
+
+
 def require_parameters(model: Structure, name: str) -> None:
     """Raise :class:`UserError` unless a model, called ``name`` in reports, identifies a parameter."""
     if model.space.n_dim == 0:
@@ -281,6 +285,10 @@ def _require_telling(model: Structure, record: Record) -> None:
         raise UserError(f"{where} has {record.n_counted} samples: at least {MIN_SAMPLES} are needed to tell its noise")
     if not any(np.ptp(signal) > 0.0 for signal in (record.excitation, *record.forces.values())):
         raise UserError(f"{where} has no excitation: its {record.excitation_kind} never changes")
+    for name, signal in record.columns.items():
+        peak = float(np.max(np.abs(signal)))
+        if peak > _MOST:
+            raise UserError(f"{where}: {name} reaches {peak:.3g} in SI units: mend its unit or its values")
     still = [channel for channel, signal in record.channels.items() if np.ptp(signal[record.kept]) == 0.0]
     if still:
         raise UserError(f"{where}: {', '.join(still)} never changes: leave it out")

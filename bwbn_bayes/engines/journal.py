@@ -15,15 +15,16 @@ import fcntl
 import hashlib
 import os
 import re
+import stat
 import struct
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import field, fields, make_dataclass, replace
 from functools import cache
-from io import BytesIO
+from io import BytesIO, FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, Self, cast
+from typing import Any, Self, cast
 
 import numpy as np
 
@@ -55,11 +56,11 @@ class Journal:
     ----------
     path : Path
         Name of the checkpoint, without suffix.
-    file : binary file
-        Open for reading and writing, locked.
+    file : raw file
+        Open for reading and writing, locked; without a buffer, which would be written once more when it is closed.
     """
 
-    def __init__(self, path: Path, file: BinaryIO) -> None:
+    def __init__(self, path: Path, file: FileIO) -> None:
         self._path, self._file = path, file
         self._places: dict[bytes, tuple[int, int]] = {}
         self._believed: set[str] = set()
@@ -75,13 +76,15 @@ class Journal:
         UserError
             If it cannot be kept there, is another file, or another run writes it.
         """
-        if not path.name:
+        if path.name in ("", ".."):
             raise UserError(f"checkpoint {path}: it is a directory, give the name of a file in it, without suffix")
         with writing(f"checkpoint {path}", "choose another place"):
             path.parent.mkdir(parents=True, exist_ok=True)
             handle = os.open(_solves(path), os.O_RDWR | os.O_CREAT, 0o666)
-        with os.fdopen(handle, "r+b") as file:
-            _claim(path, file.fileno())
+        with FileIO(handle, "r+") as file:
+            if not stat.S_ISREG(os.fstat(handle).st_mode):
+                raise UserError(f"checkpoint {path}: {_solves(path)} is another file; give another name")
+            _claim(path, handle)
             journal = cls(path, file)
             with writing(f"checkpoint {path}", "choose another place"):
                 journal._read()
@@ -128,8 +131,7 @@ class Journal:
         self._file.seek(0)
         title = self._file.read(len(_TITLE))
         if not title:
-            self._file.write(_TITLE)
-            self._file.flush()
+            self._write(_TITLE)
             return None
         if title != _TITLE:
             if _TITLE.startswith(title):  # killed while it was begun
@@ -167,9 +169,18 @@ class Journal:
         head = _LENGTH.pack(len(payload)) + hashlib.sha256(payload).digest()
         with self._lock, writing(f"checkpoint {self._path}", "what was solved before is kept; make room there"):
             begins = self._file.seek(0, os.SEEK_END) + len(head) + _HASH
-            self._file.write(head + payload)
-            self._file.flush()
+            self._write(head + payload)
             self._places[question] = (begins, len(payload) - _HASH)
+
+    def _write(self, entry: bytes) -> None:
+        """Write where the file stands, whole or not at all."""
+        begins, written = self._file.tell(), 0
+        try:
+            while written < len(entry):  # a disk that fills up takes a part
+                written += self._file.write(entry[written:])
+        except OSError:
+            self._file.truncate(begins)
+            raise
 
     def _answer(self, place: tuple[int, int], n_draws: int) -> tuple[Floats, ...]:
         begins, length = place

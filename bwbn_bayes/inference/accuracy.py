@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.lanes import Lanes
@@ -110,13 +111,18 @@ class Judge:
         self.posterior.solves.add(1)
         whitened = ((self.exact - response) * self.weight).ravel()
         residual = ((record.measured - self.exact) * self.weight).ravel()
-        information = self.jacobian @ self.jacobian.T
-        shift = np.linalg.solve(information + 12.0 * np.eye(len(information)), self.jacobian @ whitened)
-        left = whitened - shift @ self.jacobian
+        # By the slopes themselves, over those of the prior (12 is its precision in the cube): steep ones, squared,
+        # would leave an information matrix that cannot be solved.
+        n_dim = len(self.jacobian)
+        rows = np.vstack([self.jacobian.T, np.sqrt(12.0) * np.eye(n_dim)])
+        orthogonal, triangle = np.linalg.qr(rows)
+        shift = solve_triangular(triangle, whitened @ orthogonal[: len(whitened)])
+        moved = shift @ self.jacobian
+        left = whitened - moved
         missed = mean_squares(record, self.exact - response) / mean_squares(record, record.measured)
         return Discretisation(
             scheme=engine.scheme,
-            joint_shift_sd=float(np.sqrt(shift @ information @ shift)),
+            joint_shift_sd=float(np.linalg.norm(moved)),
             log_likelihood_shift=float(-residual @ left - 0.5 * left @ left),
             nrmse=float(np.sqrt(np.mean(missed))),
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,16 @@ import numpy as np
 from bwbn_bayes.errors import UserError
 
 
+def is_plain(path: Path) -> bool:
+    """Whether a file is one: a named pipe would be waited for, a device has no end; OSError where there is none."""
+    return stat.S_ISREG(path.stat().st_mode)
+
+
 def file_bytes(path: Path) -> bytes:
     """What a file holds; UserError where there is none, or nothing in it."""
     try:
+        if not is_plain(path):
+            raise UserError(f"{path}: it is no plain file, give the path of one")
         data = path.read_bytes()
     except FileNotFoundError:
         raise UserError(f"{path}: no such file") from None

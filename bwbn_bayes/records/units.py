@@ -15,6 +15,8 @@ from bwbn_bayes.records.record import quantity_of, si_unit
 _NUMBER = r"[+-]?(?:[0-9]{1,20}(?:\.[0-9]{0,20})?|\.[0-9]{1,20})(?:[eE][+-]?[0-9]{1,3})?"
 _SCALED = re.compile(rf"({_NUMBER})\s*(?:\*\s*)?([^0-9\s].*)")
 _TERM = r"(?:1|%?[A-Za-zµμ_]+(?:_0)?(?:(?:\^|\*\*)?-?[0-9]{1,2}|²)?)"
+_SHOWN = 40
+"""Length of the longest unit, and of what a sentence shows of one."""
 _UNIT = re.compile(rf"{_TERM}(?:(?:\s*[*/·]\s*|\s+){_TERM})*")
 _BARE_POWER = re.compile(r"(?<=[A-Za-zµμ])(-?[0-9]+)")
 
@@ -60,7 +62,7 @@ def si_factor(column: str, unit: str) -> float:
     scaled = _SCALED.fullmatch(unit.strip())
     scale, text = (float(scaled.group(1)), scaled.group(2)) if scaled else (1.0, unit.strip())
     if scale == 0.0 or not math.isfinite(scale):
-        raise UserError(f"the unit [{unit}] is not understood: {wanted}")
+        raise UserError(f"the unit [{unit[:_SHOWN]}] is not understood: {wanted}")
     if target == "m/s^2" and text.lower() in _ACCELERATION_WORDS:
         text = _ACCELERATION_WORDS[text.lower()]
         return scale * float(_registry().Quantity(text).m_as(target))
@@ -80,8 +82,8 @@ def frequency_factor(unit: str) -> float:
 
 def _pint_factor(text: str, unit: str, target: str, wanted: str) -> float:
     registry = _registry()
-    if len(text) > 40 or not _UNIT.fullmatch(text):
-        raise UserError(f"the unit [{unit}] is not understood: {wanted}")
+    if len(text) > _SHOWN or not _UNIT.fullmatch(text):
+        raise UserError(f"the unit [{unit[:_SHOWN]}] is not understood: {wanted}")
     try:
         quantity = registry.Quantity(1.0, registry.parse_units(_BARE_POWER.sub(r"^\1", text).replace("·", "*")))
         return float(quantity.m_as(target))

@@ -131,8 +131,16 @@ def _run(path: Path) -> dict[str, object]:
         if isinstance(error, SyntaxError) and error.filename == str(path):
             line = error.lineno
         where = f"{path}, line {line}" if line is not None else f"{path}"
-        what = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+        what = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {_words(error)}"
         raise UserError(f"{where}: {what}") from error
+
+
+def _words(error: BaseException) -> str:
+    """What an exception says; its class is the user's, too, and may fail to say it."""
+    try:
+        return str(error)
+    except Exception:
+        return "its text cannot be read"
 
 
 def _measured(names: Mapping[str, object], name: str, path: Path) -> Record | None:

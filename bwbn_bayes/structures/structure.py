@@ -314,7 +314,7 @@ class Structure:
     def draws(self, values: Mapping[str, float]) -> Floats:
         """One draw ``(1, n_parameters)`` from named values, e.g. ``{"k[1]": 20.0, "alpha": 0.01}``."""
         missing = [name for name in self.space.names if name not in values]
-        unknown = [name for name in values if name not in self.space.names]
+        unknown = [str(name) for name in values if name not in self.space.names]
         if missing or unknown:
             wrong = [f"{', '.join(missing)} missing"] if missing else []
             wrong += [f"{', '.join(unknown)} not identified (fixed in the model, or unknown)"] if unknown else []

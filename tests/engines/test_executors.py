@@ -7,11 +7,13 @@ import signal
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from inference_cases import recorded, sdof_model
 
 from bwbn_bayes import Settings, UserError, identify
@@ -51,6 +53,14 @@ def test_pieces_are_blocks_of_lanes_for_every_worker() -> None:
     assert_same_bits(counting)
     assert counting.sizes[:5] == [32, 32, 32, 32, 22]
     assert spread_over(ENGINE, counting).misfit(MODEL, DRAWS[:0], RECORD).shape == (0, 1)
+
+
+def test_what_fills_one_block_is_not_sent() -> None:
+    """A stage of TMCMC moves few chains at a time: on a cluster each step waited for the network."""
+    counting = Counting()
+    found = spread_over(ENGINE, counting).misfit(MODEL, DRAWS[:16], RECORD)
+    np.testing.assert_array_equal(found, ENGINE.misfit(MODEL, DRAWS[:16], RECORD))
+    assert counting.sizes == []
 
 
 def test_what_is_kept_and_spread_is_both(tmp_path: Path) -> None:
@@ -114,6 +124,31 @@ def test_a_cluster_gives_the_same_bits_and_outlives_a_worker() -> None:
         while executor.n_workers < 2:  # its nanny starts another
             time.sleep(0.1)
         executor.close()
+
+
+@distributed
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_run_on_a_cluster_that_loses_a_worker_is_that_of_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    from distributed import LocalCluster
+
+    settings = Settings(particles=1000, alternatives=False)
+    alone = identify(MODEL, RECORD, settings=settings)
+    calls, solve = iter(range(10**6)), Dask.run
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        victim = next(iter(cluster.workers.values())).process.pid
+
+        def solve_and_kill(self: Dask, problem: bytes, pieces: Sequence[Piece]) -> list[tuple[Floats, ...]]:
+            if next(calls) == 5:
+                _killing(victim)
+            return solve(self, problem, pieces)
+
+        monkeypatch.setattr(Dask, "run", solve_and_kill)
+        spread = identify(MODEL, RECORD, settings=replace(settings, scheduler=cluster.scheduler_address))
+    assert next(calls) > 10
+    assert not Path(f"/proc/{victim}").exists()
+    xr.testing.assert_identical(alone.tree["posterior"].to_dataset(), spread.tree["posterior"].to_dataset())
+    assert (alone.facts.log_evidence, alone.facts.n_solves) == (spread.facts.log_evidence, spread.facts.n_solves)
 
 
 def test_an_address_without_a_scheduler_is_the_user_s_mistake(monkeypatch: pytest.MonkeyPatch) -> None:

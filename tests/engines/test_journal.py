@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import signal
 import subprocess
@@ -15,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from full_disk import full_at
 from inference_cases import MODELS, recorded, sdof_model
 
 from bwbn_bayes import BoucWen, Result, Settings, ShearBuilding, Uniform, UserError, identify
@@ -156,6 +158,30 @@ def test_another_file_and_a_second_run_are_refused(tmp_path: Path) -> None:
     with Journal.opened(tmp_path / "run"):  # noqa: SIM117  (the second is tried while the first is open)
         with pytest.raises(UserError, match="another run writes it"), Journal.opened(tmp_path / "run"):
             pass
+
+
+@pytest.mark.parametrize("n_bytes", [0, 10, 30, 3000, 4800])
+def test_a_full_disk_is_one_sentence_and_costs_nothing_that_was_solved(
+    tmp_path: Path, draws: np.ndarray, n_bytes: int
+) -> None:
+    """What could not be written was written again when the file was closed, and that ended in a traceback."""
+    expected, _ = _misfit(tmp_path / "whole", draws)
+    with full_at(n_bytes), pytest.raises(UserError, match=r"cannot be written \(File too large\)"):
+        _misfit(tmp_path / "run", draws)
+    whole, left = (tmp_path / "whole.solves").read_bytes(), (tmp_path / "run.solves").read_bytes()
+    assert whole.startswith(left)
+    assert len(left) == (0 if n_bytes < 20 else 20 if n_bytes < 4800 else 4316)
+    np.testing.assert_array_equal(_misfit(tmp_path / "run", draws)[0], expected)
+    assert (tmp_path / "run.solves").read_bytes() == whole
+
+
+def test_what_is_no_plain_file_keeps_nothing(tmp_path: Path, draws: np.ndarray) -> None:
+    """A named pipe ended in a traceback; `..` is a directory, not a name."""
+    os.mkfifo(tmp_path / "run.solves")
+    with pytest.raises(UserError, match="is another file"):
+        _misfit(tmp_path / "run", draws)
+    with pytest.raises(UserError, match="it is a directory"):
+        _misfit(tmp_path / "..", draws)
 
 
 @pytest.mark.parametrize("name", ["ck[1]", "ck*", "ck?", "[!x]k1", "ck 1", "-ck", "ck\x1b"])

@@ -45,6 +45,15 @@ def test_the_exact_scheme_is_exact(pinching: Posterior, fitted: Mode, reference_
     assert relative_error(pinching, fitted.point, EXACT, reference_response) < 1e-5
 
 
+def test_steep_slopes_are_judged_like_others(pinching: Posterior, fitted: Mode) -> None:
+    """Squared, they left a matrix that could not be solved, and a traceback, on a record that no model fits."""
+    judge = Judge.at(pinching, fitted.point, FINEST)
+    steep = np.where(np.arange(len(judge.jacobian)) == 0, 1e12, 1.0)
+    steeper = replace(judge, jacobian=judge.jacobian * steep[:, None])
+    shift, other = (each(LADDER[0]).joint_shift_sd for each in (judge, steeper))
+    assert other == pytest.approx(shift, rel=0.05)
+
+
 @pytest.mark.parametrize("rung", range(len(LADDER) - 1))
 def test_claims_are_true_within_a_factor_of_two(
     pinching: Posterior, fitted: Mode, reference_response: Floats, rung: int

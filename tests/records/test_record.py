@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.records import Record, si_unit, write_record
+from bwbn_bayes.records import Record, read_record, si_unit, write_record
 
 
 def building(**changes: object) -> Record:
@@ -312,3 +312,12 @@ def test_a_wrong_mask_is_told(counted: np.ndarray, sentence: str) -> None:
 def test_no_file_says_which_samples_count(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(UserError, match="30 samples of record 'shake table' do not count: give the whole record"):
         write_record(building(counted=COUNTED), tmp_path / f"masked{suffix}")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".nc", ".mat", ".AT2", ".v2", ".smc"])
+def test_what_is_no_plain_file_is_not_read(tmp_path: Path, suffix: str) -> None:
+    """A named pipe was waited for without end, `/dev/zero` read until memory ended."""
+    path = tmp_path / f"record{suffix}"
+    path.symlink_to("/dev/null")
+    with pytest.raises(UserError, match="it is no plain file, give the path of one"):
+        read_record(path)

@@ -4,3 +4,7 @@
 ``pm.Model`` from a structure and its records, ``smc`` and ``nuts`` run PyMC's samplers on it, ``roads`` brings their
 draws back to :func:`~bwbn_bayes.inference.identify.identify`.
 """
+
+from bwbn_bayes.inference.pymc.compile_folder import provide_compile_folder
+
+provide_compile_folder()

@@ -1,0 +1,55 @@
+"""How a command ends that cannot be done: one sentence on stderr, exit code 2."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from contextlib import suppress
+from typing import NoReturn, TextIO
+
+from rich.console import Console
+from rich.text import Text
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""What the system says where a disk takes no more."""
+
+
+def refuse(sentence: str) -> NoReturn:
+    """Leave with a sentence."""
+    # Imported here: help should not wait for it.
+    from bwbn_bayes.records.record import one_line
+
+    message = Text.assemble(("error: ", "bold red"), one_line(sentence))
+    try:
+        Console(stderr=True).print(message, soft_wrap=True)
+    except OSError:
+        _drop(sys.stderr)
+    sys.exit(2)
+
+
+def refuse_what_the_system_refuses(error: OSError) -> int:
+    """Leave where a name is one that no file can have, or what is shown finds no room; the exit code where no reader.
+
+    Raises
+    ------
+    OSError
+        Any other: what the system refuses is told where it happens, or it is a mistake of ours.
+    """
+    if isinstance(error, BrokenPipeError):  # whoever read has read enough
+        _drop(sys.stdout)
+        return 1
+    if error.errno == errno.ENAMETOOLONG:  # asking whether there is such a file says so
+        refuse(f"{str(error.filename)[:60]}...: no file can have so long a name, give a shorter one")
+    if error.errno in _NO_ROOM:
+        _drop(sys.stdout)
+        place = error.filename or "what is shown"
+        refuse(f"{place} cannot be written ({error.strerror}): make room, or choose another place")
+    raise error
+
+
+def _drop(stream: TextIO | None) -> None:
+    """Forget what waits in a stream that takes nothing: Python would try again at the end, and fail with pages."""
+    with suppress(OSError):
+        if stream is not None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

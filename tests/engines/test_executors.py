@@ -65,10 +65,10 @@ def test_what_fills_one_block_is_not_sent() -> None:
 
 def test_what_is_kept_and_spread_is_both(tmp_path: Path) -> None:
     counting, expected = Counting(), ENGINE.misfit(MODEL, DRAWS, RECORD)
-    for n_pieces in (5, 6):
+    for _ in range(2):  # the few that are solved again before the file is believed are solved here
         with kept(spread_over(ENGINE, counting), tmp_path / "run") as engine:
             np.testing.assert_array_equal(engine.misfit(MODEL, DRAWS, RECORD), expected)
-        assert len(counting.sizes) == n_pieces
+        assert len(counting.sizes) == 5
     with kept(ENGINE, tmp_path / "run") as engine:  # and goes on in one process
         np.testing.assert_array_equal(engine.misfit(MODEL, DRAWS, RECORD), expected)
     assert has_begun(tmp_path / "run")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -20,7 +19,7 @@ from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.discovery.score import Score, scores
 from bwbn_bayes.discovery.unfinished import Unfinished
 from bwbn_bayes.elements.law import Effect
-from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.engines.lanes import Lanes, usable_processors
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.structures.structure import Structure
@@ -62,7 +61,7 @@ class DiscoverySettings:
     most_effects: int = 4
     most_rounds: int = 4
     particles: int = 2000
-    n_workers: int = os.cpu_count() or 1
+    n_workers: int = usable_processors()
     effects: tuple[type[Effect], ...] | None = None
     time_limit_s: float | None = None
     checkpoint: Path | None = None

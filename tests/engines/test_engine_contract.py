@@ -290,8 +290,9 @@ def test_mistakes_are_named(engine: Engine) -> None:
 def test_threads_are_those_that_this_process_may_use() -> None:
     """A container that lends two of sixty-four processors got sixty-four threads."""
     lent = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})"
-    code = f"{lent}; from bwbn_bayes.engines.lanes import Lanes; print(Lanes().n_threads)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "1\n"
+    asked = "from bwbn_bayes import DiscoverySettings; from bwbn_bayes.engines.lanes import Lanes"
+    code = f"{lent}; {asked}; print(Lanes().n_threads, DiscoverySettings().n_workers)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "1 1\n"
 
 
 @pytest.mark.parametrize("name", ENGINES)

@@ -29,7 +29,7 @@ from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.journal import Journal
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.accuracy import LADDER, in_doubles
+from bwbn_bayes.inference.accuracy import LADDER, coarsest_stable, in_doubles
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, settled
 from bwbn_bayes.inference.unnamed.further_link import spans
@@ -163,6 +163,7 @@ def _fit_given(
     """Fit the model as given, from all over its priors, by a scheme that is fine enough for the record."""
     engine = replace(LADDER[0], n_threads=run.settings.n_workers, single=True)
     posterior = Posterior(model=model, record=record, engine=engine, noise=default_noise(record), journal=journal)
+    posterior = coarsest_stable(posterior)
     run.say("fitting the model as given")
     modes = find_modes(posterior, run.rng)
     view = posterior

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from bwbn_bayes.engines.base import Engine
@@ -31,6 +32,8 @@ LADDER = (
     Lanes(substeps=16, resolution=0.015),
 )
 """Schemes from coarse to fine."""
+_SEED, _N_TRIED, _STABLE = 1, 64, 0.9
+"""Draws of the prior that are tried, and the share of what can be solved that a search must solve."""
 
 
 def on_rung(engine: Engine, rung: Lanes) -> Engine:
@@ -116,7 +119,8 @@ class Judge:
         n_dim = len(self.jacobian)
         rows = np.vstack([self.jacobian.T, np.sqrt(12.0) * np.eye(n_dim)])
         orthogonal, triangle = np.linalg.qr(rows)
-        shift = solve_triangular(triangle, whitened @ orthogonal[: len(whitened)])
+        # Where the response runs away, so does its shift, and no scheme is accepted.
+        shift = solve_triangular(triangle, whitened @ orthogonal[: len(whitened)], check_finite=False)
         moved = shift @ self.jacobian
         left = whitened - moved
         missed = mean_squares(record, self.exact - response) / mean_squares(record, record.measured)
@@ -141,6 +145,26 @@ def in_singles(posterior: Posterior) -> Posterior:
 def _in_precision(posterior: Posterior, *, single: bool) -> Posterior:
     engine = posterior.engine
     return posterior.with_engine(replace(engine, single=single)) if isinstance(engine, Lanes) else posterior
+
+
+def coarsest_stable(posterior: Posterior) -> Posterior:
+    """A posterior under the coarsest scheme that solves what the finest can, of some draws of the prior.
+
+    A step too long for the stiffest mode that the priors allow runs away, and a search finds no draw to begin with.
+    """
+    engine = posterior.engine
+    if not isinstance(engine, Lanes):
+        return posterior
+    points = posterior.sample_prior(np.random.default_rng(_SEED), _N_TRIED)
+
+    def solves(rung: Lanes) -> NDArray[np.bool_]:
+        return np.all(np.isfinite(posterior.with_engine(_of_lanes(engine, rung)).misfit(points)), axis=1)
+
+    if np.mean(solves(LADDER[0])) >= _STABLE:
+        return posterior.with_engine(_of_lanes(engine, LADDER[0]))
+    every = solves(LADDER[-1])
+    enough = (rung for rung in LADDER if np.sum(solves(rung) & every) >= _STABLE * np.sum(every))
+    return posterior.with_engine(_of_lanes(engine, next(enough)))
 
 
 def rung_of(engine: Lanes) -> int:

@@ -20,7 +20,7 @@ from bwbn_bayes.engines.executors import spread
 from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, in_singles, on_rung
+from bwbn_bayes.inference.accuracy import Discretisation, choose_scheme, coarsest_stable, in_singles
 from bwbn_bayes.inference.arrays import noise_scales
 from bwbn_bayes.inference.doubts import doubts
 from bwbn_bayes.inference.history import History, Listener
@@ -73,9 +73,8 @@ class Sampling(ABC):
             spread(engine_by_name(settings.engine), settings.workers, settings.scheduler) as solving,
             kept(solving, settings.checkpoint) as engine,
         ):
-            posterior = Posterior(
-                model=model, record=record, engine=on_rung(engine, LADDER[0]), noise=task.noise or default_noise(record)
-            )
+            noise = task.noise or default_noise(record)
+            posterior = coarsest_stable(Posterior(model=model, record=record, engine=engine, noise=noise))
             fitted = _doubted(_Fitted(*_fit(posterior, streams[:N_ATTEMPTS], history)), task.beside, history)
             return _result(self, fitted, history, task)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.accuracy import LADDER, Discretisation, Judge, choose_scheme, on_rung
+from bwbn_bayes.inference.accuracy import LADDER, Discretisation, Judge, choose_scheme, coarsest_stable
 from bwbn_bayes.inference.likelihood import Noise, Posterior
 from bwbn_bayes.inference.modes import distinct, find_modes, polish
 from bwbn_bayes.inference.pymc.forward import ForwardProblem
@@ -48,7 +48,7 @@ def fine_enough(
 def beside_model(model: Structure, record: Record, noise: Noise, engine: Engine) -> tuple[Engine, Noise]:
     """What solves a model with an unnamed force beside it, and noise that holds the force."""
     posterior = Posterior(model=model, record=record, engine=engine, noise=noise)
-    coarse = posterior.with_engine(on_rung(engine, LADDER[0]))
+    coarse = coarsest_stable(posterior)
     points = np.array([mode.point for mode in find_modes(coarse, np.random.default_rng(_SEED))])
     view = beside(posterior, distinct(*polish(posterior, points, n_iterations=20))).posterior
     return view.engine, view.noise
@@ -70,6 +70,6 @@ def require_fine_enough(problem: ForwardProblem, noise: Noise, draw: Floats) -> 
 
 
 def _chosen(model: Structure, record: Record, noise: Noise, engine: Lanes) -> tuple[Lanes, Discretisation]:
-    coarse = Posterior(model=model, record=record, engine=on_rung(engine, LADDER[0]), noise=noise)
+    coarse = coarsest_stable(Posterior(model=model, record=record, engine=engine, noise=noise))
     modes = find_modes(coarse, np.random.default_rng(_SEED))
     return choose_scheme(coarse, modes[0].point, engine)

@@ -11,7 +11,14 @@ import numpy as np
 from bwbn_bayes.inference.by_tmcmc import two_starts
 from bwbn_bayes.inference.history import History
 from bwbn_bayes.inference.identify import Sampling
-from bwbn_bayes.inference.importance import PARETO_LIMIT, Proposal, WeightedDraws, sample_importance
+from bwbn_bayes.inference.importance import (
+    PARETO_LIMIT,
+    Proposal,
+    WeightedDraws,
+    laplace_mixture,
+    log_targets,
+    sample_importance,
+)
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
@@ -54,11 +61,31 @@ class ByImportance(Sampling):
         evidences = {"importance": (weighted.log_evidence, weighted.log_evidence_se)}
         if weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k)):
             return Sampled("importance", Draws.of_weighted(weighted, rng, settings.particles), evidences, checks)
+        if not settings.fallback:
+            history.say("hardly a draw has any weight: taking those of the normal approximation as they are")
+            return Sampled("importance", _unweighted(given, weighted), evidences, checks)
         history.say("the proposal does not cover the posterior: falling back to TMCMC")
         fewest = max(_FEWEST_PARTICLES, fewest_particles(given.target.n_dim))
         fewer = replace(settings, particles=max(fewest, settings.particles // _FALLBACK_SHARE))
         second = two_starts(given._replace(settings=fewer), nested)
         return second._replace(evidences={**evidences, **second.evidences}, checks=(*checks, *second.checks))
+
+
+def _unweighted(given: Given, weighted: WeightedDraws) -> Draws:
+    """Draws of the normal approximation at the optima that can be solved, as if they were of the posterior.
+
+    They are said to be worth what ``weighted`` ones are.
+    """
+    points = laplace_mixture(given.modes).sample(given.rng, given.settings.particles)
+    value, log_target = log_targets(given.target, points)
+    solved = np.isfinite(log_target)
+    if not np.any(solved):
+        points, solved = given.modes[0].point[None], np.ones(1, dtype=np.bool_)
+        value = given.target.log_likelihood(points)
+    log_weights = np.full(np.sum(solved), -np.log(np.sum(solved)))
+    taken = replace(weighted, points=points[solved], log_likelihood=value[solved], log_weights=log_weights)
+    draws = Draws.of_weighted(taken, given.rng, given.settings.particles)
+    return replace(draws, effective_sample_size=weighted.effective_sample_size)
 
 
 def weighted_draws(

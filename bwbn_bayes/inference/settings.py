@@ -34,7 +34,7 @@ class Settings:
         TMCMC as calibrated, or as published; SMC with the batched kernel, or with PyMC's own.
     fallback : bool
         Whether TMCMC takes over where importance sampling fails its check; if not, its draws stand with the check
-        failed, unless their weights have no tail to judge by.
+        failed; where hardly one has any weight, draws of the normal approximation at the optima do.
     sampler : {"pymc", "nutpie"}
         Whose NUTS.
     alternatives : bool

@@ -106,3 +106,22 @@ def test_the_verdict_says_what_ran_why_and_how_good_it_is(taken_over: Result) ->
     assert "transitional MCMC took over; it passed its own checks" in said
     assert "worth" in said
     assert "nats apart" in said
+
+
+def test_where_nothing_takes_over_draws_without_weight_are_those_of_the_normal_approximation() -> None:
+    """A search that ends with a model which is refused must end: a column's took ten minutes of transitional MCMC."""
+
+    def failing(*arguments: Any, **options: Any) -> Any:
+        found, nested = weighted_draws(*arguments, **options)
+        return replace(found, pareto_k=np.inf), nested
+
+    settings = Settings(particles=500, fallback=False)
+    plain = identify(small_model(), small_record(), settings=settings)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bwbn_bayes.inference.by_importance.weighted_draws", failing)
+        result = identify(small_model(), small_record(), settings=settings)
+    assert result.facts.method == "importance"
+    assert "Pareto k" in {check.name for check in result.facts.checks if not check.passed}
+    for own, other in zip(result.facts.parameters, plain.facts.parameters, strict=True):
+        assert abs(own.mean - other.mean) < 0.5 * other.sd
+        assert own.sd == pytest.approx(other.sd, rel=0.3)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError
 from bwbn_bayes.records.columns import Column, Table, record_of
+from bwbn_bayes.records.hdf5 import require_heaps
 from bwbn_bayes.records.labels import Labels
 from bwbn_bayes.records.matlab5 import DEEPEST, arrays, is_matlab5
 from bwbn_bayes.records.record import Record
@@ -46,6 +47,7 @@ def read_matlab(path: Path | str, columns: str | None = None) -> Record:
     source = Source(file=str(path), header=str(path), place=lambda row: f"point {row + 1}")
     try:
         if data[:19] == b"MATLAB 7.3 MAT-file":
+            require_heaps(path)
             with h5py.File(path, "r") as file:
                 found = tuple(_columns(_hdf5_arrays(file), source))
         elif is_matlab5(data):

@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from record_strategies import records
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.records import Record, as_dataset, read_netcdf, read_record, write_netcdf, write_record
+from bwbn_bayes.records import Record, as_dataset, read_netcdf, read_record, sine, write_netcdf, write_record
+from bwbn_bayes.records.hdf5 import require_heaps
 
 
 @settings(max_examples=30, deadline=None)
@@ -146,3 +147,20 @@ def test_writing_where_it_cannot(tmp_path: Path) -> None:
     record = Record(name="x", time_step=0.1, excitation=np.zeros(8))
     with pytest.raises(UserError, match=r"run.nc: the file cannot be written"):
         write_record(record, tmp_path / "absent" / "run.nc")
+
+
+@pytest.mark.parametrize(("number", "size"), [(0, 0), (0, 2**40), (1, 2**64 - 16), (1, 2**64 - 64), (1, 2**40)])
+def test_a_heap_without_an_end_is_refused(tmp_path: Path, number: int, size: int) -> None:
+    """HDF5 walked it for ever, deaf to Ctrl-C: fuzzing found it."""
+    path = tmp_path / "record.nc"
+    motion = sine(amplitude=1.0, frequency_hz=1.0, duration=0.5, time_step=0.05)
+    write_record(motion.with_channels({"acceleration_1": np.array(motion.excitation)}), path)
+    whole = path.read_bytes()
+    assert read_record(path).n_times == motion.n_times
+    first = whole.index(b"GCOL") + 16
+    head = number.to_bytes(2, "little") + bytes(6) + size.to_bytes(8, "little")
+    path.write_bytes(whole[:first] + head + whole[first + 16 :])
+    with pytest.raises(OSError, match="has no end"):
+        require_heaps(path)
+    with pytest.raises(UserError, match="not netCDF-4, or it is damaged"):
+        read_record(path)

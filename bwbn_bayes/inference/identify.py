@@ -20,7 +20,7 @@ from bwbn_bayes.engines.executors import spread
 from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.accuracy import Discretisation, choose_scheme, coarsest_stable, in_singles
+from bwbn_bayes.inference.accuracy import Discretisation, choose_scheme, coarsest_stable, in_singles, on_rung
 from bwbn_bayes.inference.arrays import noise_scales
 from bwbn_bayes.inference.doubts import doubts
 from bwbn_bayes.inference.history import History, Listener
@@ -74,7 +74,10 @@ class Sampling(ABC):
             kept(solving, settings.checkpoint) as engine,
         ):
             noise = task.noise or default_noise(record)
-            posterior = coarsest_stable(Posterior(model=model, record=record, engine=engine, noise=noise))
+            tried = coarsest_stable(Posterior(model=model, record=record, engine=solving, noise=noise))
+            # What is tried on draws that nobody keeps is not kept either.
+            rung = tried.engine
+            posterior = tried.with_engine(on_rung(engine, rung) if isinstance(rung, Lanes) else engine)
             fitted = _doubted(_Fitted(*_fit(posterior, streams[:N_ATTEMPTS], history)), task.beside, history)
             return _result(self, fitted, history, task)
 

@@ -19,7 +19,7 @@ def file_bytes(path: Path) -> bytes:
     """What a file holds; UserError where there is none, or nothing in it."""
     try:
         if not is_plain(path):
-            raise UserError(f"{path}: it is no plain file, give the path of one")
+            raise UserError(f"{path}: the file cannot be read (it is no plain file): give the path of one")
         data = path.read_bytes()
     except FileNotFoundError:
         raise UserError(f"{path}: no such file") from None

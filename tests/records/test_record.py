@@ -319,5 +319,5 @@ def test_what_is_no_plain_file_is_not_read(tmp_path: Path, suffix: str) -> None:
     """A named pipe was waited for without end, `/dev/zero` read until memory ended."""
     path = tmp_path / f"record{suffix}"
     path.symlink_to("/dev/null")
-    with pytest.raises(UserError, match="it is no plain file, give the path of one"):
+    with pytest.raises(UserError, match=r"it is no plain file\): give the path of one"):
         read_record(path)

@@ -1,14 +1,14 @@
 """The evidence of a fitted model, under its own account of the errors: white, autoregressive, or with an unnamed force.
 
-Orders of autoregression and the scale of the unnamed force are chosen by evidence at an optimum of the very likelihood
-that they make: orders in turns with the parameters, scales each with an optimum of its own.
+Orders of autoregression are chosen by evidence, in turns with an optimum of the very likelihood that they make; the
+scale of an unnamed force is integrated out of the likelihood.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -24,14 +24,14 @@ from bwbn_bayes.inference.importance import (
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, outlook, polish
 from bwbn_bayes.inference.residuals import residual_of
+from bwbn_bayes.inference.scaled import ScaledCorrelation
+from bwbn_bayes.inference.unnamed.any_scale import NoiseBesideForce, without_force
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import by_block, counts, mean_squares
 from bwbn_bayes.records.record import Record
 
 LAPLACE_SE = 2.0
 """Error allowed for Laplace's approximation where it was not checked by sampling. [nat]"""
-SCALES = tuple(2.0**exponent for exponent in range(10))
-"""Of the unnamed force, over the noise level: one of them is within a factor of 1.4 of the best."""
 _N_POLISHED, _N_ITERATIONS, _N_TURNS = 6, 30, 2
 _REACH = 20.0
 """Starts further below the best do not keep it waiting. [nat]"""
@@ -69,10 +69,17 @@ class Evidence:
     method: Literal["Laplace", "importance"] = "Laplace"
     pareto_k: float | None = None
 
+    @cached_property
+    def settled(self) -> Posterior:
+        """The posterior, what its errors share of the scale that is the most probable one at the best fit."""
+        return self.posterior.settled(self.modes[0].point)
+
     @property
     def correlation(self) -> Correlation | None:
         """Of the errors, None where they are white."""
-        return self.posterior.noise.correlation
+        found = self.settled.noise.correlation
+        assert not isinstance(found, ScaledCorrelation)
+        return found
 
 
 def laplace(posterior: Posterior, modes: tuple[Mode, ...]) -> Evidence:
@@ -133,10 +140,10 @@ def sampled(evidence: Evidence, rng: np.random.Generator, n: int) -> Evidence:
 def autoregressive_bound(posterior: Posterior, modes: tuple[Mode, ...]) -> float:
     """What autoregressive errors add to the log likelihood at least, in nat: at the optimum for white ones."""
     record, residual = posterior.record, residual_of(posterior, modes[0].point)
-    noise = _under(posterior, _autoregressive(record, residual)).noise
-    assert noise.correlation is not None
+    correlation = _autoregressive(record, residual)
+    noise = _under(posterior, correlation).noise
     n_times, none = counts(record), np.empty((1, 0))
-    rows = residual, noise.correlation.whitened(residual)
+    rows = residual, correlation.whitened(residual)
     white, coloured = ((mean_squares(record, own) * n_times)[None] for own in rows)
     gained = noise.log_likelihood(coloured, n_times, none) - posterior.noise.log_likelihood(white, n_times, none)
     return float(gained[0])
@@ -166,9 +173,7 @@ def _under(posterior: Posterior, correlation: Correlation) -> Posterior:
     return posterior.with_noise(replace(posterior.noise, correlation=correlation))  # type: ignore[type-var]
 
 
-def with_shared(
-    posterior: Posterior, modes: tuple[Mode, ...], shared: SharedFunctions, largest: float, starts: Floats | None
-) -> Evidence:
+def beside_force(posterior: Posterior, modes: tuple[Mode, ...], shared: SharedFunctions, largest: float) -> Evidence:
     """Evidence of a specimen with an unnamed force beside its law.
 
     Parameters
@@ -176,52 +181,32 @@ def with_shared(
     posterior : Posterior
         For white noise.
     modes : tuple of Mode
-        Its optima.
+        Points to start from.
     shared : SharedFunctions
         The force's functions, of unit scale.
     largest : float
         Standard deviation of the scale's half-normal prior. [N]
-    starts : (n, n_dim) array or None
-        Further points to start from, such as the optimum of a model without the last effect.
     """
-    noise = posterior.noise
-    assert isinstance(noise, IntegratedNoise)
-    n_times = posterior.record.n_counted
+    white = posterior.noise
+    assert isinstance(white, IntegratedNoise)
+    noise = NoiseBesideForce(white=white, correlation=ScaledCorrelation(shared=shared), largest=largest)
+    view = posterior.with_noise(noise)
+    return laplace(view, distinct(*_refitted(view, _points(modes))))
 
-    def priced(scale: float, residual: Floats) -> tuple[float, Correlation]:
-        """How likely a residual is under a scale of the force, and the errors' account with that scale's prior."""
-        correlation = Correlation(shared=shared.times(scale))
-        misfit = np.sum(np.square(correlation.whitened(residual)), axis=1)[None]
-        level = float(np.sqrt((noise.scale[0] + 0.5 * misfit[0, 0]) / (noise.shape + 0.5 * n_times)))
-        correlation = replace(correlation, log_prior=-0.5 * (scale * level / largest) ** 2)
-        value = replace(noise, correlation=correlation).log_likelihood(misfit, n_times, np.empty((1, 0)))
-        return float(value[0]), correlation
 
-    def fitted(scale: float, points: Floats) -> Evidence:
-        """The evidence under a scale, whose prior is that of the noise level at its own optimum."""
-        points, local = _refitted(_under(posterior, Correlation(shared=shared.times(scale))), points)
-        _, correlation = priced(scale, residual_of(posterior, points[0]))
-        local = replace(local, log_likelihood=local.log_likelihood + correlation.log_prior)
-        return laplace(_under(posterior, correlation), distinct(points, local))
+def law_alone(posterior: Posterior, modes: tuple[Mode, ...]) -> Evidence:
+    """Evidence of a specimen's law without the unnamed force that it was fitted beside, from its optima there."""
+    view = without_force(posterior)
+    return laplace(view, distinct(*_refitted(view, _points(modes))))
 
-    residual = residual_of(posterior, modes[0].point)
-    at = max(range(len(SCALES)), key=lambda number: priced(SCALES[number], residual)[0])
-    points = np.array([mode.point for mode in modes[:_N_POLISHED]])
-    found = {at: fitted(SCALES[at], points if starts is None else np.concatenate([points, starts]))}
-    while True:
-        points = np.array([mode.point for mode in found[at].modes])
-        beside = [number for number in (at - 1, at + 1) if number in range(len(SCALES)) and number not in found]
-        found.update({number: fitted(SCALES[number], points) for number in beside})
-        best = max(found, key=lambda number: found[number].log_evidence)
-        if best == at:
-            return found[best]
-        at = best
+
+def _points(modes: tuple[Mode, ...]) -> Floats:
+    return np.array([mode.point for mode in modes[:_N_POLISHED]])
 
 
 def _in_turns(posterior: Posterior, modes: tuple[Mode, ...], account: Callable[[Floats], Correlation]) -> Evidence:
     """Laplace's evidence where account and optimum agree."""
-    points = np.array([mode.point for mode in modes[:_N_POLISHED]])
-    view = posterior
+    points, view = _points(modes), posterior
     for _ in range(_N_TURNS):
         view = _under(posterior, account(residual_of(posterior, points[0])))
         points, local = _refitted(view, points)

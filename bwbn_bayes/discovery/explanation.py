@@ -29,6 +29,9 @@ Place = tuple[int, ...] | Span | str
 """Where something is that has no name: storeys in which a force acts, nodes that a link joins, or a channel whose
 reading has an error."""
 
+SPECIMEN: Place = (1,)
+"""Where a specimen has an unnamed force."""
+
 _N_STARTS = 3
 
 
@@ -41,7 +44,8 @@ class Explanation:
     added : tuple of Hypothesis
         Effects that the model as given lacks, in the order in which they were added.
     posterior : Posterior
-        Of its parameters, for white noise and without an unnamed force: what it predicts by.
+        Of its parameters, for white noise and without an unnamed force: what it predicts by. Where a specimen has one,
+        with it.
     modes : tuple of Mode
         Optima of that, best first.
     evidence : Evidence
@@ -141,7 +145,7 @@ class Explanation:
 
         A building's unnamed force takes no part.
         """
-        return cross_validated(self.evidence.posterior, self.evidence.modes[0].point)
+        return cross_validated(self.evidence.settled, self.evidence.modes[0].point)
 
     @cached_property
     def whole(self) -> tuple[Posterior, Floats]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from bwbn_bayes.inference.least_squares import squares_of
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import steps
 from bwbn_bayes.inference.slopes import Slopes
@@ -51,8 +52,6 @@ def suited(
     others = points[:0] if beside is None else beside[1]
     response = view.engine.simulate(view.model, view.split(np.concatenate([points, others]))[0], view.record).values
     residual = slopes.scaled(slopes.record.measured - response[:n])
-    misfit = slopes.misfit(residual)
-    misfit = np.where(np.isfinite(misfit), misfit, np.inf)
     left = np.nan_to_num(residual.reshape(n, -1), posinf=0.0, neginf=0.0)
     gradient, information = np.zeros(points.shape), np.zeros((n, points.shape[1], points.shape[1]))
     gradient[:, columns] = left @ slopes.base
@@ -70,7 +69,7 @@ def suited(
         information[rows[:, None], columns, switch[:, None]] = across
         information[rows, switch, switch] = np.sum(np.square(own), axis=1)
         free[rows, switch] = True
-    reached = view.log_likelihood_of(misfit, points)
+    reached = view.log_likelihood_of(squares_of(view.record, response[:n], view.noise.correlation), points)
     local = Linearisation(log_likelihood=reached, gradient=gradient, information=information)
     trials = np.stack([points, *(steps(points, local, np.full(n, damping), free) for damping in _DAMPINGS)], axis=1)
     tried = trials[:, 1:].reshape(-1, points.shape[1])

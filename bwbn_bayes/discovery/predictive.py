@@ -78,17 +78,18 @@ def predictive_interval(
 
 def _predicted(one: Explanation, n: int, counted: NDArray[np.int64], rng: np.random.Generator) -> Floats:
     """Draws ``(n, n_channels, n_counted)`` of what an explanation predicts, noise included."""
-    posterior = one.evidence.posterior
+    posterior = one.evidence.settled
     record, noise = posterior.record, posterior.noise
     points = _draws(one, n, rng)
     values, noise_values = posterior.split(points)
     response = posterior.engine.simulate(posterior.model, values, record).values
     sd = noise.draw_sd(rng, posterior.misfit(points), record.n_counted, noise_values)[:, :, None]
     mean, variance = response[:, :, counted], np.zeros(len(counted))
-    if noise.correlation is not None and noise.correlation.shared is not None:
+    correlation = one.evidence.correlation
+    if correlation is not None and correlation.shared is not None:
         fitted = np.arange(record.n_times)[record.kept]
         left = (record.measured - response)[:, 0, fitted]
-        expected, variance = conditioned(unnamed_basis(record), noise.correlation.shared.scale, fitted, counted, left)
+        expected, variance = conditioned(unnamed_basis(record), correlation.shared.scale, fitted, counted, left)
         mean = mean + expected[:, None]
     return np.asarray(mean + sd * np.sqrt(1.0 + variance) * rng.standard_normal(mean.shape))
 

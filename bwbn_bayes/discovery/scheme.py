@@ -18,6 +18,7 @@ from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme,
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, polish
 from bwbn_bayes.inference.residuals import noise_floors
+from bwbn_bayes.inference.unnamed.any_scale import without_force
 from bwbn_bayes.parameters import Floats
 
 _N_ITERATIONS = 20
@@ -41,7 +42,7 @@ def finely_solved(one: Explanation) -> Explanation:
     engine = one.posterior.engine
     if not isinstance(engine, Lanes):
         return one
-    scheme, _ = choose_scheme(one.posterior, one.best, engine, first=rung_of(engine), accepts=_suffices)
+    scheme, _ = choose_scheme(without_force(one.posterior), one.best, engine, first=rung_of(engine), accepts=_suffices)
     if scheme == engine:
         return one
     posterior = one.posterior.with_engine(scheme)

@@ -30,6 +30,7 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
+from bwbn_bayes.inference.unnamed.any_scale import without_force
 from bwbn_bayes.parameters import Floats
 
 MOST_LATER = 12
@@ -51,6 +52,8 @@ _WITH = ("slip_lock", "foliente_pinching")
 """What occurs together in measured loops: a pinch with a loss of strength and stiffness."""
 _N_TOGETHER = 512
 """Draws of the whole prior from which such a combination starts."""
+_NEAR = 50.0
+"""Candidates further below the best do not keep it waiting. [nat]"""
 
 
 def search(given: Explanation, run: Run) -> Pool:
@@ -64,15 +67,15 @@ def search(given: Explanation, run: Run) -> Pool:
         Its settings hold the budget.
     """
     pool = Pool(run=run)
-    pool.add([given])
+    given = pool.begin(given)
     run.consider(hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED))
     n_whole, followed = 0, given.is_specimen  # a specimen's laws never leave noise
     with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
         for number in range(run.settings.most_rounds):
-            if number == 1 and not (given.is_specimen or pool.laws_alone.best.is_noise):
+            if number == 1 and not (given.is_specimen or pool.laws.best.is_noise):
                 _look_deeper(given, pool, run)
             parent = _next(pool, run)
-            if not followed and (parent is None or number == _FOLLOWED_AFTER) and not pool.laws_alone.best.is_noise:
+            if not followed and (parent is None or number == _FOLLOWED_AFTER) and not pool.laws.best.is_noise:
                 followed = True
                 follow(pool, run)
                 parent = _next(pool, run)
@@ -81,7 +84,7 @@ def search(given: Explanation, run: Run) -> Pool:
             _round(parent, pool, run)
             n_whole += not run.stopped
         if not given.is_specimen:
-            if not pool.laws_alone.best.is_noise:
+            if not pool.laws.best.is_noise:
                 follow(pool, run)
             weigh_to_first_order(pool, run, REACH)
             _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
@@ -147,11 +150,11 @@ def _next(pool: Pool, run: Run) -> Explanation | None:
             continue
         if run.must_stop():
             return None
-        plain = pool.plain[key]
-        modes = settled(plain.posterior, plain.modes[:N_CANDIDATES], run.rng) if one.added else plain.modes
-        if modes[0].log_likelihood > plain.modes[0].log_likelihood + 0.5:
-            pool.add([replace(plain, modes=modes, evidence=laplace(plain.posterior, modes))])
-        return pool.plain[key]
+        own = pool.searched[key]
+        modes = settled(own.posterior, own.modes[:N_CANDIDATES], run.rng) if one.added else own.modes
+        if modes[0].log_likelihood > own.modes[0].log_likelihood + 0.5:
+            pool.add([replace(own, modes=modes, evidence=laplace(own.posterior, modes))])
+        return pool.searched[key]
     return None
 
 
@@ -170,6 +173,7 @@ def _explained(parent: Explanation, fit: Fit, run: Run) -> Explanation:
         posterior=posterior,
         modes=fit.modes,
         evidence=laplace(posterior, fit.modes),
+        unnamed=parent.unnamed,
         n_places=parent.n_places,
     )
 
@@ -241,7 +245,7 @@ def _together(given: Explanation, run: Run) -> Iterator[Explanation]:
         if run.must_stop():
             return
         run.say(f"fitting {pinch.label} with a loss of strength and stiffness")
-        yield from _fitted(given, added, run, whole=True)
+        yield from _fitted(given, added, run)
 
 
 def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
@@ -252,18 +256,18 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
     each base once. What a specimen's laws leave is never noise, and their unnamed force may take it up: forms are tried
     there in the first rounds alone.
     """
-    best = pool.laws_alone.best
+    best, searched = pool.laws.best, pool.searched
     if best.is_specimen and len(pool.expanded) > _MOST_RESHAPED:
         return []
     considered = {one.name for one in run.considered_first}
     wanted = [] if best.is_noise else [(best, one) for one in best.added]
-    alone = [pool.plain[key_of([one])] for one in best.added if key_of([one]) in pool.plain]
+    alone = [searched[key_of([one])] for one in best.added if key_of([one]) in searched]
     if len(best.added) > 1 and alone:
         first = max(alone, key=lambda one: one.evidence.log_evidence)
         wanted.append((first, first.added[0]))
     found: list[Explanation] = []
     for whole, plain in (*wanted, *_rivals(best, pool)):
-        base = pool.plain.get(whole.effects_key - key_of([plain]))
+        base = searched.get(whole.effects_key - key_of([plain]))
         if base is None or run.must_stop():
             continue
         forms = [form for form in plain.free_shapes if form.name in considered]
@@ -282,7 +286,7 @@ def _rivals(best: Explanation, pool: Pool) -> list[tuple[Explanation, Hypothesis
     """
     least = best.evidence.log_evidence - FAR if best.is_noise else -np.inf
     found: dict[str, tuple[Explanation, Hypothesis]] = {}
-    for one in pool.laws_alone.explanations:
+    for one in pool.laws.explanations:
         others = [own for own in one.added if not key_of([own]) <= best.effects_key]
         if len(others) != 1 or len(one.added) != len(best.added) or one.evidence.log_evidence <= least:
             continue
@@ -312,17 +316,18 @@ def _left_out(pool: Pool, run: Run) -> Iterator[Explanation]:
         return
     for left_out in best.added:
         kept = [one for one in best.added if one is not left_out]
-        if key_of(kept) in pool.plain or run.must_stop():
+        if key_of(kept) in pool.searched or run.must_stop():
             continue
+        given = pool.searched[frozenset()]
         try:
-            added = rebuilt(pool.plain[frozenset()], kept, run)
+            added = rebuilt(given, kept, run)
             own = added[-1].model.space.names
         except UserError:  # what is kept acts on what the other one makes of a link
             continue
         names = best.posterior.space.names
         columns = [names.index(name) for name in own]
         points = np.array([mode.point[columns] for mode in best.modes[:N_CANDIDATES]])
-        yield from _fitted(pool.plain[frozenset()], added, run, points=points)
+        yield from _fitted(given, added, run, points=points)
 
 
 def rebuilt(given: Explanation, added: Sequence[Hypothesis], run: Run) -> tuple[Hypothesis, ...]:
@@ -341,21 +346,19 @@ def _fitted(
     run: Run,
     *,
     points: Floats | None = None,
-    whole: bool = False,
 ) -> Iterator[Explanation]:
     """An explanation from points of its own, or from all over its priors; nothing where it cannot be solved."""
     posterior = given.posterior.with_model(added[-1].model)
-    if whole:
+    if points is None:
         try:
-            modes = find_modes(posterior, run.rng, n_starts=_N_TOGETHER, n_first=32)
+            found = find_modes(without_force(posterior), run.rng, n_starts=_N_TOGETHER, n_first=32)
         except UserError:  # none of its draws can be solved
             return
-    else:
-        assert points is not None
-        modes = distinct(*polish(posterior, points, n_iterations=30))
+        points = np.array([mode.point for mode in found[:N_CANDIDATES]])
+    modes = distinct(*polish(posterior, points, n_iterations=30, reach=_NEAR))
     if modes:
-        yield Explanation(
-            added=added, posterior=posterior, modes=modes, evidence=laplace(posterior, modes), n_places=given.n_places
+        yield replace(
+            given, added=added, posterior=posterior, modes=modes, evidence=laplace(posterior, modes), starts=None
         )
 
 

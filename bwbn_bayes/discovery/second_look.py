@@ -19,6 +19,7 @@ from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import climb, find_modes, polish
 from bwbn_bayes.inference.slopes import Slopes
+from bwbn_bayes.inference.unnamed.any_scale import without_force
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
 
 _LEADING, _SEARCHED = 6, 3
@@ -182,7 +183,9 @@ def _rescanned(fit: Fit, n_threads: int) -> Fit:
 def _searched(fit: Fit, rng: np.random.Generator, n_threads: int) -> Fit:
     view = on_threads(fit.posterior, n_threads)
     try:
-        modes = find_modes(view, rng, n_starts=_N_STARTS, n_first=_N_FIRST, n_kept=_N_POINTS, reach=_REACH)
+        modes = find_modes(
+            without_force(view), rng, n_starts=_N_STARTS, n_first=_N_FIRST, n_kept=_N_POINTS, reach=_REACH
+        )
     except UserError:  # no draw of its prior can be solved: what the race found stays
         return fit
     found = [mode.point for mode in modes]

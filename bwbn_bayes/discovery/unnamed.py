@@ -30,10 +30,10 @@ def follow(pool: Pool, run: Run) -> None:
     Errors of sensors and links between floors cost least, then forces to first order, then those of one state; of each,
     beside the model as given first.
     """
-    whole = pool.laws_alone.best.effects_key
+    whole = pool.laws.best.effects_key
     keys = dict.fromkeys([whole, *(whole - {one} for one in whole)])
     for kind in _KINDS:
-        if kind is not _with_reading_errors or len(pool.laws_alone.best.posterior.record.parts) == 1:
+        if kind is not _with_reading_errors or len(pool.laws.best.posterior.record.parts) == 1:
             _ask(kind, [frozenset()], pool, run)
             _ask(kind, keys, pool, run)
 
@@ -49,7 +49,7 @@ def weigh_to_first_order(pool: Pool, run: Run, reach: float) -> None:
     reach : float
         How far behind the best an explanation is asked. [nat]
     """
-    best = pool.laws_alone
+    best = pool.laws
     most = best.log_joint[0]
     near = [one for one, log in zip(best.explanations, best.log_joint, strict=True) if log > most - reach]
     wanted = [
@@ -66,7 +66,7 @@ def _ask(kind: Callable[[_Asked], list[Explanation]], keys: Iterable[Key], pool:
     """
     if (most := pool.beliefs.best).has_unnamed and not most.added and most.is_noise:
         return
-    what, best = _KINDS[kind], pool.laws_alone
+    what, best = _KINDS[kind], pool.laws
     behind = dict(zip((one.effects_key for one in best.explanations), best.log_joint[0] - best.log_joint, strict=True))
     wanted = [key for key in dict.fromkeys(keys) if key in pool.plain and (key, what) not in pool.asked]
     if not wanted or run.must_stop():

@@ -81,7 +81,7 @@ def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
     """Its expectation given what the law leaves."""
     evidence, record = one.evidence, one.posterior.record
     assert evidence.correlation is not None
-    residual = residual_of(evidence.posterior, evidence.modes[0].point)[0]
+    residual = residual_of(evidence.settled, evidence.modes[0].point)[0]
     force = evidence.correlation.shared_part(residual)[record.kept]
     measured = record.channels["force"][record.kept]
     return UnnamedForce(

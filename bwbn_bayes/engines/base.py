@@ -87,6 +87,15 @@ class NormalEquations:
             self, misfit=self.misfit[index], gradient=self.gradient[index], information=self.information[index]
         )
 
+    def weighted(self, weight: Floats) -> tuple[Floats, Floats]:
+        """``J^T r`` and ``J^T J`` summed over blocks with weights ``(n_draws, n_blocks)``.
+
+        Zero where not finite: near collapse derivatives leave the range of the engine's numbers.
+        """
+        known = (np.nan_to_num(own, posinf=0.0, neginf=0.0) for own in (self.gradient, self.information))
+        gradient, information = known
+        return np.einsum("nc,ncp->np", weight, gradient), np.einsum("nc,ncpq->npq", weight, information)
+
 
 class Engine(Protocol):
     """Solves a model for draws ``(n_draws, n_parameters)`` in the parameters' own units."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_discrete_lyapunov, solve_toeplitz
 from scipy.signal import lfilter
 
+from bwbn_bayes.engines.base import NormalEquations
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Block, Record
 
@@ -166,6 +167,17 @@ class Correlation:
         weights = weights.reshape(*by_channel.shape[:-1], -1)
         taken = np.matmul(weights * known, np.swapaxes(weights, 2, 3))
         return np.asarray(np.matmul(by_channel, np.swapaxes(by_channel, 2, 3)) - taken)
+
+    def squares(self, residual: Floats) -> Floats:
+        """Sums ``(n, n_blocks)`` of squared whitened residuals ``(n, n_channels, n_times)``."""
+        return self.products(residual[:, None])[:, :, 0, 0]
+
+    def equations(self, rows: Floats) -> NormalEquations:
+        """Of residual and derivatives ``(n, 1 + n_parameters, n_channels, n_times)``."""
+        products = self.products(rows)
+        return NormalEquations(
+            misfit=products[:, :, 0, 0], gradient=products[:, :, 1:, 0], information=products[:, :, 1:, 1:]
+        )
 
     def shared_part(self, residual: Floats) -> Floats:
         """What errors are expected to share, given a residual ``(n_channels, n_times)``, or that of one channel."""

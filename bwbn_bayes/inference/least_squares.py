@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from bwbn_bayes.engines.base import Engine, NormalEquations
 from bwbn_bayes.inference.correlation import Correlation
+from bwbn_bayes.inference.scaled import ScaledCorrelation, ScaledEquations
 from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.records.blocks import counts, mean_squares
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
 
 def squared_residuals(
-    engine: Engine, model: Structure, values: Floats, record: Record, correlation: Correlation | None
+    engine: Engine,
+    model: Structure,
+    values: Floats,
+    record: Record,
+    correlation: Correlation | ScaledCorrelation | None,
 ) -> Floats:
     """Sums ``(n_draws, n_blocks)`` of squared whitened residuals; infinite where the solve failed.
 
@@ -26,9 +34,17 @@ def squared_residuals(
     """
     if correlation is None:
         return engine.misfit(model, values, record)
-    response = engine.simulate(model, values, record).values
+    return squares_of(record, engine.simulate(model, values, record).values, correlation)
+
+
+def squares_of(record: Record, response: Floats, correlation: Correlation | ScaledCorrelation | None) -> Floats:
+    """The same of responses ``(n_draws, n_channels, n_times)``."""
     with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away misses by infinity
-        misfit = correlation.products(record.where_counted(record.measured - response)[:, None])[:, :, 0, 0]
+        residual = record.where_counted(record.measured - response)
+        if correlation is None:
+            misfit = mean_squares(record, residual) * counts(record)
+        else:
+            misfit = correlation.squares(residual)
     return np.where(np.isfinite(misfit), misfit, np.inf)
 
 
@@ -37,9 +53,9 @@ def normal_equations(
     model: Structure,
     values: Floats,
     record: Record,
-    correlation: Correlation | None,
+    correlation: Correlation | ScaledCorrelation | None,
     free: Booleans | None = None,
-) -> NormalEquations:
+) -> NormalEquations | ScaledEquations:
     """Least squares of whitened residuals and derivatives; ``free`` as in :meth:`Engine.normal_equations`."""
     if correlation is None:
         return engine.normal_equations(model, values, record, free=free)
@@ -47,10 +63,5 @@ def normal_equations(
     slopes = slopes if free is None else np.where(free[:, :, None, None], slopes, 0.0)
     with np.errstate(over="ignore", invalid="ignore"):
         rows = np.concatenate([(record.measured - response.values)[:, None], slopes], axis=1)
-        products = correlation.products(record.where_counted(rows))
-        misfit = products[:, :, 0, 0]
-        return NormalEquations(
-            misfit=np.where(np.isfinite(misfit), misfit, np.inf),
-            gradient=products[:, :, 1:, 0],
-            information=products[:, :, 1:, 1:],
-        )
+        found = correlation.equations(record.where_counted(rows))
+        return replace(found, misfit=np.where(np.isfinite(found.misfit), found.misfit, np.inf))

@@ -21,6 +21,7 @@ from bwbn_bayes.engines.journal import Journal, about, question_of
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.inference.least_squares import normal_equations, squared_residuals
+from bwbn_bayes.inference.scaled import ScaledCorrelation
 from bwbn_bayes.parameters import Booleans, Floats, FreeParameter, ParameterSpace, Prior
 from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.blocks import counts, labels
@@ -46,7 +47,7 @@ class Noise(Protocol):
         ...
 
     @property
-    def correlation(self) -> Correlation | None:
+    def correlation(self) -> Correlation | ScaledCorrelation | None:
         """Of the samples' errors; None where they are independent."""
         ...
 
@@ -73,6 +74,14 @@ class Noise(Protocol):
 
     def describe(self) -> str:
         """One sentence for the report."""
+        ...
+
+    def until(self, record: Record) -> Noise:
+        """That of the first samples, which are a record's."""
+        ...
+
+    def settled(self, misfit: Floats, n_times: float | Floats) -> Noise:
+        """At its most probable correlation, given squared residuals ``(1, n_blocks)``."""
         ...
 
 
@@ -104,6 +113,12 @@ class KnownNoise:
     def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         return np.broadcast_to(np.asarray(self.sd), misfit.shape)
 
+    def until(self, record: Record) -> KnownNoise:
+        return self
+
+    def settled(self, misfit: Floats, n_times: float | Floats) -> KnownNoise:
+        return self
+
     def describe(self) -> str:
         return f"Noise standard deviations are known: {', '.join(f'{sd:.3g}' for sd in self.sd)}."
 
@@ -129,7 +144,7 @@ class IntegratedNoise:
     shape: float
     scale: tuple[float, ...]
     correlation_samples: float | tuple[float, ...] = 1.0
-    correlation: Correlation | None = None
+    correlation: Correlation | None = field(default=None, repr=False)
 
     @property
     def n_blocks(self) -> int:
@@ -165,6 +180,12 @@ class IntegratedNoise:
         rate = np.asarray(self.scale) + 0.5 * misfit / self.as_one
         shape = np.broadcast_to(self.shape + 0.5 * n_times / self.as_one, misfit.shape)
         return np.asarray(np.sqrt(rate / rng.gamma(shape)))
+
+    def until(self, record: Record) -> IntegratedNoise:
+        return self if self.correlation is None else replace(self, correlation=self.correlation.until(record))
+
+    def settled(self, misfit: Floats, n_times: float | Floats) -> IntegratedNoise:
+        return self
 
     def describe(self) -> str:
         scales = ", ".join(f"{scale:.3g}" for scale in self.scale)
@@ -205,6 +226,12 @@ class SampledNoise:
 
     def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         return values
+
+    def until(self, record: Record) -> SampledNoise:
+        return self
+
+    def settled(self, misfit: Floats, n_times: float | Floats) -> SampledNoise:
+        return self
 
     def describe(self) -> str:
         return f"Noise standard deviations are sampled, priors {', '.join(map(str, self.priors))}."
@@ -256,11 +283,6 @@ def default_noise(record: Record) -> IntegratedNoise:
             as_one += [1.0 if band is None else band.correlation_samples] * len(part.channels)
     alike = len(set(as_one)) == 1
     return IntegratedNoise(shape=1.0, scale=tuple(scales), correlation_samples=as_one[0] if alike else tuple(as_one))
-
-
-def _known(numbers: Floats) -> Floats:
-    """Derivatives, zero where they are not finite: near collapse they leave the range of the engine's numbers."""
-    return np.nan_to_num(numbers, posinf=0.0, neginf=0.0)
 
 
 def _noise_variances(record: Record) -> list[float]:
@@ -350,14 +372,18 @@ class Posterior:
 
     def until(self, time: float) -> Posterior:
         """The posterior given the record's first seconds only."""
-        record, noise = self.record.until(time), self.noise
-        if isinstance(noise, IntegratedNoise) and noise.correlation is not None:
-            noise = replace(noise, correlation=noise.correlation.until(record))
-        return replace(self, record=record, noise=noise)
+        record = self.record.until(time)
+        return replace(self, record=record, noise=self.noise.until(record))
 
     def with_noise(self, noise: Noise) -> Posterior:
         """The same posterior under another noise model."""
         return replace(self, noise=noise)
+
+    def settled(self, point: Floats) -> Posterior:
+        """The same posterior, its errors' correlation the most probable one at a point ``(n_dim,)``."""
+        if not isinstance(self.noise.correlation, ScaledCorrelation):
+            return self
+        return self.with_noise(self.noise.settled(self._of_all_blocks(self.misfit(point[None])), self._n_times))
 
     def with_model(self, model: Structure) -> Posterior:
         """The posterior of another model given the same record, noise priors and engine."""
@@ -393,9 +419,8 @@ class Posterior:
     def about(self) -> str:
         """Hash of all that shapes what it answers, but for the points."""
         correlation = self.noise.correlation
-        noise: Noise = self.noise if correlation is None else replace(self.noise, correlation=None)  # type: ignore[type-var]
         arrays = () if correlation is None else correlation.arrays
-        return question_of(repr(noise), about(self.engine, self.model, self.record), *arrays).hex()
+        return question_of(repr(self.noise), about(self.engine, self.model, self.record), *arrays).hex()
 
     def _misfit(self, points: Floats) -> Floats:
         values = self.split(points)[0]
@@ -435,9 +460,14 @@ class Posterior:
             Where they belong to.
         """
         values, noise_values = self.split(points)
+        own = -0.5 * np.einsum("nc,ncp->np", self._precision(misfit, noise_values), slopes)
+        return self._with_noise_slopes(own, misfit, values, noise_values)
+
+    def _with_noise_slopes(self, own: Floats, misfit: Floats, values: Floats, noise_values: Floats) -> Floats:
+        """The gradient in unit coordinates, from that by the model's parameters ``(n_draws, n)`` in their own units."""
         d = self.model.space.n_dim
-        gradient = np.zeros((len(points), self.n_dim))
-        gradient[:, :d] = -0.5 * np.einsum("nc,ncp->np", self._precision(misfit, noise_values), slopes)
+        gradient = np.zeros((len(own), self.n_dim))
+        gradient[:, :d] = own
         every, n_times = self._of_all_blocks(misfit), self._n_times
         for c in range(self.n_dim - d):
             sd = noise_values[:, c]
@@ -468,9 +498,9 @@ class Posterior:
         weight, n_times = self._precision(misfit, noise_values) * ok[:, None], self._n_times
         scale = self.space.unit_scale(np.hstack([values, noise_values]))
         scale = scale if free is None else np.where(free, scale, 0.0)
-        gradient = self.gradient_of(misfit, -2.0 * _known(equations.gradient), points) * ok[:, None]
         information = np.zeros((len(points), self.n_dim, self.n_dim))
-        information[:, :d, :d] = np.einsum("nc,ncpq->npq", weight, _known(equations.information))
+        own_gradient, information[:, :d, :d] = equations.weighted(weight)
+        gradient = self._with_noise_slopes(own_gradient, misfit, values, noise_values) * ok[:, None]
         for c in range(self.n_dim - d):
             information[:, d + c, d + c] = ok * 2.0 * n_times[c] / noise_values[:, c] ** 2
         return Linearisation(

@@ -12,6 +12,7 @@ from scipy.linalg import cho_solve
 from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.scaled import ScaledCorrelation
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import counts, mean_squares, over_time
 from bwbn_bayes.records.record import Record
@@ -46,8 +47,10 @@ class Slopes:
     @classmethod
     def at(cls, posterior: Posterior, point: Floats) -> Slopes:
         """At a point ``(n_dim,)`` of the unit cube."""
+        posterior = posterior.settled(point)
         record, (values, noise_values) = posterior.record, posterior.split(point[None])
         correlation = posterior.noise.correlation
+        assert not isinstance(correlation, ScaledCorrelation)
         response, slopes = posterior.engine.sensitivities(posterior.model, values, record)
         left = _whitened(record, correlation, record.measured - response.values)
         misfit = mean_squares(record, left) * counts(record)
@@ -65,10 +68,6 @@ class Slopes:
     def scaled(self, rows: Floats) -> Floats:
         """Rows ``(..., n_channels, n_times)`` as the likelihood sees them: whitened, over the noise."""
         return _whitened(self.record, self.correlation, rows) * self._weight
-
-    def misfit(self, scaled: Floats) -> Floats:
-        """Sums ``(..., n_blocks)`` of the squares of rows that were scaled, in units of the channels."""
-        return mean_squares(self.record, scaled) * counts(self.record) * np.square(self.noise)
 
     def by(self, columns: NDArray[np.int64]) -> Slopes:
         """By some of the parameters."""

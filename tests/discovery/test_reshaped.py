@@ -89,13 +89,13 @@ def fitted(posterior: Posterior, points: Floats, added: Any = ()) -> Explanation
 
 
 def test_a_loss_by_a_power_of_work_is_named_alone(pool: Pool) -> None:
-    usual = pool.laws_alone.best
+    usual = pool.laws.best
     assert usual.names == {"stiffness_degradation"}
     assert not usual.is_noise
     found = searching._reshaped(pool, pool.run)
     assert [one.added[0].effect.form for one in found] == ["free shape"]
     pool.add(found)
-    best = pool.laws_alone.best
+    best = pool.laws.best
     assert best is found[0]
     assert best.is_noise
     assert best.evidence.log_evidence > usual.evidence.log_evidence + 10.0

@@ -29,6 +29,7 @@ from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference import modes
 from bwbn_bayes.inference.correlation import Correlation
+from bwbn_bayes.inference.least_squares import squares_of
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior, default_noise
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.unnamed.pulses import Knots, answers
@@ -87,7 +88,8 @@ def test_slopes_are_those_of_the_likelihood() -> None:
     slopes, local = Slopes.at(posterior, point), posterior.linearise(point[None])
     np.testing.assert_allclose(slopes.base.T @ slopes.base, local.information[0], rtol=1e-9)
     np.testing.assert_allclose(slopes.base.T @ slopes.residual.ravel(), local.gradient[0], rtol=1e-9)
-    np.testing.assert_allclose(slopes.misfit(slopes.residual), posterior.misfit(point[None])[0], rtol=1e-9)
+    response = ENGINE.simulate(TWO, posterior.split(point[None])[0], UNLIKE).values
+    np.testing.assert_allclose(squares_of(UNLIKE, response, None), posterior.misfit(point[None]), rtol=1e-9)
     # Neither a record that measures nothing nor a channel that one of them lacks has any weight.
     pause, lacking = UNLIKE.stretches[1], list(UNLIKE.channels).index("drift_1")
     assert not np.any(slopes.residual[:, pause])

@@ -95,7 +95,7 @@ DOUBLED: dict[str, dict[str, Any]] = {
     "search": {"MOST_LATER": 24, "REACH": 12.0, "BEAM": 4, "_N_KEPT": 80, "_N_TOGETHER": 1024},
     "unnamed": {"_N_UNNAMED": 16},
     "pool": {
-        "_MOST_COLOURED": 8, "_COLOURED_REACH": 800.0, "_MOST_SHARED": 8, "_MOST_SAMPLED": 12,
+        "_MOST_COLOURED": 8, "_COLOURED_REACH": 800.0, "_MOST_ALONE": 16, "_MOST_SAMPLED": 12,
         "_SAMPLED_REACH": 20.0, "_N_SAMPLED": 800,
     },
     "race": {"ROUNDS": ((4, 1.0), (8, 0.8), (50, 0.24)), "_LEAST": 16, "_LEADING_FORMS": 16, "_FEWEST": 10},

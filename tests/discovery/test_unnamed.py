@@ -9,7 +9,7 @@ from scipy.signal import lsim
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from bwbn_bayes.discovery.evidence import laplace, with_shared
+from bwbn_bayes.discovery.evidence import beside_force, laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.probability import beliefs
 from bwbn_bayes.discovery.unnamed_facts import unnamed_facts
@@ -58,7 +58,7 @@ def beside(plain: Explanation) -> Explanation:
     record = plain.posterior.record
     largest = UNNAMED_SCALE * float(np.max(np.abs(record.channels["force"])))
     shared = SharedFunctions.of(unnamed_basis(record))
-    evidence = with_shared(plain.posterior, plain.modes, shared, largest, None)
+    evidence = beside_force(plain.posterior, plain.modes, shared, largest)
     return replace(plain, unnamed=(1,), evidence=evidence)
 
 

@@ -16,13 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from bwbn_bayes.engines.base import Engine, check_record, masses
+from bwbn_bayes.engines.base import Engine, NormalEquations, check_record, masses
 from bwbn_bayes.engines.lane_points import OfPoints
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.sunode import Sunode
 from bwbn_bayes.inference import least_squares
 from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.inference.likelihood import SolveCount
+from bwbn_bayes.inference.scaled import ScaledCorrelation
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import labels
 from bwbn_bayes.records.record import Record
@@ -120,6 +121,7 @@ class ForwardProblem:
             equations = least_squares.normal_equations(
                 self.solver, self.model, values, self._record_with(measured), self.correlation
             )
+            assert isinstance(equations, NormalEquations)
             misfit, slopes = equations.misfit, -2.0 * equations.gradient
         ok = np.all(np.isfinite(misfit), axis=1) & np.all(np.isfinite(slopes), axis=(1, 2))
         self._count(ok)
@@ -163,7 +165,10 @@ _PROBLEMS: dict[str, ForwardProblem] = {}
 
 
 def forward_problem(
-    model: Structure, record: Record, engine: Engine, correlation: Correlation | None = None
+    model: Structure,
+    record: Record,
+    engine: Engine,
+    correlation: Correlation | ScaledCorrelation | None = None,
 ) -> ForwardProblem:
     """The problem of a model, a record, an engine and errors that hang together; one object while they are equal.
 
@@ -172,6 +177,8 @@ def forward_problem(
     UserError
         If the record does not excite the model in its own way.
     """
+    if isinstance(correlation, ScaledCorrelation):
+        raise TypeError("a forward problem has one correlation of its errors: settle the scale of what they share")
     check_record(model, record)
     key = _key(model, record, engine, correlation)
     known = _PROBLEMS.get(key)

@@ -32,7 +32,7 @@ seen 379 nats below the one that it contains where its optimum was that of white
 _MOST_FINE = 4
 """Explanations whose scheme is judged at a time, the best ones, no further below the best of all than that."""
 _MOST_ALONE = 8
-"""Explanations of a specimen, the best ones, whose law is fitted without the unnamed force beside it, too."""
+"""Explanations of a specimen, the best ones, whose laws are fitted at the end without the unnamed force, too."""
 _MOST_SAMPLED, _SAMPLED_REACH, _N_SAMPLED = 6, 10.0, 400
 """The best of them whose evidence is sampled, how far below the best, and with how many effective draws."""
 
@@ -156,11 +156,15 @@ class Pool:
         seen, searched = dict.fromkeys(one.effects_key for one in self.beliefs.explanations), self.searched
         return [searched[key] for key in seen]
 
-    def weigh(self) -> None:
-        """Solve every explanation that could matter finely enough, and give it its own account of the errors."""
+    def weigh(self, *, last: bool = False) -> None:
+        """Solve every explanation that could matter finely enough, and give it its own account of the errors.
+
+        What a specimen's answer predicts by, its law without the unnamed force, is wanted of the best in each round, of
+        the leading ones in the last.
+        """
         self._solve_finely()
         if self.has_force:
-            self._leave_alone()
+            self._leave_alone(_MOST_ALONE if last else 1)
         if self._has_time:
             self._colour()
         self._sample()
@@ -208,10 +212,10 @@ class Pool:
             if evidence.log_evidence > self.plain[key].evidence.log_evidence:
                 self.plain[key] = replace(self.plain[key], evidence=evidence)
 
-    def _leave_alone(self) -> None:
-        """Fit the best laws of a specimen without the unnamed force, too: what an answer predicts by."""
+    def _leave_alone(self, n: int) -> None:
+        """Fit the best laws of a specimen without the unnamed force, too."""
         searched = self.searched
-        ranked = sorted(searched, key=lambda key: -self.first[key])[:_MOST_ALONE]
+        ranked = sorted(searched, key=lambda key: -self.first[key])[:n]
         wanted = [key for key in ranked if key not in self._alone]
         self._alone.update(wanted)
         found = beside(lambda key: law_alone(*_at(searched[key])), wanted, self.run.settings.n_workers)

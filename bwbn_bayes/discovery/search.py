@@ -83,7 +83,9 @@ def search(given: Explanation, run: Run) -> Pool:
                 break
             _round(parent, pool, run)
             n_whole += not run.stopped
-        if not given.is_specimen:
+        if pool.has_force:
+            pool.weigh(last=True)
+        elif not given.is_specimen:
             if not pool.laws.best.is_noise:
                 follow(pool, run)
             weigh_to_first_order(pool, run, REACH)

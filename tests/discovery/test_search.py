@@ -29,8 +29,8 @@ from bwbn_bayes.structures.specimen import Specimen
 
 Script = Mapping[str, float]
 """Log evidence by the effects' letters, in the order of the alphabet; what is not listed has -100 nats."""
-TEST: Any = SimpleNamespace(excitation_kind="displacement", has_time=True)
-"""Of a specimen: unnamed forces at storeys are not asked for."""
+TEST: Any = SimpleNamespace(excitation_kind="displacement", has_time=True, parts=(None, None))
+"""Two tests of a specimen: no unnamed force is asked for."""
 
 
 def letter(name: str) -> Any:
@@ -113,7 +113,7 @@ def test_a_building_is_looked_at_deeper_where_one_effect_leaves_more_than_noise(
         looked.append(len(run.steps))
         pool.add([explanation({"d": 180.0}, ALPHABET[3])])
 
-    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True)
+    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(None,))
     monkeypatch.setattr(searching, "_look_deeper", look_deeper)
     monkeypatch.setattr(searching, "follow", lambda *_: None)
     monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)
@@ -136,7 +136,7 @@ def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch
             bare = pool.plain[frozenset()]
             pool.add_unnamed(replace(bare, unnamed=(1,), evidence=cast(Any, SimpleNamespace(log_evidence=500.0))))
 
-    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True)
+    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(None,))
     monkeypatch.setattr(searching, "follow", follow)
     monkeypatch.setattr(searching, "_look_deeper", lambda *_: None)
     monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)
@@ -185,8 +185,7 @@ def tried_together(monkeypatch: pytest.MonkeyPatch, run: Run, *, is_specimen: bo
     """Names of the combinations that are fitted from all over their priors."""
     tried: list[list[str]] = []
 
-    def fitted(_: Any, added: tuple[Hypothesis, ...], __: Run, *, whole: bool) -> Iterator[Explanation]:
-        assert whole
+    def fitted(_: Any, added: tuple[Hypothesis, ...], __: Run) -> Iterator[Explanation]:
         assert [placed.effect for placed in added[-1].model.effects] == [one.effect for one in added]
         # A specimen's law is that of every effect, compiled once.
         assert len(added[-1].model.carried) == len({one.symbols for one in run.considered_first}) - len(added)

@@ -55,7 +55,6 @@ def conclude(
     """
     believed, given = pool.beliefs, pool.plain[frozenset()]
     present = pool.settled(believed.predictive.effects_key)
-    decided = pool.searched.get(present.effects_key, present)
     run.say("looking for the smallest effects that this record could have shown")
     limits = _limits(present, run)
     record = present.posterior.record
@@ -74,9 +73,7 @@ def conclude(
         listener=lambda text, _: run.say(text),
     )
     borne_out = {} if present.is_noise else _borne_out(believed)
-    added = tuple(
-        _added(one, borne_out.get(one.name, 1.0), present, decided, believed, result, run) for one in present.added
-    )
+    added = tuple(_added(one, borne_out.get(one.name, 1.0), present, believed, result, run) for one in present.added)
     unnamed = unnamed_facts(believed)
     share = (
         0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given.disagreement, present.disagreement)
@@ -112,18 +109,9 @@ def conclude(
 
 
 def _added(
-    hypothesis: Hypothesis,
-    borne_out: float,
-    present: Explanation,
-    decided: Explanation,
-    believed: Beliefs,
-    result: Result,
-    run: Run,
+    hypothesis: Hypothesis, borne_out: float, present: Explanation, believed: Beliefs, result: Result, run: Run
 ) -> Added:
-    """An effect of the improved model: how probable, what it competes with, its signature, its sizes.
-
-    The signature is that of the law as it was decided upon, a specimen's beside an unnamed force.
-    """
+    """An effect of the improved model: how probable, what it competes with, its signature, its sizes."""
     places = believed.of_places(hypothesis.name)
     factor, error = _bayes_factor(hypothesis.name, believed)
     others = _others(hypothesis, present, believed)
@@ -140,7 +128,7 @@ def _added(
         equivalent_places=tuple(
             place for place, p in places.items() if place != hypothesis.storeys and p > _SHARES_PROBABILITY
         ),
-        signature=signature_of(hypothesis, decided, run.rng),
+        signature=signature_of(hypothesis, present, run.rng),
         borne_out=borne_out,
         moments={label: moments[label] for label in hypothesis.brought},
         separation=tuple(

@@ -22,7 +22,7 @@ from bwbn_bayes.discovery.run import Run, beside
 from bwbn_bayes.discovery.scheme import finely_solved
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, settled
+from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, find_modes, settled
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.specimen import fitted_basis
 
@@ -33,6 +33,8 @@ _MOST_FINE = 4
 """Explanations whose scheme is judged at a time, the best ones, no further below the best of all than that."""
 _MOST_ALONE = 8
 """Explanations of a specimen, the best ones, whose laws are fitted at the end without the unnamed force, too."""
+_N_SETTLED, _N_STARTS = 8, 512
+"""Optima beside the force, and draws of its priors, from which the law that is delivered is fitted without it."""
 _MOST_SAMPLED, _SAMPLED_REACH, _N_SAMPLED = 6, 10.0, 400
 """The best of them whose evidence is sampled, how far below the best, and with how many effective draws."""
 
@@ -227,10 +229,14 @@ class Pool:
                 self._sampled.discard((key, None))
 
     def settled(self, key: Key) -> Explanation:
-        """An explanation without an unnamed force, to predict by; a specimen's after a look around its optimum."""
+        """An explanation without an unnamed force, to predict by; a specimen's after a search all over its priors.
+
+        It was found beside the force, from where the best fit without it may lie far.
+        """
         one = self.plain[key]
-        if self.has_force:
-            modes = settled(one.posterior, one.modes[:N_CANDIDATES], self.run.rng)
+        if self.has_force and key:
+            found = (*one.modes[:_N_SETTLED], *find_modes(one.posterior, self.run.rng, n_starts=_N_STARTS))
+            modes = settled(one.posterior, found[:N_CANDIDATES], self.run.rng)
             if modes[0].log_likelihood > one.modes[0].log_likelihood:
                 self.plain[key] = one = replace(one, modes=modes)
         return one

@@ -183,12 +183,13 @@ def _explained(parent: Explanation, fit: Fit, run: Run) -> Explanation:
 def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     """Every further effect fitted, best first; where a score tells what an effect can gain, those that can alone.
 
-    A specimen's solves are short beside the compilation of a law: it is fitted under the law that scores.
+    A specimen's solves are short beside the compilation of a law: it is fitted under the law that scores, and what its
+    laws leave is no noise that a score could be judged by.
     """
     if not first:  # Later models differ from run to run: one law for all of them, compiled once, scores them.
         run.considered = hypotheses_of(parent, run, np.inf)
     every = run.considered
-    if parent.is_quiet or not first:
+    if parent.is_quiet or not (first or parent.is_specimen):
         run.say(f"scoring {len(every)} hypotheses")
         run.scored = (parent.model, score_all(parent, every, run))
         ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
@@ -202,7 +203,8 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     run.say(f"fitting {len(every)} hypotheses")
     posterior = on_one_thread(parent.posterior)
     n_workers, pace = run.settings.n_workers, run.pace
-    fits = race(posterior, every, parent.points, guess=first, progress=run.say, n_workers=n_workers, pace=pace)
+    guess = first or parent.is_specimen
+    fits = race(posterior, every, parent.points, guess=guess, progress=run.say, n_workers=n_workers, pace=pace)
     fits = _solvable(fits, run)
     if not fits:
         return ()

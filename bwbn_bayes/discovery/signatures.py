@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.explanation import Explanation
@@ -18,7 +19,9 @@ from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
 N_DRAWS = 32
-"""Draws of Laplace's approximation of the posterior over which a signature is told."""
+"""Draws of the posterior over which a signature is told."""
+_MOST_DRAWN, _BULK = 8, 0.999
+"""Times as many draws of Laplace's approximation, of which those count that lie where the posterior has this share."""
 
 
 def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Generator) -> SignatureFacts | None:
@@ -41,9 +44,7 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
     signature = hypothesis.effect.signature
     if not signature.measure:
         return None
-    points = laplace_mixture(present.modes[:1]).sample(rng, N_DRAWS)
-    points = np.concatenate([present.best[None], points[np.isfinite(present.posterior.log_prior(points))]])
-    values, _ = present.posterior.split(points)
+    values, _ = present.posterior.split(np.concatenate([present.best[None], _draws(present, rng)]))
     of_runs = _responses(hypothesis, present, values)
     without_it = _responses(hypothesis, present, _without(hypothesis, present, values[:1]))
     found = [
@@ -67,6 +68,18 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
         without=signature.of_response(told.without),
         deserved=_deserved(signature, told),
     )
+
+
+def _draws(present: Explanation, rng: np.random.Generator) -> Floats:
+    """Draws ``(n, n_dim)`` of Laplace's approximation that are draws of the posterior, too.
+
+    Where the posterior is bent most are not: twice what they lack of the optimum tells, which has a chi-square
+    distribution where it is normal.
+    """
+    points = laplace_mixture(present.modes[:1]).sample(rng, _MOST_DRAWN * N_DRAWS)
+    points = points[np.isfinite(present.posterior.log_prior(points))]
+    least = present.modes[0].log_likelihood - 0.5 * chi2.ppf(_BULK, points.shape[1])
+    return np.asarray(points[present.posterior.log_likelihood(points) > least][:N_DRAWS])
 
 
 @dataclass(frozen=True)

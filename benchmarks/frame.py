@@ -6,8 +6,8 @@ Three storeys, quarter scale (University at Buffalo). On a fixed base a small ru
 one (``fbgm152s3``): a chain of linear storeys, of Bouc-Wen ones and of Bouc-Wen ones that degrade is identified from
 either, and from both in sequence, and predicts both; the error is that of the floors' displacements relative to the
 base. ``--discover`` gives ``discover`` a linear chain and either run, or both in sequence, and predicts both with what
-it makes of that. On friction pendulums (``fpgm111s1``, ``fpgm111s2``) ``--blind`` gives it the drifts and a linear chain
-on a fixed base, and confirms what it finds on the second run.
+it makes of that. On friction pendulums (``fpgm111s1``, ``fpgm111s2``) ``--blind`` gives it the drifts and a linear
+chain on a fixed base, and confirms what it finds on the second run.
 
 Data are read from ``../shared/data/shake_table_frame``. Masses are not on file: equal ones of 1 kg stand for them, and
 stiffness is per kilogram. Twenty seconds count, from one second before the strong motion. Displacements have arbitrary

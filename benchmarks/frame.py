@@ -147,8 +147,7 @@ def discovered(on: str, seed: int, workers: int, particles: int) -> dict[str, An
     clock = Clock()
     settings = DiscoverySettings(seed=seed, n_workers=workers, particles=particles)
     found = discover(LINEAR, records()[on], settings=settings)
-    posterior, improved = found.result.tree["posterior"], found.improved
-    means = {name: float(np.mean(posterior[name])) for name in improved.space.names}
+    improved, means = found.improved, {one.name: one.mean for one in found.result.facts.parameters}
     return {
         "model": "found by `discover`",
         "fitted_on": on,

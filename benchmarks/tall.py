@@ -50,7 +50,7 @@ def identified(n_storeys: int, floors: Sequence[int], seed: int) -> dict[str, An
     result = identify(model, record, settings=Settings(particles=500, seed=seed))
     spent, found = clock.as_json(), {one.name: one for one in result.facts.parameters}
     posterior = result.tree["posterior"]
-    stiffness = posterior["k"].values.reshape(-1, n_storeys).T
+    stiffness = np.asarray(posterior["k"].values).reshape(-1, n_storeys).T
     draws = np.concatenate([stiffness, [np.ravel(posterior[name]) for name in ALIKE]])
     off = np.array([found[name].mean - value for name, value in truth.items()])
     return {

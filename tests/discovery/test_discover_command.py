@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from benchmarks.telling import told
 from bwbn_bayes.cli import main
 from bwbn_bayes.cli.files import replacing
 from bwbn_bayes.results import Result

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import ortho_group
 
-from bwbn_bayes import BoucWen, PerStorey, ShearBuilding, Uniform, el_centro, simulate
+from bwbn_bayes import BoucWen, PerStorey, Settings, ShearBuilding, Uniform, el_centro, identify, simulate
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.curved import Curved, curved_mixture, gradients_at
 from bwbn_bayes.inference.importance import Proposal, effective_draws, laplace_mixture, log_targets
@@ -139,3 +139,19 @@ def test_a_building_with_one_sensor_is_followed() -> None:
     assert mixture is not None
     assert len(mixture.components) < len(modes)
     assert efficiency(mixture, posterior) > 10.0 * efficiency(laplace_mixture(modes), posterior)
+
+
+def test_many_storeys_that_are_known_well_need_no_sheet() -> None:
+    """With a sensor on each of sixteen floors no stiffness is wide, yet few draws of the mixture at the mode count."""
+    storey = BoucWen(k=PerStorey(Uniform(2000, 20000)), c=8.0, alpha=0.1, A=1.0, beta=60.0, gamma=5.0, n=1.2)
+    model = ShearBuilding(masses=[1.0] * 16, storey=storey)
+    truth = {f"k[{i}]": 9000.0 - 250.0 * i for i in range(1, 17)}
+    record = simulate(model, el_centro("chopra", duration=8.0), truth, snr_db=30.0, seed=2)
+    told: list[str] = []
+    settings = Settings(particles=200, alternatives=False)
+    result = identify(model, record, settings=settings, listener=lambda text, _: told.append(text))
+    assert "the posterior is bent in many directions: following them" in told
+    assert all(check.passed for check in result.facts.checks), result.facts.checks
+    assert result.facts.method == "importance"
+    z = [(one.mean - truth[one.name]) / one.sd for one in result.facts.parameters]
+    assert np.max(np.abs(z)) < 4.5

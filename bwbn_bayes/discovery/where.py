@@ -336,8 +336,9 @@ def _cycles(record: Record, start: float, end: float) -> tuple[int, int]:
 
 
 def _seconds_in_words(start: float, end: float, edges: Floats) -> str:
-    """``3 to 5 s``, to twice the width of the windows between these edges."""
+    """``3 to 5 s``, to twice the width of the windows between these edges, finer where both ends would be the same."""
     digits = max(0, -int(np.floor(np.log10(2.0 * np.median(np.diff(edges)) + 1e-9))))
+    digits += f"{start:.{digits}f}" == f"{end:.{digits}f}"
     return f"{start:.{digits}f} to {end:.{digits}f} s"
 
 

@@ -214,3 +214,10 @@ def test_a_stretch_of_a_short_record_has_the_digits_that_tell_it(n: int, step: f
     """Of 3.4 s of the Silverbox the worst was "3 to 3 s"."""
     edges = step * np.arange(n + 1)
     assert _seconds_in_words(float(edges[3]), float(edges[5]), edges) == words
+
+
+def test_a_stretch_has_a_beginning_and_an_end() -> None:
+    """Of twenty seconds on the shake table one half second was "2 to 2 s"."""
+    edges = 0.5 * np.arange(41)
+    assert _seconds_in_words(1.5, 2.0, edges) == "1.5 to 2.0 s"
+    assert _seconds_in_words(1.5, 3.0, edges) == "2 to 3 s"

@@ -15,18 +15,16 @@ by what the straight pieces would take from it (``sinc^-2``), so that their sum 
 from __future__ import annotations
 
 import argparse
-import json
-import time
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from benchmarks.running import Clock
+from benchmarks.telling import tell, told
 from bwbn_bayes import (
     BoucWen,
     DiscoverySettings,
@@ -140,7 +138,7 @@ def errors(model: Structure, point: Floats) -> dict[str, float]:
 
 def with_structure(seed: int) -> dict[str, Any]:
     """Identify the Bouc-Wen oscillator; are the true values in their 99 % intervals, and what do the means predict."""
-    began = time.perf_counter()
+    clock = Clock()
     result = identify(GIVEN, estimation(N_PERIODS, seed), settings=Settings(seed=seed, particles=2000))
     posterior = result.tree["posterior"]
     draws = {name: np.ravel(posterior[name]) for name in TRUTH}
@@ -151,36 +149,29 @@ def with_structure(seed: int) -> dict[str, Any]:
     means = {name: float(np.mean(values)) for name, values in draws.items()}
     return {
         "model": "Bouc-Wen, given",
+        "n_parameters": GIVEN.space.n_dim,
         "rmse_m": errors(GIVEN, GIVEN.draws(means)),
         "mean": means,
         "inside_99": inside,
-        "elapsed_s": time.perf_counter() - began,
+        **clock.as_json(),
     }
 
 
 def blind(seed: int, n_periods: int, workers: int) -> dict[str, Any]:
     """Discover what a linear oscillator lacks, and what the improved model predicts."""
-    began = time.perf_counter()
+    clock = Clock()
     settings = DiscoverySettings(seed=seed, n_workers=workers, most_rounds=2, particles=1000)
     found = discover(BARE, estimation(n_periods, seed), settings=settings)
     posterior, improved = found.result.tree["posterior"], found.improved
     means = {name: float(np.mean(posterior[name])) for name in improved.space.names}
     return {
         "model": "found from a linear oscillator",
-        "verdict": found.verdict,
-        "probabilities": dict(found.probabilities),
+        "n_parameters": improved.space.n_dim,
+        **told(found),
         "rmse_m": errors(improved, improved.draws(means)),
         "mean": means,
-        "elapsed_s": time.perf_counter() - began,
+        **clock.as_json(),
     }
-
-
-def tell(table: Table, lines: Sequence[dict[str, Any]], path: Path | None) -> None:
-    """Print a table and all that it was made of; write that as JSON, where a path is given."""
-    Console(width=100).print(table)
-    Console(width=100).print(lines)
-    if path is not None:
-        path.write_text(json.dumps(lines, indent=1) + "\n", encoding="utf-8")
 
 
 def main() -> None:
@@ -201,7 +192,7 @@ def main() -> None:
         table.add_row(
             str(line["model"]),
             *(f"{rmse[name]:.3g}" for name in ("multisine", "sinesweep")),
-            f"{line['elapsed_s']:.0f}",
+            f"{line['processor_seconds']:.0f}",
         )
     tell(table, lines, options.json)
 

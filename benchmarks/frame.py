@@ -1,12 +1,13 @@
 """A steel frame on a shake table, measured: one run predicted from the other, and a base that slides found by discover.
 
-``python -m benchmarks.frame [--blind] [--workers 2] [--particles 300] [--json FILE]``
+``python -m benchmarks.frame [--models NAME ...] [--discover RUN ...] [--blind] [--workers 2] [--json FILE]``
 
 Three storeys, quarter scale (University at Buffalo). On a fixed base a small run (``fbgm152s1``) comes before a large
 one (``fbgm152s3``): a chain of linear storeys, of Bouc-Wen ones and of Bouc-Wen ones that degrade is identified from
 either, and from both in sequence, and predicts both; the error is that of the floors' displacements relative to the
-base. On friction pendulums (``fpgm111s1``, ``fpgm111s2``) ``--blind`` gives ``discover`` the drifts and a linear chain
-on a fixed base, and confirms what it finds on the second run.
+base. ``--discover`` gives ``discover`` a linear chain and either run, or both in sequence, and predicts both with what
+it makes of that. On friction pendulums (``fpgm111s1``, ``fpgm111s2``) ``--blind`` gives it the drifts and a linear
+chain on a fixed base, and confirms what it finds on the second run.
 
 Data are read from ``../shared/data/shake_table_frame``. Masses are not on file: equal ones of 1 kg stand for them, and
 stiffness is per kilogram. Twenty seconds count, from one second before the strong motion. Displacements have arbitrary
@@ -17,15 +18,15 @@ begins where the first ended. A run between the two is not on file.
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from benchmarks.boucwen import tell
 from benchmarks.measured_tests.specimens import nrmse, read_frame
+from benchmarks.running import Clock
+from benchmarks.telling import tell, told
 from bwbn_bayes import (
     BoucWen,
     DiscoverySettings,
@@ -74,6 +75,7 @@ YIELDING = ShearBuilding(
 DEGRADING = YIELDING.with_effect(StiffnessDegradation(delta_eta=LogNormal(0.1, 2.0))).with_effect(
     StrengthDegradation(delta_nu=LogNormal(0.1, 2.0))
 )
+BOTH = "both in sequence"
 MODELS = {"linear": LINEAR, "Bouc-Wen": YIELDING, "Bouc-Wen, degrading": DEGRADING}
 
 
@@ -108,49 +110,63 @@ def missed(model: Structure, point: Floats, record: Record) -> list[float]:
     return [nrmse(record.measured[:, where], predicted[:, where]) for where in measured]
 
 
+def records() -> dict[str, Record]:
+    """Either run, of a frame that is virgin before it, and both in sequence."""
+    runs = {one: run_of(one) for one in (SMALL, LARGE)}
+    return {**runs, BOTH: in_sequence(*runs.values())}
+
+
+def predicted(model: Structure, point: Floats) -> dict[str, float]:
+    """Error [%] of either run of a virgin frame, and of the large one after the small one has worn it."""
+    runs = records()
+    virgin = {name: missed(model, point, runs[name])[0] for name in (SMALL, LARGE)}
+    return {**virgin, f"{LARGE} in sequence": missed(model, point, runs[BOTH])[1]}
+
+
 def fitted(name: str, on: str, seed: int, particles: int) -> dict[str, Any]:
     """Identify one model from one run or both, and predict both."""
-    began = time.perf_counter()
-    model = MODELS[name]
-    runs = {one: run_of(one) for one in (SMALL, LARGE)}
-    both = in_sequence(*runs.values())
+    clock, model = Clock(), MODELS[name]
     # No chain leaves noise here, and nothing below reads intervals: transitional MCMC along the ridges of a model that
     # is refused takes four minutes of processor for the first of up to six clouds.
     settings = Settings(seed=seed, particles=particles, alternatives=False, fallback=False)
-    result = identify(model, runs.get(on, both), settings=settings)
+    result = identify(model, records()[on], settings=settings)
     means = {parameter.name: parameter.mean for parameter in result.facts.parameters}
-    point = model.draws(means)
-    # What a virgin frame does in either run, and what one does that has been through the small run before.
-    virgin = [missed(model, point, run)[0] for run in runs.values()]
     return {
         "model": name,
         "fitted_on": on,
         "n_parameters": model.space.n_dim,
-        "missed_percent": {SMALL: virgin[0], LARGE: virgin[1], f"{LARGE} in sequence": missed(model, point, both)[1]},
+        "missed_percent": predicted(model, model.draws(means)),
         "mean": means,
         "grade": result.facts.grade,
-        "elapsed_s": time.perf_counter() - began,
+        **clock.as_json(),
+    }
+
+
+def discovered(on: str, seed: int, workers: int, particles: int) -> dict[str, Any]:
+    """Discover what a linear chain lacks on a fixed base, and predict both runs with the improved one."""
+    clock = Clock()
+    settings = DiscoverySettings(seed=seed, n_workers=workers, particles=particles)
+    found = discover(LINEAR, records()[on], settings=settings)
+    improved, means = found.improved, {one.name: one.mean for one in found.result.facts.parameters}
+    return {
+        "model": "found by `discover`",
+        "fitted_on": on,
+        "n_parameters": improved.space.n_dim,
+        "missed_percent": predicted(improved, improved.draws(means)),
+        "mean": means,
+        **told(found),
+        **clock.as_json(),
     }
 
 
 def sliding(seed: int, workers: int, particles: int) -> dict[str, Any]:
     """Discover what a linear chain on a fixed base lacks where the frame stands on friction pendulums."""
-    began = time.perf_counter()
+    clock = Clock()
     training, other = (drifts(run_of(name)) for name in SLIDING)
     settings = DiscoverySettings(seed=seed, n_workers=workers, particles=particles)
     found = discover(LINEAR, training, held_out=other, settings=settings)
-    assert found.gap.held_out is not None
     posterior = found.result.tree["posterior"]
-    line = {
-        "model": "found from a linear chain on a fixed base",
-        "effects": [added.title for added in found.added],
-        "grades": [added.grade for added in found.added],
-        "verdict": found.verdict,
-        "probabilities": dict(found.probabilities),
-        "gap": [found.gap.before.nrmse, found.gap.after.nrmse, found.gap.noise_floor],
-        "held_out": [found.gap.held_out.before.nrmse, found.gap.held_out.after.nrmse],
-        "elapsed_s": time.perf_counter() - began,
-    }
+    line = {"model": "found from a linear chain on a fixed base", **told(found), **clock.as_json()}
     if "inv_mu" in found.improved.space.names:
         line["friction"], line["period_s"] = _sliders(found.improved, posterior)
     return line
@@ -173,22 +189,22 @@ def main() -> None:
     """Identify, predict, discover, print a table, write JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--models", nargs="*", choices=list(MODELS), default=list(MODELS), help="chains to identify")
+    parser.add_argument("--discover", nargs="*", choices=[SMALL, LARGE, BOTH], default=[], help="from the linear chain")
     parser.add_argument("--blind", action="store_true", help="also discover what the isolated frame's model lacks")
     parser.add_argument("--particles", type=int, default=300)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    lines: list[dict[str, Any]] = []
-    for name in options.models:
-        for on in (SMALL, LARGE, "both in sequence"):
-            lines.append(fitted(name, on, options.seed, options.particles))
-            found = ", ".join(f"{error:.1f} % of {run}" for run, error in lines[-1]["missed_percent"].items())
-            print(f"{name}, from {on}: {found}", flush=True)
+    runs = (SMALL, LARGE, BOTH)
+    lines = [fitted(name, on, options.seed, options.particles) for name in options.models for on in runs]
+    lines += [discovered(on, options.seed, options.workers, options.particles) for on in options.discover]
     table = Table("model", "fitted on", "parameters", SMALL, LARGE, f"{LARGE} in sequence", "time [s]")
     for line in lines:
         errors = (f"{error:.1f} %" for error in line["missed_percent"].values())
-        table.add_row(line["model"], line["fitted_on"], str(line["n_parameters"]), *errors, f"{line['elapsed_s']:.0f}")
+        table.add_row(
+            line["model"], line["fitted_on"], str(line["n_parameters"]), *errors, f"{line['processor_seconds']:.0f}"
+        )
     if options.blind:
         lines.append(sliding(options.seed, options.workers, options.particles))
     tell(table, lines, options.json)

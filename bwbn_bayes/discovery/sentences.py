@@ -69,7 +69,11 @@ def _unnamed(one: UnnamedForce | UnnamedReading, gap: Gap) -> str:
         whole, again = "force", "a force"
     else:
         what, whole, again = f"An error of no known kind in {one.channel}", "reading", "an error"
-    share, kind = f"{100.0 * one.share:.0f} % of the {whole}", f", {again} {one.function}" if one.function else ""
+    percent = 100.0 * one.share
+    share, kind = (
+        f"{percent:{'.0f' if percent >= 1.0 else '.1g'}} % of the {whole}",
+        f", {again} {one.function}" if one.function else "",
+    )
     left = [f"{100.0 * own.nameless.nrmse:.2g} % of the {on}" for on, own in _parts(gap) if own.nameless is not None]
     beside = f" With it {' and '.join(left)} is left." if left else ""
     sure = f"(probability {probability_in_words(one.probability)})"

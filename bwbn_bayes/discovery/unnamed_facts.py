@@ -42,13 +42,17 @@ def beside_it(believed: Beliefs, held_out: HeldOut | None, gap: Gap, rng: np.ran
     """The gap with what is left beside what has no name; on held-out data where that is the same function there.
 
     Such are a link, a force of one state, and an error of what a sensor shows; what changes in time is known of one
-    record.
+    record. A force to first order that leaves more than is left without it, once it is solved for, says nothing of what
+    is left: with little damping a response is linear in forces far smaller than its own.
     """
     chosen = nameless(believed)
     if chosen is None or chosen.is_specimen:
         return gap
     posterior, point = chosen.whole
-    gap = replace(gap, nameless=predict(posterior, point, posterior.record, rng, counted=posterior.record.kept))
+    beside = predict(posterior, point, posterior.record, rng, counted=posterior.record.kept)
+    if not beside.nrmse < gap.after.nrmse:
+        return gap
+    gap = replace(gap, nameless=beside)
     if held_out is None or gap.held_out is None:
         return gap
     record, found = held_out.record, chosen.estimate

@@ -313,7 +313,7 @@ def _spots(seen: Disagreement, posterior: Posterior, n_white: Floats) -> tuple[S
                 end = min(end, part.duration)
                 words = _words(seen.by_condition, row.storey) if row.storey is not None else ""
                 cycles = None if record.has_time else _cycles(part, start, end)
-                stretch = f"{start:.0f} to {end:.0f} s" if cycles is None else cycles_in_words(*cycles)
+                stretch = _seconds_in_words(start, end, seen.edges) if cycles is None else cycles_in_words(*cycles)
                 where = f"{row.place}, {stretch}{record.of_part(number)}"
                 spots.append(
                     Spot(
@@ -333,6 +333,13 @@ def _cycles(record: Record, start: float, end: float) -> tuple[int, int]:
     """First and last cycle of a stretch of the record between two instants of its made-up time."""
     numbers = cycle_numbers(record.excitation)[(record.times >= start) & (record.times <= end)]
     return int(numbers[0]), int(numbers[-1])
+
+
+def _seconds_in_words(start: float, end: float, edges: Floats) -> str:
+    """``3 to 5 s``, to twice the width of the windows between these edges, finer where both ends would be the same."""
+    digits = max(0, -int(np.floor(np.log10(2.0 * np.median(np.diff(edges)) + 1e-9))))
+    digits += f"{start:.{digits}f}" == f"{end:.{digits}f}"
+    return f"{start:.{digits}f} to {end:.{digits}f} s"
 
 
 def cycles_in_words(first: int, last: int) -> str:

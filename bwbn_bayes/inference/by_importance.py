@@ -9,6 +9,7 @@ from typing import override
 import numpy as np
 
 from bwbn_bayes.inference.by_tmcmc import two_starts
+from bwbn_bayes.inference.curved import curved_mixture
 from bwbn_bayes.inference.history import History
 from bwbn_bayes.inference.identify import Sampling
 from bwbn_bayes.inference.importance import (
@@ -24,6 +25,7 @@ from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
 from bwbn_bayes.inference.pooled import FittedMixture, Pool
 from bwbn_bayes.inference.sampled import Given, Sampled
+from bwbn_bayes.inference.sheet_nodes import has_wide
 from bwbn_bayes.inference.summary import Draws
 from bwbn_bayes.inference.tmcmc.sampler import fewest_particles
 from bwbn_bayes.results import Check
@@ -31,6 +33,8 @@ from bwbn_bayes.results import Check
 _PILOT = 800
 _LEAST_EFFICIENCY = 0.5
 """Share of effective draws with which a proposal is drawn from on; below it a better one is fitted."""
+_LEAST_CURVED = 0.2
+"""The same of one that follows bends in many directions, which a fit does not."""
 _PILOT_LIMIT = 0.5
 _CLEAR = 0.6
 """Pareto shape with which drawing ends: below the limit of the check, so that stopping does not decide it."""
@@ -98,18 +102,28 @@ def weighted_draws(
     follows: bool,
     most: int,
 ) -> tuple[WeightedDraws, NestedLaplace | None]:
-    """From the modes, or from the sheet through them where they alone cover the posterior badly; then from fits."""
+    """From the modes, or along a surface through them where they alone cover the posterior badly; then from fits.
+
+    A sheet takes out a few wide coordinates. Where none is wide, as with a sensor on each of thirty storeys, the
+    posterior bends a little in every one of them: a sheet takes minutes to lay and helps nothing, and a fit to draws
+    takes tens of thousands of them to learn so many dimensions.
+    """
     sheet, effective = Sheet(posterior, modes, rng), max(effective, _LEAST_EFFECTIVE)
     follows = follows and posterior.n_dim > 1
     pilot = sample_importance(posterior, sheet.proposal, rng, effective=_PILOT, most=_PILOT)
     poor = pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
-    if poor and follows:
+    curved = None
+    if poor and follows and has_wide(modes[0].information):
         history.say("the posterior is bent: laying a sheet through it")
         sheet.lay()
+    elif poor and follows:
+        history.say("the posterior is bent in many directions: following them")
+        curved = curved_mixture(posterior, modes)
     history.say("sampling the posterior by importance")
     tell = partial(history.tell_draws, posterior, effective)
     pool, short = Pool.empty(posterior.n_dim), float(effective)
-    proposal: Proposal = sheet.proposal
+    proposal: Proposal = curved or sheet.proposal
+    least = _LEAST_EFFICIENCY if curved is None else _LEAST_CURVED
     while True:
         n = min(_BATCH if sheet.nested is not None else int(1.1 * short), most - len(pool.points))
         pool = pool.drawn(posterior, proposal, rng, n // 16 * 16 + 16)
@@ -119,7 +133,7 @@ def weighted_draws(
         short = (effective - reached) / max(efficiency, 0.05)
         if (reached >= effective and found.pareto_k <= _CLEAR) or len(pool.points) >= most:
             return found, sheet.nested
-        if follows and (efficiency < _LEAST_EFFICIENCY or found.pareto_k > _CLEAR):
+        if follows and (efficiency < least or found.pareto_k > _CLEAR):
             proposal = _fitted(found, proposal)
         elif reached >= effective:
             return found, sheet.nested

@@ -164,6 +164,11 @@ def wide_coordinates(information: Floats) -> Integers:
     return np.array(wide)
 
 
+def has_wide(information: Floats) -> bool:
+    """Whether any coordinate is wide by itself: where none is, a sheet takes out next to nothing of what bends."""
+    return bool(np.sqrt(np.max(np.diag(covariance_of(information)))) > _WIDE)
+
+
 def first_nodes(posterior: Posterior, modes: Sequence[Mode]) -> Nodes:
     """Refit the rest at nodes over the box of the wide coordinates that the modes suggest."""
     wide = wide_coordinates(modes[0].information)

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from benchmarks.telling import told
 from bwbn_bayes.cli import main
 from bwbn_bayes.cli.files import replacing
 from bwbn_bayes.results import Result
@@ -136,3 +137,13 @@ def test_a_mistake_is_told_in_one_sentence(arguments, sentence, inputs, tmp_path
     assert sentence in err
     assert "Traceback" not in err
     assert err.splitlines()[-1].startswith("error: ")
+
+
+def test_benchmarks_tell_what_the_json_says(run):
+    facts, line = json.loads((run.directory / "discovery.json").read_text(encoding="utf-8")), told(run.discovery)
+    assert {one["name"]: one["grade"] for one in line["effects"]} == {"cubic_stiffness": "named"}
+    assert line["gap"] == facts["gap"]
+    assert line["unnamed"] is None
+    # Where it still disagrees, which is nowhere; the given model does.
+    assert line["where_left"] == [] != facts["where"]
+    assert json.loads(json.dumps(line)) == line

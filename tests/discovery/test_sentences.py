@@ -220,3 +220,11 @@ def test_a_shape_that_not_all_of_the_record_bears_out_is_not_what_the_model_lack
     told = sentences(believed("partly_explained", 0.99), (doubted,), None, NOWHERE, gap(0.2, 0.1))
     assert told[0].startswith("What the model lacks is only partly known")
     assert told[1].startswith("The shape of the reloading branch in storey 2")
+
+
+def test_a_small_force_without_a_name_has_a_share_all_the_same() -> None:
+    force = UnnamedForce(
+        storey=1, place="storey 1", probability=1.0, share=0.0013, state=np.zeros(2), force=np.zeros(2)
+    )
+    told = sentences(believed("unexplained", 1.0, has_unnamed=True), (), force, NOWHERE, gap(0.2, 0.1))
+    assert "takes up what the model does not: 0.1 % of the force" in told[1]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bwbn_bayes.discovery.where import N_PLANE, N_WINDOWS, Disagreement, disagreement
+from bwbn_bayes.discovery.where import N_PLANE, N_WINDOWS, Disagreement, _seconds_in_words, disagreement
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -205,3 +205,19 @@ def test_a_record_without_time_is_told_by_its_cycles() -> None:
     assert spot.sentence.startswith("the specimen, cycles 6 to 7")
     assert " s," not in spot.sentence and "rate" not in spot.sentence
     assert "at high drift rate" not in found.by_condition
+
+
+@pytest.mark.parametrize(
+    ("n", "step", "words"), [(12, 1.0, "3 to 5 s"), (12, 0.28, "0.8 to 1.4 s"), (12, 0.012, "0.04 to 0.06 s")]
+)
+def test_a_stretch_of_a_short_record_has_the_digits_that_tell_it(n: int, step: float, words: str) -> None:
+    """Of 3.4 s of the Silverbox the worst was "3 to 3 s"."""
+    edges = step * np.arange(n + 1)
+    assert _seconds_in_words(float(edges[3]), float(edges[5]), edges) == words
+
+
+def test_a_stretch_has_a_beginning_and_an_end() -> None:
+    """Of twenty seconds on the shake table one half second was "2 to 2 s"."""
+    edges = 0.5 * np.arange(41)
+    assert _seconds_in_words(1.5, 2.0, edges) == "1.5 to 2.0 s"
+    assert _seconds_in_words(1.5, 3.0, edges) == "2 to 3 s"

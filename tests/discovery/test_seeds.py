@@ -23,9 +23,8 @@ def test_seeds_agree(name: str) -> None:
     if not path.exists():
         pytest.skip(f"measured file {path} is not here")
     record = read_record(path)
-    found = [
-        discover(starting_model(record), record, settings=DiscoverySettings(seed=seed, particles=100)) for seed in (1, 2)
-    ]
+    settings = [DiscoverySettings(seed=seed, particles=100) for seed in (1, 2)]
+    found = [discover(starting_model(record), record, settings=own) for own in settings]
     first, second = (one.steps[-1] for one in found)
     assert first.log_joint[0] == pytest.approx(second.log_joint[0], abs=WITHIN)
     assert first.explanations[0].names == second.explanations[0].names

@@ -24,6 +24,7 @@ from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import find_modes
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
+from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records import read_record
 from bwbn_bayes.structures.starting_model import starting_model
 
@@ -51,12 +52,10 @@ def given(name: str) -> Explanation:
     return Explanation(added=(), posterior=posterior, modes=modes, evidence=laplace(posterior, modes))
 
 
-@cache
-def every(name: str) -> tuple[Hypothesis, ...]:
-    """Each effect in each form."""
-    base = given(name)
+def every(posterior: Posterior, point: Floats) -> tuple[Hypothesis, ...]:
+    """Each effect in each form, of the sizes that a fit suggests."""
     usual = hypotheses(
-        base.model, scales_of(base.posterior, base.best), measured=("force",), has_time=False, most_carried=np.inf
+        posterior.model, scales_of(posterior, point), measured=("force",), has_time=False, most_carried=np.inf
     )
     general = {type(form): form for one in usual for form in type(one.effect).general_forms(one.scales)}
     first = {one.name: one for one in usual}
@@ -66,7 +65,7 @@ def every(name: str) -> tuple[Hypothesis, ...]:
 @cache
 def fits(name: str) -> dict[tuple[str, ...], Fit]:
     base = given(name)
-    found = race(base.posterior, every(name), base.points, n_workers=1)
+    found = race(base.posterior, every(base.posterior, base.best), base.points, n_workers=1)
     return {fit.hypothesis.symbols: fit for fit in found}
 
 
@@ -91,7 +90,7 @@ def test_with_white_errors(name: str) -> None:
 def test_with_an_unnamed_force(name: str) -> None:
     plain = with_force(name)
     points = np.array([mode.point for mode in plain.modes[:3]])
-    found = race(plain.posterior, every(name), points, n_workers=1)
+    found = race(plain.posterior, every(plain.posterior, points[0]), points, n_workers=1)
     least = plain.log_likelihood - WITHIN
     worse = {fit.hypothesis.label: fit.log_likelihood for fit in found if fit.log_likelihood < least}
     assert not worse, f"at least {least:.1f}"

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.explanation import Explanation
@@ -20,8 +19,8 @@ from bwbn_bayes.structures.structure import Structure
 
 N_DRAWS = 32
 """Draws of the posterior over which a signature is told."""
-_MOST_DRAWN, _BULK = 8, 0.999
-"""Times as many draws of Laplace's approximation, of which those count that lie where the posterior has this share."""
+_SHARE, _MOST_TAKEN_BACK, _ABOUT = 0.7, 12, 1.0
+"""Of a draw's distance from the optimum, taken so many times at most; how much less likely a draw may be. [nat]"""
 
 
 def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Generator) -> SignatureFacts | None:
@@ -71,15 +70,23 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
 
 
 def _draws(present: Explanation, rng: np.random.Generator) -> Floats:
-    """Draws ``(n, n_dim)`` of Laplace's approximation that are draws of the posterior, too.
+    """Draws ``(n, n_dim)`` of Laplace's approximation, each no further out than the posterior goes with its likelihood.
 
-    Where the posterior is bent most are not: twice what they lack of the optimum tells, which has a chi-square
-    distribution where it is normal.
+    Where the posterior is bent most draws are far too unlikely: along the line to the optimum they are taken back to
+    where the record is about as likely as in a normal posterior it would be at the draw. They spread less than the
+    posterior then.
     """
-    points = laplace_mixture(present.modes[:1]).sample(rng, _MOST_DRAWN * N_DRAWS)
-    points = points[np.isfinite(present.posterior.log_prior(points))]
-    least = present.modes[0].log_likelihood - 0.5 * chi2.ppf(_BULK, points.shape[1])
-    return np.asarray(points[present.posterior.log_likelihood(points) > least][:N_DRAWS])
+    best = present.modes[0]
+    steps = laplace_mixture(present.modes[:1]).sample(rng, N_DRAWS) - best.point
+    expected = steps @ best.gradient - 0.5 * np.einsum("np,pq,nq->n", steps, best.information, steps)
+    shares = _SHARE ** np.arange(_MOST_TAKEN_BACK + 1)
+    tried = best.point + shares[:, None, None] * steps
+    flat = tried.reshape(-1, len(best.point))
+    inside = np.isfinite(present.posterior.log_prior(flat))
+    reached = np.where(inside, present.posterior.log_likelihood(flat), -np.inf).reshape(len(shares), -1)
+    likely = reached >= best.log_likelihood + expected - _ABOUT
+    first = np.argmax(likely, axis=0)
+    return np.asarray(tried[first, np.arange(len(steps))][np.any(likely, axis=0)])
 
 
 @dataclass(frozen=True)

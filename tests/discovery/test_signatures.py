@@ -16,8 +16,9 @@ from bwbn_bayes.elements.effects import SlipLock
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.elements.signature import NO_SIGNATURE
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.importance import laplace_mixture
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
-from bwbn_bayes.inference.modes import distinct
+from bwbn_bayes.inference.modes import Mode, distinct
 from bwbn_bayes.parameters import Floats, HalfNormal, Uniform
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.specimen import Specimen
@@ -112,3 +113,31 @@ def test_of_several_storeys_the_one_that_drifts_most_is_read() -> None:
     assert place_of(several, histories) == 1
     assert place_of(one, histories) == 2
     assert place_of(whole, histories) is None
+
+
+def test_draws_are_as_likely_as_those_of_a_normal_posterior() -> None:
+    """In a normal one they are Laplace's; where it is bent, none is lost, and none is where the posterior is not."""
+    mode = Mode(point=np.full(2, 0.5), log_likelihood=7.0, gradient=np.zeros(2), information=np.diag([1e2, 1e4]))
+
+    def posterior(bend: float) -> Any:
+        def log_likelihood(points: Floats) -> Floats:
+            first, second = (points - 0.5).T
+            return np.asarray(7.0 - 50.0 * first**2 - 5e3 * (second - bend * first**2) ** 2)
+
+        return SimpleNamespace(log_likelihood=log_likelihood, log_prior=lambda points: np.zeros(len(points)))
+
+    drawn = {
+        bend: signatures._draws(
+            cast(Any, SimpleNamespace(modes=(mode,), posterior=posterior(bend))), np.random.default_rng(1)
+        )
+        for bend in (0.0, 20.0)
+    }
+    expected = laplace_mixture((mode,)).sample(np.random.default_rng(1), signatures.N_DRAWS)
+    np.testing.assert_allclose(drawn[0.0], expected)
+    lost = 7.0 - posterior(20.0).log_likelihood(expected)
+    assert np.median(lost) > 10.0
+    assert len(drawn[20.0]) == len(expected)
+    spread = (expected - 0.5) / [0.1, 0.01]
+    allowed = 0.5 * np.sum(np.square(spread), axis=1) + 1.0
+    assert np.all(7.0 - posterior(20.0).log_likelihood(drawn[20.0]) <= allowed)
+    assert np.std(drawn[20.0][:, 0]) > 0.1 * np.std(expected[:, 0])

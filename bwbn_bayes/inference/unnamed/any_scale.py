@@ -90,7 +90,7 @@ class NoiseBesideForce:
         return np.asarray(own + self.correlation.log_volumes + self._log_prior(misfit, n_times))
 
     def _log_prior(self, misfit: Floats, n_times: float | Floats) -> Floats:
-        """Prior mass that each scale stands for, all below the least its own; the level is the one expected there."""
+        """Prior mass that each scale stands for; the level is the one expected there."""
         share = SCALES / self.largest * np.sqrt(self._variance(misfit, n_times))
         return np.asarray(0.5 * np.log(2.0 / np.pi) + np.log(share * np.log(2.0) / PER_OCTAVE) - 0.5 * np.square(share))
 

@@ -66,7 +66,7 @@ def every(name: str) -> tuple[Hypothesis, ...]:
 @cache
 def fits(name: str) -> dict[tuple[str, ...], Fit]:
     base = given(name)
-    found = race(base.posterior, every(name), base.points, n_workers=1)
+    found = race(base.posterior, every(name), base.points)
     return {fit.hypothesis.symbols: fit for fit in found}
 
 
@@ -91,7 +91,7 @@ def test_with_white_errors(name: str) -> None:
 def test_with_an_unnamed_force(name: str) -> None:
     plain = with_force(name)
     points = np.array([mode.point for mode in plain.modes[:3]])
-    found = race(plain.posterior, every(name), points, n_workers=1)
+    found = race(plain.posterior, every(name), points)
     least = plain.log_likelihood - WITHIN
     worse = {fit.hypothesis.label: fit.log_likelihood for fit in found if fit.log_likelihood < least}
     assert not worse, f"at least {least:.1f}"

@@ -16,10 +16,13 @@ from typing import Any
 import cloudpickle
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from bwbn_bayes.cli import main
-from bwbn_bayes.discovery import workflow
+from bwbn_bayes.discovery import unnamed, workflow
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.evidence import laplace
+from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.pace import Pace
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import DiscoverySettings
@@ -36,7 +39,7 @@ from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference import modes
 from bwbn_bayes.inference.likelihood import Posterior, SolveCount, default_noise
-from bwbn_bayes.inference.modes import polish
+from bwbn_bayes.inference.modes import distinct, polish
 from bwbn_bayes.parameters import Floats, Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.readers import read_record
@@ -319,3 +322,23 @@ def test_the_command_hands_its_workers_on(inputs: Path, tmp_path: Path, monkeypa
 def test_there_is_one_worker_at_least() -> None:
     with pytest.raises(UserError, match="workers is 0, it must be a whole number from 1 on"):
         DiscoverySettings(workers=0)
+
+
+@pytest.mark.slow
+def test_what_has_no_name_travels_too() -> None:
+    """Each kind beside the model as given, under linear algebra on one thread, as a search has it."""
+    model = replace(MODEL, masses=(2.0, 1.0), links=(replace(MODEL.links[0], joins=((0, 1), (1, 2))),))
+    clean = simulate(model, el_centro("chopra", duration=6.0), TRUTH, snr_db=30.0, seed=1)
+    view = Posterior(model=model, record=clean, engine=Lanes(n_threads=1), noise=default_noise(clean))
+    found = distinct(*polish(view, model.space.to_unit(model.draws(TRUTH)), n_iterations=10))
+    given = Explanation(added=(), posterior=view, modes=found, evidence=laplace(view, found))
+    for kind in unnamed._KINDS:
+        found_by: list[list[Explanation]] = []
+        for workers in (Threads(1), BY_VALUE):
+            asked = unnamed._Asked(given, 0.0, np.random.default_rng(1), (), 1)
+            with threadpool_limits(limits=1, user_api="blas"):
+                found_by += [made[0] for made in workers.each(kind, [asked]) if made is not None]
+        own, other = found_by
+        assert [one.label for one in other] == [one.label for one in own]
+        assert [one.evidence.log_evidence for one in other] == [one.evidence.log_evidence for one in own]
+        assert [type(one.estimate) for one in other] == [type(one.estimate) for one in own] != []

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.elsewhere import Elsewhere
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pace import Pace, Progress
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.discovery.score import Score, scores
 from bwbn_bayes.discovery.unfinished import Unfinished
-from bwbn_bayes.discovery.workers import Elsewhere, Threads, Workers
+from bwbn_bayes.discovery.workers import Threads, Workers
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.executors import Executor
 from bwbn_bayes.engines.lanes import Lanes, usable_processors

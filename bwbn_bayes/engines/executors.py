@@ -39,11 +39,6 @@ Piece = tuple[Floats, Booleans | None]
 """Draws, and which of their derivatives are wanted."""
 
 
-def never() -> bool:
-    """There is time for all of it."""
-    return False
-
-
 class Executor(Protocol):
     """Runs a task on pieces of a problem somewhere."""
 
@@ -57,7 +52,7 @@ class Executor(Protocol):
         task: Callable[[bytes, P], R],
         problem: bytes,
         pieces: Sequence[P],
-        must_stop: Callable[[], bool] = never,
+        must_stop: Callable[[], bool] = lambda: False,
     ) -> Iterator[R | None]:
         """What a task makes of each piece, in their order, those of a lost worker again.
 
@@ -85,7 +80,7 @@ class Serial:
         task: Callable[[bytes, P], R],
         problem: bytes,
         pieces: Sequence[P],
-        must_stop: Callable[[], bool] = never,
+        must_stop: Callable[[], bool] = lambda: False,
     ) -> Iterator[R | None]:
         """One piece when it is asked for."""
         for piece in pieces:
@@ -110,7 +105,7 @@ class Processes:
         task: Callable[[bytes, P], R],
         problem: bytes,
         pieces: Sequence[P],
-        must_stop: Callable[[], bool] = never,
+        must_stop: Callable[[], bool] = lambda: False,
     ) -> Iterator[R | None]:
         """Work on pieces; where a process died, its pieces and those that waited go to new ones."""
 
@@ -175,7 +170,7 @@ class Dask:
         task: Callable[[bytes, P], R],
         problem: bytes,
         pieces: Sequence[P],
-        must_stop: Callable[[], bool] = never,
+        must_stop: Callable[[], bool] = lambda: False,
     ) -> Iterator[R | None]:
         """Work on pieces on whichever workers there are."""
         # A task of its own, not scattered data: lost with its worker, it is made again.

@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from bwbn_bayes.cli import main
 from bwbn_bayes.discovery import unnamed, workflow
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.elsewhere import Elsewhere
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.pace import Pace
@@ -28,7 +29,7 @@ from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.score import scores
 from bwbn_bayes.discovery.second_look import searched
-from bwbn_bayes.discovery.workers import Elsewhere, Threads, Workers
+from bwbn_bayes.discovery.workers import Threads, Workers
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorGain

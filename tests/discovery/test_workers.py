@@ -189,6 +189,13 @@ def test_pieces_of_a_process_that_was_killed_go_to_another(two_processes: Proces
     assert (tmp_path / "killed").exists()
 
 
+def test_a_few_pieces_are_with_the_workers_when_time_is_up(two_processes: Processes) -> None:
+    """Two with each: what was sent comes back, in its order."""
+    asked = iter(range(10**6))
+    found = list(Elsewhere(two_processes).each(str, range(30), lambda: next(asked) >= 9))
+    assert found == [*((str(n),) for n in range(9)), *[None] * 21]
+
+
 def test_a_mistake_that_a_worker_meets_is_told_here(two_processes: Processes) -> None:
     with pytest.raises(UserError, match="3 is no mass"):
         list(Elsewhere(two_processes).each(_refused, [3]))

@@ -191,6 +191,7 @@ def _in_order[P, R](
     running: set[Future[R]] = set()
     for number in range(len(pieces)):
         while True:
+            running = {one for one in running if not one.done()}
             while len(sent) < len(pieces) and len(running) < _AT_ONCE * n_workers:
                 future = None if must_stop() else send(pieces[len(sent)])
                 sent.append(future)
@@ -198,7 +199,7 @@ def _in_order[P, R](
             own = sent[number]
             if own is None or own.done():
                 break
-            running = wait(running, return_when=FIRST_COMPLETED).not_done
+            wait(running, return_when=FIRST_COMPLETED)
         yield None if own is None else own.result()
         sent[number] = None
 

@@ -113,17 +113,19 @@ def test_a_missing_library_is_told_before_the_search(
 
 
 @pytest.mark.parametrize(
-    ("library", "options"),
+    ("library", "command", "options"),
     [
-        *(("pymoo", ("--method", "ga")), ("pymc", ("--method", "smc")), ("sundials4py", ("--engine", "cvodes"))),
-        *(
-            ("nutpie", ("--method", "nuts", "--sampler", "nutpie")),
-            ("distributed", ("--scheduler", "tcp://127.0.0.1:9")),
-        ),
+        ("pymoo", "identify", ("--method", "ga")),
+        ("pymc", "identify", ("--method", "smc")),
+        ("sundials4py", "identify", ("--engine", "cvodes")),
+        ("nutpie", "identify", ("--method", "nuts", "--sampler", "nutpie")),
+        ("distributed", "identify", ("--scheduler", "tcp://127.0.0.1:9")),
+        ("distributed", "discover", ("--scheduler", "tcp://127.0.0.1:9")),
     ],
 )
 def test_the_command_line_tells_it_before_anything_else(
     library: str,
+    command: str,
     options: tuple[str, ...],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -132,7 +134,7 @@ def test_the_command_line_tells_it_before_anything_else(
     monkeypatch.setitem(sys.modules, library, None)
     load_library.cache_clear()
     with pytest.raises(SystemExit) as leaving:
-        main(["identify", str(Path(__file__).parents[1] / "models" / "sdof.py"), *options])
+        main([command, str(Path(__file__).parents[1] / "models" / "sdof.py"), *options])
     (said,) = capsys.readouterr().err.splitlines()
     assert leaving.value.code == 2
     assert f"needs {library}, which is not installed: add the extra" in said

@@ -78,6 +78,12 @@ SequenceOption = Annotated[
     bool,
     typer.Option("--sequence", help="The structure comes to each record as the one before left it, not virgin."),
 ]
+WorkersOption = Annotated[
+    int, typer.Option("--workers", min=1, max=1024, help="Processes that solve; with one, the threads of this.")
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers solve.")
+]
 EngineOption = Annotated[EngineName, typer.Option("--engine", help="What solves the model; see `bwbn engines`.")]
 
 
@@ -144,10 +150,8 @@ def identify(
         Path | None,
         typer.Option("--checkpoint", help="Where what is solved is kept, without suffix; a run cut off goes on."),
     ] = None,
-    workers: Annotated[int, typer.Option("--workers", min=1, max=1024, help="Processes that solve.")] = 1,
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers solve.")
-    ] = None,
+    workers: WorkersOption = 1,
+    scheduler: SchedulerOption = None,
 ) -> None:
     """Identify the parameters of MODEL from a record and write a report."""
     from bwbn_bayes.cli.files import writable, write_result
@@ -231,6 +235,8 @@ def discover(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from a run with the same --out that was stopped.")
     ] = False,
+    workers: WorkersOption = 1,
+    scheduler: SchedulerOption = None,
 ) -> None:
     """Find what MODEL lacks to explain a record, with probabilities, and write the improved model and a report."""
     from bwbn_bayes.cli.files import writable, write_discovery_files
@@ -239,6 +245,8 @@ def discover(
     from bwbn_bayes.engines.journal import forget
     from bwbn_bayes.report.discovery_text import discovery_in_words
 
+    if scheduler is not None:
+        require_installed("distributed", "--scheduler")
     file = _loaded(model, columns, *(record or ()), None if held_out in ("end", "repeats") else held_out)
     directory = writable(out or Path("reports") / f"{file.name}_discovery")
     settings = DiscoverySettings(
@@ -246,6 +254,8 @@ def discover(
         particles=particles or DiscoverySettings.particles,
         time_limit_s=time_limit,
         checkpoint=directory / UNFINISHED_SEARCH,
+        workers=workers,
+        scheduler=scheduler,
     )
     if not resume:
         forget(directory / UNFINISHED_SEARCH)

@@ -56,7 +56,7 @@ def alternatives_check(posterior: Posterior, point: Floats) -> tuple[Check, ...]
     )
     limit = float(np.log(max(len(found), 1) / _CHANCE))
     heard = found if heard_rests(posterior, point) else ()
-    scored = scores(on_one_thread(posterior), heard, point, n_workers=1) if heard else ()
+    scored = scores(on_one_thread(posterior), heard, point) if heard else ()
     ranked = sorted(zip(scored, heard, strict=True), key=lambda pair: -pair[0].nats)
     if not ranked:
         return _check(0.0, limit, "Nothing is left that an effect of the catalogue could explain.")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+
+from bwbn_bayes.discovery.workers import ONE_THREAD, Workers
 
 _EVERY = 2.0
 """Between two messages at least. [s]"""
@@ -36,7 +37,7 @@ class Progress:
 
 @dataclass(frozen=True, kw_only=True)
 class Pace:
-    """Whether there is time, and who is told; by default there is all of it, and nobody is.
+    """Who works, whether there is time, and who is told; by default one thread, all of it, and nobody.
 
     Parameters
     ----------
@@ -44,49 +45,45 @@ class Pace:
         Asked before each item; where it says so, the item is left out.
     tell : callable
         Told how far a stage is, in words and numbers.
+    workers : Workers
+        Make something of items.
     """
 
     must_stop: Callable[[], bool] = lambda: False
     tell: Callable[[str, Progress], None] = lambda *_: None
+    workers: Workers = ONE_THREAD
 
     def each[T, R](
         self,
         function: Callable[[T], R],
         items: Sequence[T],
-        n_workers: int,
         done: str,
         size: Callable[[T], int] = lambda _: 1,
     ) -> Iterator[tuple[T, R]]:
-        """Items with what a function makes of each, in order, so many at a time; without those there was no time for.
+        """Items with what a function makes of each, in order; without those there was no time for.
 
         Parameters
         ----------
         function : callable
-            Runs on threads, whose timing changes nothing but how many items a limit leaves out.
+            As for :meth:`Workers.each`; the workers' timing changes nothing but how many items a limit leaves out.
         items : sequence
-        n_workers : int
         done : str
             What was done, its number in braces: ``fitted {} hypotheses``.
         size : callable
             Hypotheses in an item.
         """
-
-        def attempt(item: T) -> tuple[R] | None:
-            return None if self.must_stop() else (function(item),)
-
         began = told = time.perf_counter()
         n_all, n_done, n_told = sum(map(size, items)), 0, 0
-        with ThreadPoolExecutor(max_workers=n_workers) as pool:
-            for item, made in zip(items, pool.map(attempt, items), strict=True):
-                if made is None:
-                    continue
-                n_done, now = n_done + size(item), time.perf_counter()
-                if n_done < n_all and now - told >= _EVERY and n_done - n_told >= _SHARE * n_all:
-                    left = (now - began) / n_done * (n_all - n_done)
-                    progress = Progress(n_done=n_done, n_all=n_all, left_s=left)
-                    self.tell(progress.in_words(done), progress)
-                    told, n_told = now, n_done
-                yield item, made[0]
+        for item, made in zip(items, self.workers.each(function, items, self.must_stop), strict=True):
+            if made is None:
+                continue
+            n_done, now = n_done + size(item), time.perf_counter()
+            if n_done < n_all and now - told >= _EVERY and n_done - n_told >= _SHARE * n_all:
+                left = (now - began) / n_done * (n_all - n_done)
+                progress = Progress(n_done=n_done, n_all=n_all, left_s=left)
+                self.tell(progress.in_words(done), progress)
+                told, n_told = now, n_done
+            yield item, made[0]
 
 
 UNHURRIED = Pace()

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bwbn_bayes.discovery.evidence import (
+    Evidence,
     autoregressive,
     autoregressive_bound,
     autoregressive_outlook,
@@ -18,7 +19,7 @@ from bwbn_bayes.discovery.evidence import (
 from bwbn_bayes.discovery.explanation import SPECIMEN, Explanation, Key, Place
 from bwbn_bayes.discovery.probability import Beliefs, beliefs
 from bwbn_bayes.discovery.race import FAR
-from bwbn_bayes.discovery.run import Run, beside
+from bwbn_bayes.discovery.run import Run
 from bwbn_bayes.discovery.scheme import finely_solved
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior
@@ -184,7 +185,7 @@ class Pool:
             ranked = sorted(searched, key=lambda key: -self.first[key])
             near = [key for key in ranked if self.first[key] > self.first[ranked[0]] - _COLOURED_REACH]
             wanted = [key for key in near if key not in self._fine][:_MOST_FINE]
-            found = beside(finely_solved, [searched[key] for key in wanted], self.run.settings.n_workers)
+            found = self.run.beside(finely_solved, [searched[key] for key in wanted])
             self._fine.update(wanted)
             changed = [one for one, key in zip(found, wanted, strict=True) if one is not searched[key]]
             for one in changed:
@@ -209,7 +210,7 @@ class Pool:
             promising = [k for k in promising if known[k] + autoregressive_outlook(*_at(self.plain[k])) > best - FAR]
         for key in promising:
             self.run.say(f"weighing {self.plain[key].label} under autoregressive errors")
-        found = beside(lambda k: autoregressive(*_at(self.plain[k])), promising, self.run.settings.n_workers)
+        found = self.run.beside(_coloured, [self.plain[key] for key in promising])
         for key, evidence in zip(promising, found, strict=True):
             if evidence.log_evidence > self.plain[key].evidence.log_evidence:
                 self.plain[key] = replace(self.plain[key], evidence=evidence)
@@ -220,7 +221,7 @@ class Pool:
         ranked = sorted(searched, key=lambda key: -self.first[key])[:n]
         wanted = [key for key in ranked if key not in self._alone]
         self._alone.update(wanted)
-        found = beside(lambda key: law_alone(*_at(searched[key])), wanted, self.run.settings.n_workers)
+        found = self.run.beside(_alone, [searched[key] for key in wanted])
         for key, evidence in zip(wanted, found, strict=True):
             known = self.plain.get(key)
             if known is None or evidence.log_evidence > known.evidence.log_evidence:
@@ -262,3 +263,11 @@ class Pool:
 
 def _at(one: Explanation) -> tuple[Posterior, tuple[Mode, ...]]:
     return one.posterior, one.modes
+
+
+def _coloured(one: Explanation) -> Evidence:
+    return autoregressive(*_at(one))
+
+
+def _alone(one: Explanation) -> Evidence:
+    return law_alone(*_at(one))

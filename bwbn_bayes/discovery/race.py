@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,6 @@ def race(
     hypotheses: Sequence[Hypothesis],
     base_points: Floats,
     *,
-    n_workers: int,
     guess: bool = True,
     progress: Callable[[str], None] | None = None,
     pace: Pace = UNHURRIED,
@@ -118,14 +117,12 @@ def race(
         With that model as their base.
     base_points : (n, n_dim) array
         Fits of the present model, in its unit cube: to the whole record and to its beginning.
-    n_workers : int
-        Hypotheses fitted at once.
     guess : bool
         Whether fits start from guessed sizes too; where the residual is noise, the scores' own steps are enough.
     progress : callable, optional
         Told the best hypothesis after each round.
     pace : Pace
-        Whether there is time, and who is told how far it is.
+        Who fits, whether there is time, and who is told how far it is.
     """
     fits: dict[Hypothesis, Fit] = {}
     at_one_place = {h.symbols for h in hypotheses if len(h.storeys) < 2}
@@ -141,14 +138,13 @@ def race(
         joining = [h for h in everywhere if h.symbols in leading] if number == 1 else []
         kept = [*kept[:n_kept], *joining]
 
-        def further(family: Family, n: int = n_iterations) -> list[Fit]:
-            if all(member in fits for member in family.members):
-                n_kept_points = min(max(_BLOCK // len(family.members), _FEWEST), _MOST)
-                return _go_on(present, family, [fits[member] for member in family.members], n_kept_points, n)
-            return _fit_family(present, family, _starts(present, family, base_points[0], fitted_before), n)
-
+        entering = [
+            _Entry(family=family, fits=tuple(fits[member] for member in family.members if member in fits))
+            for family in families(kept)
+        ]
+        further = partial(_further, present, base_points[0], fitted_before, n_iterations)
         done = "fitted {} hypotheses" if number == 0 else "refined {} leading hypotheses"
-        ended = pace.each(further, families(kept), n_workers, done, size=lambda family: len(family.members))
+        ended = pace.each(further, entering, done, size=lambda entry: len(entry.family.members))
         fitted = {fit.hypothesis: fit for _, found in ended for fit in found}
         if not fitted:
             break
@@ -159,6 +155,29 @@ def race(
         if progress is not None and kept:
             progress(f"best so far: {kept[0].label}")
     return tuple(sorted(fits.values(), key=lambda fit: -fit.log_likelihood))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Entry:
+    """A family in a round, with the fits of those of its members that were fitted before."""
+
+    family: Family
+    fits: tuple[Fit, ...]
+
+
+def _further(
+    present: Posterior,
+    point: Floats,
+    known: Sequence[tuple[Floats, Slopes]],
+    n_iterations: int,
+    entry: _Entry,
+) -> list[Fit]:
+    """A family fitted by so many iterations: from where its members were, or from starts."""
+    family = entry.family
+    if len(entry.fits) == len(family.members):
+        n_kept = min(max(_BLOCK // len(family.members), _FEWEST), _MOST)
+        return _go_on(present, family, entry.fits, n_kept, n_iterations)
+    return _fit_family(present, family, _starts(present, family, point, known), n_iterations)
 
 
 def in_reach(fits: Sequence[Fit]) -> list[Fit]:

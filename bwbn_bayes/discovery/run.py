@@ -5,20 +5,22 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
+from bwbn_bayes.discovery.elsewhere import Elsewhere
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pace import Pace, Progress
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.discovery.score import Score, scores
 from bwbn_bayes.discovery.unfinished import Unfinished
+from bwbn_bayes.discovery.workers import Threads, Workers
 from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.engines.executors import Executor
 from bwbn_bayes.engines.lanes import Lanes, usable_processors
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
@@ -43,7 +45,11 @@ class DiscoverySettings:
     particles : int
         Effective draws of the final posterior.
     n_workers : int
-        Hypotheses fitted at once.
+        Threads of this process: hypotheses fitted at once where no other process fits them.
+    workers : int
+        Processes that fit hypotheses; with one, the threads of this process do.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers fit them instead.
     effects : tuple of Effect classes, optional
         Those to consider; the whole catalogue by default.
     time_limit_s : float, optional
@@ -54,7 +60,7 @@ class DiscoverySettings:
     Raises
     ------
     UserError
-        If the time limit is no positive number.
+        If the time limit is no positive number, or there are fewer workers than one.
     """
 
     seed: int = 1
@@ -62,6 +68,8 @@ class DiscoverySettings:
     most_rounds: int = 4
     particles: int = 2000
     n_workers: int = usable_processors()
+    workers: int = 1
+    scheduler: str | None = None
     effects: tuple[type[Effect], ...] | None = None
     time_limit_s: float | None = None
     checkpoint: Path | None = None
@@ -70,6 +78,8 @@ class DiscoverySettings:
         limit = self.time_limit_s
         if limit is not None and not 0.0 < limit < np.inf:
             raise UserError(f"time limit: {limit:g} s is no time to search in, give a positive number of seconds")
+        if self.workers < 1:
+            raise UserError(f"workers is {self.workers}, it must be a whole number from 1 on")
 
 
 @dataclass
@@ -81,6 +91,8 @@ class Run:
     listener: Listener | None
     name: str = "model"
     """The model's, in reports."""
+    executor: Executor | None = None
+    """Whose workers fit hypotheses; the threads of this process where there is none."""
     began: float = field(default_factory=time.perf_counter)
     steps: list[Step] = field(default_factory=list)
     scored: tuple[Structure | None, tuple[tuple[Hypothesis, Score], ...]] = (None, ())
@@ -126,7 +138,16 @@ class Run:
     @property
     def pace(self) -> Pace:
         """Of its stages."""
-        return Pace(must_stop=self.must_stop, tell=self.say)
+        return Pace(must_stop=self.must_stop, tell=self.say, workers=self.workers)
+
+    @property
+    def workers(self) -> Workers:
+        """Those that fit hypotheses."""
+        return Threads(self.settings.n_workers) if self.executor is None else Elsewhere(self.executor)
+
+    def beside[T, R](self, function: Callable[[T], R], items: Sequence[T]) -> list[R]:
+        """What a function makes of each item, as :meth:`Workers.each` does, however late it is."""
+        return [made[0] for made in self.workers.each(function, items) if made is not None]
 
     def note(self, text: str) -> None:
         """Keep a sentence for the verdict, and tell the listener."""
@@ -137,12 +158,6 @@ class Run:
     def elapsed(self) -> float:
         """Seconds since the run began."""
         return time.perf_counter() - self.began
-
-
-def beside[T, R](function: Callable[[T], R], items: Sequence[T], n_workers: int) -> list[R]:
-    """What a function makes of each item, so many at a time: most fits fill a block or two, not the processors."""
-    with ThreadPoolExecutor(max_workers=n_workers) as pool:
-        return list(pool.map(function, items))
 
 
 def on_threads(posterior: Posterior, n_threads: int) -> Posterior:
@@ -189,5 +204,5 @@ def all_but(added: Sequence[Hypothesis], run: Run) -> tuple[Effect, ...]:
 
 def score_all(present: Explanation, every: Sequence[Hypothesis], run: Run) -> tuple[tuple[Hypothesis, Score], ...]:
     """What every hypothesis could gain at the present fit, to first order."""
-    found = scores(on_one_thread(present.posterior), every, present.best, n_workers=run.settings.n_workers)
+    found = scores(on_one_thread(present.posterior), every, present.best, workers=run.workers)
     return tuple(zip(every, found, strict=True))

@@ -14,13 +14,14 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
+from bwbn_bayes.discovery.workers import ONE_THREAD, Workers
 from bwbn_bayes.inference.accuracy import in_doubles
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.slopes import Slopes
@@ -68,7 +69,7 @@ class Score:
 
 
 def scores(
-    posterior: Posterior, hypotheses: Sequence[Hypothesis], point: Floats, *, n_workers: int
+    posterior: Posterior, hypotheses: Sequence[Hypothesis], point: Floats, *, workers: Workers = ONE_THREAD
 ) -> tuple[Score, ...]:
     """Score hypotheses at a point ``(n_dim,)`` of the unit cube of the present model.
 
@@ -80,20 +81,20 @@ def scores(
         With that model as their base.
     point : (n_dim,) array
         The present model's optimum.
-    n_workers : int
-        Families scored at once.
+    workers : Workers
+        Score families.
     """
     posterior = in_doubles(posterior)
     present = Slopes.at(posterior, point)
-    with ThreadPoolExecutor(max_workers=n_workers) as pool:
-        found = pool.map(lambda family: _score_family(posterior, family, point, present), families(hypotheses))
-        by_hypothesis = {hypothesis: one for part in found for hypothesis, one in part}
+    score, every = partial(_score_family, posterior, point, present), families(hypotheses)
+    found = (made[0] for made in workers.each(score, every) if made is not None)
+    members = (member for family in every for member in family.members)
+    by_hypothesis = dict(zip(members, (one for part in found for one in part), strict=True))
     return tuple(by_hypothesis[hypothesis] for hypothesis in hypotheses)
 
 
-def _score_family(
-    posterior: Posterior, family: Family, point: Floats, present: Slopes
-) -> list[tuple[Hypothesis, Score]]:
+def _score_family(posterior: Posterior, point: Floats, present: Slopes, family: Family) -> list[Score]:
+    """Of each member of a family."""
     view = family.posterior(posterior)
     asked = [(member, amplitude) for member in family.members for amplitude in member.amplitudes]
     best: dict[Hypothesis, Score] = {}
@@ -113,7 +114,7 @@ def _score_family(
         one = _best(member, amplitude, projected[owner == number])
         if member not in best or one.nats > best[member].nats:
             best[member] = one
-    return list(best.items())
+    return [best[member] for member in family.members]
 
 
 def _best(member: Hypothesis, amplitude: str, projected: Floats) -> Score:

@@ -204,7 +204,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     posterior = on_one_thread(parent.posterior)
     n_workers, pace = run.settings.n_workers, run.pace
     guess = first or parent.is_specimen
-    fits = race(posterior, every, parent.points, guess=guess, progress=run.say, n_workers=n_workers, pace=pace)
+    fits = race(posterior, every, parent.points, guess=guess, progress=run.say, pace=pace)
     fits = _solvable(fits, run)
     if not fits:
         return ()
@@ -304,7 +304,7 @@ def _in_free_shape(base: Explanation, every: Sequence[Hypothesis], run: Run) -> 
     n_workers, pace = run.settings.n_workers, run.pace
     run.say(f"fitting {' and '.join(one.label for one in every)}")
     posterior = on_one_thread(base.posterior)
-    fits = _solvable(race(posterior, every, base.points, n_workers=n_workers, pace=pace), run)
+    fits = _solvable(race(posterior, every, base.points, pace=pace), run)
     if not fits:
         return []
     fits = widened(fits, n_threads=n_workers, pace=pace)

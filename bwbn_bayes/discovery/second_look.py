@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -58,7 +59,7 @@ def widened(fits: Sequence[Fit], *, n_threads: int, pace: Pace = UNHURRIED) -> t
         Those that there is no time for stay as they are.
     """
     everywhere = [fit for form in _leading_forms(fits) for fit in form]
-    return _again(fits, everywhere, lambda fit, _: _widened(fit, n_threads), n_threads, pace)
+    return _again(fits, everywhere, partial(_widened, n_threads=n_threads), pace)
 
 
 def rescanned(fits: Sequence[Fit], *, n_threads: int, pace: Pace = UNHURRIED) -> tuple[Fit, ...]:
@@ -73,7 +74,7 @@ def rescanned(fits: Sequence[Fit], *, n_threads: int, pace: Pace = UNHURRIED) ->
     pace : Pace
         Those that there is no time for stay as they are.
     """
-    return _again(fits, leading(in_reach(fits)), lambda fit, _: _rescanned(fit, n_threads), n_threads, pace)
+    return _again(fits, leading(in_reach(fits)), partial(_rescanned, n_threads=n_threads), pace)
 
 
 def searched(
@@ -95,16 +96,13 @@ def searched(
         Those that there is no time for stay as they are.
     """
     many = [fit for fit in fits if len(fit.hypothesis.symbols) >= _SPARSE and len(fit.hypothesis.storeys) < 2]
-    return _again(
-        fits, (*leading(fits, _SEARCHED), *many), lambda fit, own: _searched(fit, own, n_threads), n_threads, pace, rng
-    )
+    return _again(fits, (*leading(fits, _SEARCHED), *many), partial(_searched, n_threads=n_threads), pace, rng)
 
 
 def _again(
     fits: Sequence[Fit],
     wanted: Sequence[Fit],
     look: Callable[[Fit, np.random.Generator], Fit],
-    n_workers: int,
     pace: Pace,
     rng: np.random.Generator | None = None,
 ) -> tuple[Fit, ...]:
@@ -112,9 +110,13 @@ def _again(
     once = list({id(fit): fit for fit in wanted}.values())
     streams = (rng or np.random.default_rng(0)).spawn(len(once))
     pairs = list(zip(once, streams, strict=True))
-    found = pace.each(lambda pair: look(*pair), pairs, n_workers, "looked again at {} leading hypotheses")
+    found = pace.each(partial(_looked, look), pairs, "looked again at {} leading hypotheses")
     seen = {id(fit): new for (fit, _), new in found}
     return tuple(sorted((seen.get(id(fit), fit) for fit in fits), key=lambda fit: -fit.log_likelihood))
+
+
+def _looked(look: Callable[[Fit, np.random.Generator], Fit], pair: tuple[Fit, np.random.Generator]) -> Fit:
+    return look(*pair)
 
 
 def leading(fits: Sequence[Fit], n_forms: int | None = None) -> tuple[Fit, ...]:
@@ -144,7 +146,7 @@ def _beyond(fit: Fit) -> tuple[str, ...]:
     )
 
 
-def _widened(fit: Fit, n_threads: int) -> Fit:
+def _widened(fit: Fit, _rng: np.random.Generator, *, n_threads: int) -> Fit:
     for _ in range(_MOST_TIMES):
         symbols = _beyond(fit)
         if not symbols:
@@ -156,7 +158,7 @@ def _widened(fit: Fit, n_threads: int) -> Fit:
     return fit
 
 
-def _rescanned(fit: Fit, n_threads: int) -> Fit:
+def _rescanned(fit: Fit, _rng: np.random.Generator, *, n_threads: int) -> Fit:
     space, hypothesis = fit.posterior.space, fit.hypothesis
     scanned = [space.names.index(name) for name in hypothesis.brought if name not in hypothesis.amplitudes]
     if not scanned:
@@ -180,7 +182,7 @@ def _rescanned(fit: Fit, n_threads: int) -> Fit:
     return _fitted(fit, np.concatenate([fit.distinct(_N_POINTS // 2), points]), n_threads)
 
 
-def _searched(fit: Fit, rng: np.random.Generator, n_threads: int) -> Fit:
+def _searched(fit: Fit, rng: np.random.Generator, *, n_threads: int) -> Fit:
     view = on_threads(fit.posterior, n_threads)
     try:
         modes = find_modes(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from bwbn_bayes.discovery.evidence import autoregressive, autoregressive_bound, 
 from bwbn_bayes.discovery.explanation import Explanation, Key
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import Run, all_but, on_one_thread, on_threads
+from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.inference.unnamed import N_KINDS, UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.further_link import further_links
 from bwbn_bayes.inference.unnamed.reading import ReadingError, reading_errors
@@ -20,8 +22,19 @@ from bwbn_bayes.inference.unnamed.storey import unnamed_forces
 _N_UNNAMED = 8
 """Explanations that are weighed to first order at most, beside those that have less than the best."""
 
-_Asked = tuple[Explanation, float, np.random.Generator, Run]
-"""An explanation, how far it is behind the best [nat], and a random stream of its own."""
+
+class _Asked(NamedTuple):
+    """What is asked of an explanation."""
+
+    one: Explanation
+    behind: float
+    """How far it is behind the best. [nat]"""
+    rng: np.random.Generator
+    """Of its own."""
+    others: tuple[Effect, ...]
+    """Effects that share the law of all with its own."""
+    n_threads: int
+    """For solves of what is found."""
 
 
 def follow(pool: Pool, run: Run) -> None:
@@ -72,11 +85,12 @@ def _ask(kind: Callable[[_Asked], list[Explanation]], keys: Iterable[Key], pool:
     if not wanted or run.must_stop():
         return
     streams = run.rng.spawn(len(wanted))
-    asked = [(pool.plain[key], float(behind[key]), own, run) for key, own in zip(wanted, streams, strict=True)]
+    asked = [
+        _Asked(pool.plain[key], float(behind[key]), own, all_but(pool.plain[key].added, run), run.settings.n_workers)
+        for key, own in zip(wanted, streams, strict=True)
+    ]
     run.say(f"fitting {what} beside {len(asked)} explanations")
-    for (one, *_), found in run.pace.each(
-        kind, asked, run.settings.n_workers, f"fitted {what} beside {{}} explanations"
-    ):
+    for (one, *_), found in run.pace.each(kind, asked, f"fitted {what} beside {{}} explanations"):
         pool.asked.add((one.effects_key, what))
         for own in found:
             pool.add_unnamed(own)
@@ -84,22 +98,22 @@ def _ask(kind: Callable[[_Asked], list[Explanation]], keys: Iterable[Key], pool:
 
 def _with_reading_errors(asked: _Asked) -> list[Explanation]:
     """An explanation with an error of no known kind in each channel."""
-    one, *_, run = asked
+    one = asked.one
     found = reading_errors(on_one_thread(one.posterior), one.points, UNNAMED_SCALE)
-    return [_with_reading_error(one, own, run) for own in found]
+    return [_with_reading_error(one, own, asked.n_threads) for own in found]
 
 
-def _with_reading_error(one: Explanation, found: ReadingError, run: Run) -> Explanation:
-    evidence = laplace(on_threads(found.posterior, run.settings.n_workers), found.modes)
+def _with_reading_error(one: Explanation, found: ReadingError, n_threads: int) -> Explanation:
+    evidence = laplace(on_threads(found.posterior, n_threads), found.modes)
     return replace(one, unnamed=found.channel, estimate=found, evidence=evidence)
 
 
 def _with_further_links(asked: _Asked) -> list[Explanation]:
     """An explanation with a link between each two floors that none joins, as likely beforehand as a force's kinds."""
-    one, *_, run = asked
+    one = asked.one
     found: list[Explanation] = []
     for link in further_links(on_one_thread(one.posterior), one.points):
-        posterior = on_threads(link.posterior, run.settings.n_workers)
+        posterior = on_threads(link.posterior, asked.n_threads)
         own, modes = laplace(posterior, link.modes), link.modes
         evidence = replace(own, log_evidence=own.log_evidence - float(np.log(N_KINDS)))
         found.append(
@@ -110,9 +124,9 @@ def _with_further_links(asked: _Asked) -> list[Explanation]:
 
 def _to_first_order(asked: _Asked) -> list[Explanation]:
     """An explanation with an unnamed force in each storey, and in all."""
-    one, behind, _, run = asked
+    one = asked.one
     posterior, best = on_one_thread(one.evidence.posterior), one.evidence.modes[0].point
-    found = unnamed_forces(posterior, best, UNNAMED_SCALE, all_but(one.added, run), matters=behind)
+    found = unnamed_forces(posterior, best, UNNAMED_SCALE, asked.others, matters=asked.behind)
     evidence = one.evidence
     return [
         replace(
@@ -127,14 +141,14 @@ def _to_first_order(asked: _Asked) -> list[Explanation]:
 
 def _with_state_forces(asked: _Asked) -> list[Explanation]:
     """An explanation with a force of one state of a storey."""
-    one, _, rng, run = asked
-    found = state_forces(on_one_thread(one.posterior), one.points, UNNAMED_SCALE, rng)
-    return [_of_state(one, force, run) for force in found]
+    one = asked.one
+    found = state_forces(on_one_thread(one.posterior), one.points, UNNAMED_SCALE, asked.rng)
+    return [_of_state(one, force, asked.n_threads) for force in found]
 
 
-def _of_state(one: Explanation, force: StateForce, run: Run) -> Explanation:
+def _of_state(one: Explanation, force: StateForce, n_threads: int) -> Explanation:
     """With a force of one state, under white errors or autoregressive ones, as is more probable."""
-    posterior = on_threads(force.posterior, run.settings.n_workers)
+    posterior = on_threads(force.posterior, n_threads)
     found = laplace(posterior, force.modes)
     # One of many kinds of such a force, of unknown scale and smoothness.
     weighed = found.log_evidence + force.gain_over - float(np.log(N_KINDS))

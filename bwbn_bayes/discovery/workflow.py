@@ -26,6 +26,7 @@ from bwbn_bayes.discovery.scheme import scheme_for_right_model
 from bwbn_bayes.discovery.search import search
 from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.engines.executors import opened
 from bwbn_bayes.engines.journal import Journal
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
@@ -88,8 +89,8 @@ def discover(
     Raises
     ------
     UserError
-        If the model identifies nothing, the record measures nothing, they do not belong together, or the record has
-        no end or no repeat cycles to hold out.
+        If the model identifies nothing, the record measures nothing, they do not belong together, the record has
+        no end or no repeat cycles to hold out, or no scheduler answers.
     """
     require_suitable(model, record, held_out if isinstance(held_out, Record) else None, name)
     record, apart = set_apart(model, record, held_out)
@@ -99,7 +100,10 @@ def discover(
         run.say(f"keeping apart the {apart.label}")
     _tell_limits(model, record, run)
     record = _with_noise(_thinned(record, run), run)
-    with nullcontext() if settings.checkpoint is None else Journal.opened(settings.checkpoint) as journal:
+    with (
+        nullcontext() if settings.checkpoint is None else Journal.opened(settings.checkpoint) as journal,
+        opened(settings.workers, settings.scheduler) as run.executor,
+    ):
         pool = search(_given(model, record, journal, run), run)
         return conclude(pool, apart, name, assumptions, run.binding, run)
 

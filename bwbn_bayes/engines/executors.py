@@ -1,4 +1,4 @@
-"""Solving on more than this process: batches of draws go through an executor, here or on other machines.
+"""Solving on more than this process: batches of draws, or whole fits, go through an executor, here or elsewhere.
 
 A draw's result does not depend on which others share its batch, so a batch may be cut anywhere between blocks of lanes
 and sent to whoever is free: the answers are the same bits, however many workers there are, on processors of one kind.
@@ -10,11 +10,11 @@ from __future__ import annotations
 import hashlib
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass, replace
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import Any, ClassVar, Protocol, cast
 
 import cloudpickle
@@ -30,6 +30,8 @@ from bwbn_bayes.structures.structure import Structure
 
 _PIECES_PER_WORKER = 2
 """Pieces of a batch that each worker gets if it is large enough: a slow or lost one then holds up less."""
+_AT_ONCE = 2
+"""Pieces that each worker has at a time, one of them waiting: none waits for the network."""
 _ATTEMPTS = 5
 """Times that pieces are sent again after a worker died."""
 
@@ -38,31 +40,55 @@ Piece = tuple[Floats, Booleans | None]
 
 
 class Executor(Protocol):
-    """Solves pieces somewhere."""
+    """Runs a task on pieces of a problem somewhere."""
 
     @property
     def n_workers(self) -> int:
-        """Pieces that are solved at once."""
+        """Pieces that are worked on at once."""
         ...
 
-    def run(self, problem: bytes, pieces: Sequence[Piece]) -> list[tuple[Floats, ...]]:
-        """Solve pieces of a problem, as :func:`solve` does, in their order; those of a lost worker again."""
+    def each[P, R](
+        self,
+        task: Callable[[bytes, P], R],
+        problem: bytes,
+        pieces: Sequence[P],
+        must_stop: Callable[[], bool] = lambda: False,
+    ) -> Iterator[R | None]:
+        """What a task makes of each piece, in their order, those of a lost worker again.
+
+        Parameters
+        ----------
+        task : callable
+            Of a module, such as :func:`solve`; takes the problem and a piece, and makes no None.
+        problem : bytes
+            What all pieces have in common.
+        pieces : sequence
+        must_stop : callable, optional
+            Asked before each piece is sent; where it says so, that one and those after it come to None.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class Serial:
-    """Solves in this process, one piece after the other."""
+    """Works in this process, on one piece after the other."""
 
     n_workers = 1
 
-    def run(self, problem: bytes, pieces: Sequence[Piece]) -> list[tuple[Floats, ...]]:
-        """Solve pieces in order."""
-        return [solve(problem, piece) for piece in pieces]
+    def each[P, R](
+        self,
+        task: Callable[[bytes, P], R],
+        problem: bytes,
+        pieces: Sequence[P],
+        must_stop: Callable[[], bool] = lambda: False,
+    ) -> Iterator[R | None]:
+        """One piece when it is asked for."""
+        for piece in pieces:
+            yield None if must_stop() else task(problem, piece)
 
 
 class Processes:
-    """Solves in processes of this machine, one thread each.
+    """Works in processes of this machine, one thread each.
 
     Parameters
     ----------
@@ -74,17 +100,25 @@ class Processes:
         self.n_workers = n_workers
         self._pool = self._started()
 
-    def run(self, problem: bytes, pieces: Sequence[Piece]) -> list[tuple[Floats, ...]]:
-        """Solve pieces; where a process died, its pieces and those that waited go to new ones."""
-        done: dict[int, tuple[Floats, ...]] = {}
+    def each[P, R](
+        self,
+        task: Callable[[bytes, P], R],
+        problem: bytes,
+        pieces: Sequence[P],
+        must_stop: Callable[[], bool] = lambda: False,
+    ) -> Iterator[R | None]:
+        """Work on pieces; where a process died, its pieces and those that waited go to new ones."""
+
+        def send(piece: P) -> Future[R]:
+            return self._pool.submit(task, problem, piece)
+
+        n_done = 0
         for _ in range(_ATTEMPTS):
             try:
-                sent: dict[int, Future[tuple[Floats, ...]]] = {
-                    i: self._pool.submit(solve, problem, piece) for i, piece in enumerate(pieces) if i not in done
-                }
-                for i, future in sent.items():
-                    done[i] = future.result()
-                return [done[i] for i in range(len(pieces))]
+                for found in _in_order(send, pieces[n_done:], self.n_workers, must_stop):
+                    yield found
+                    n_done += 1
+                return
             except BrokenProcessPool:
                 self.close()
                 self._pool = self._started()
@@ -101,7 +135,7 @@ class Processes:
 
 
 class Dask:
-    """Solves on the workers of a Dask scheduler, which sends lost pieces again by itself.
+    """Works on the workers of a Dask scheduler, which sends lost pieces again by itself.
 
     Parameters
     ----------
@@ -122,6 +156,7 @@ class Dask:
         try:
             self._client = Client(address, timeout="10s", set_as_default=False)
             self._client.wait_for_workers(1, timeout=60)
+            self._pool = self._client.get_executor(pure=False)
         except (OSError, ValueError, TimeoutError) as error:
             raise UserError(f"--scheduler {address}: no scheduler with a worker answers there ({error})") from error
 
@@ -130,17 +165,43 @@ class Dask:
         """Threads of all workers there are now."""
         return max(1, int(sum(self._client.nthreads().values())))
 
-    def run(self, problem: bytes, pieces: Sequence[Piece]) -> list[tuple[Floats, ...]]:
-        """Solve pieces on whichever workers there are."""
+    def each[P, R](
+        self,
+        task: Callable[[bytes, P], R],
+        problem: bytes,
+        pieces: Sequence[P],
+        must_stop: Callable[[], bool] = lambda: False,
+    ) -> Iterator[R | None]:
+        """Work on pieces on whichever workers there are."""
         # A task of its own, not scattered data: lost with its worker, it is made again.
         name = hashlib.sha256(problem).hexdigest()
         source = self._client.submit(bytes, problem, key=f"bwbn-problem-{name}")
-        futures = [self._client.submit(solve, source, piece, pure=False) for piece in pieces]
-        return cast("list[tuple[Floats, ...]]", self._client.gather(futures))
+        yield from _in_order(partial(self._pool.submit, task, source), pieces, self.n_workers, must_stop)
 
     def close(self) -> None:
         """Leave the scheduler."""
         self._client.close()
+
+
+def _in_order[P, R](
+    send: Callable[[P], Future[R]], pieces: Sequence[P], n_workers: int, must_stop: Callable[[], bool]
+) -> Iterator[R | None]:
+    """What comes of pieces, in their order, however they end; a few are sent at a time."""
+    sent: list[Future[R] | None] = []
+    running: set[Future[R]] = set()
+    for number in range(len(pieces)):
+        while True:
+            running = {one for one in running if not one.done()}
+            while len(sent) < len(pieces) and len(running) < _AT_ONCE * n_workers:
+                future = None if must_stop() else send(pieces[len(sent)])
+                sent.append(future)
+                running |= {future} if future is not None else set()
+            own = sent[number]
+            if own is None or own.done():
+                break
+            wait(running, return_when=FIRST_COMPLETED)
+        yield None if own is None else own.result()
+        sent[number] = None
 
 
 def solve(problem: bytes, piece: Piece) -> tuple[Floats, ...]:
@@ -171,16 +232,29 @@ def _unpacked(problem: bytes) -> tuple[str, Engine, Structure, Record]:
 
 
 @contextmanager
-def spread(engine: Engine, workers: int, scheduler: str | None) -> Iterator[Engine]:
-    """An engine whose batches go to workers; the same one where there is neither a scheduler nor a second worker."""
+def opened(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
+    """What works beside this process; None where there is neither a scheduler nor a second worker.
+
+    Raises
+    ------
+    UserError
+        If Dask is missing, or no scheduler or worker answers.
+    """
     if scheduler is None and workers == 1:
-        yield engine
+        yield None
         return
     executor = Dask(scheduler) if scheduler is not None else Processes(workers)
     try:
-        yield spread_over(engine, executor)
+        yield executor
     finally:
         executor.close()
+
+
+@contextmanager
+def spread(engine: Engine, workers: int, scheduler: str | None) -> Iterator[Engine]:
+    """An engine whose batches go to workers; the same one where there is neither a scheduler nor a second worker."""
+    with opened(workers, scheduler) as executor:
+        yield engine if executor is None else spread_over(engine, executor)
 
 
 def spread_over(engine: Engine, executor: Executor) -> Engine:
@@ -243,5 +317,5 @@ class _Spreading:
         size = LANES * -(-n_blocks // (_PIECES_PER_WORKER * self.n_workers))
         rows = [slice(start, start + size) for start in range(0, len(draws), size)]
         pieces: list[Piece] = [(draws[some], None if free is None else free[some]) for some in rows]
-        parts = self.executor.run(problem, pieces)
+        parts = cast("Iterator[tuple[Floats, ...]]", self.executor.each(solve, problem, pieces))
         return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))

@@ -24,7 +24,7 @@ from dataclasses import field, fields, make_dataclass, replace
 from functools import cache
 from io import BytesIO, FileIO
 from pathlib import Path
-from typing import Any, Self, cast
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -49,6 +49,16 @@ Check = Callable[[tuple[Floats, ...]], bool]
 """Whether arrays over all draws are what would be solved here."""
 
 
+class Carried(NamedTuple):
+    """What another process must know of a journal."""
+
+    path: Path
+    content: bytes
+    """What it held when it was opened."""
+    believed: frozenset[str]
+    """Kinds of answers that were checked."""
+
+
 class Journal:
     """Answers by question; opened with :meth:`opened`.
 
@@ -56,12 +66,13 @@ class Journal:
     ----------
     path : Path
         Name of the checkpoint, without suffix.
-    file : raw file
+    file : raw file, or in memory
         Open for reading and writing, locked; without a buffer, which would be written once more when it is closed.
     """
 
-    def __init__(self, path: Path, file: FileIO) -> None:
-        self._path, self._file = path, file
+    def __init__(self, path: Path, file: FileIO | BytesIO) -> None:
+        self.path, self._file = path, file
+        self._n_before = 0
         self._places: dict[bytes, tuple[int, int]] = {}
         self._believed: set[str] = set()
         self._lock = threading.Lock()
@@ -89,6 +100,33 @@ class Journal:
             with writing(f"checkpoint {path}", "choose another place"):
                 journal._read()
             yield journal
+
+    @classmethod
+    def in_memory(cls, carried: Carried) -> Self:
+        """A journal in another process; what it has :attr:`added` its owner will :meth:`take`."""
+        journal = cls(carried.path, BytesIO(carried.content))
+        journal._read()
+        journal._believed |= carried.believed
+        return journal
+
+    @property
+    def carried(self) -> Carried:
+        """What another process must know of it."""
+        return Carried(self.path, self._between(0, self._n_before), frozenset(self._believed))
+
+    @property
+    def added(self) -> bytes:
+        """What it has taken up since it was opened."""
+        return self._between(self._n_before, -1)
+
+    def take(self, added: bytes) -> None:
+        """Keep what one in another process has :attr:`added`."""
+        if self._file.closed:
+            return
+        other = Journal.in_memory(Carried(self.path, _TITLE + added, frozenset()))
+        for question, (begins, length) in other._places.items():
+            if question not in self._places:
+                self._append_payload(question, other._between(begins - _HASH, _HASH + length))
 
     def kept(
         self, kind: str, question: bytes, n_draws: int, solve: Solve, *, is_right: Check | None = None
@@ -118,13 +156,13 @@ class Journal:
         if kind not in self._believed:
             right = _are_solved_again(answer, solve) if is_right is None else is_right(answer)
             if not right:
-                raise UserError(f"checkpoint {self._path}: what it holds is not what is solved here; {self._advice}")
+                raise UserError(f"checkpoint {self.path}: what it holds is not what is solved here; {self._advice}")
             self._believed.add(kind)
         return answer
 
     @property
     def _advice(self) -> str:
-        return f"delete {_solves(self._path)} to start anew"
+        return f"delete {_solves(self.path)} to start anew"
 
     def _read(self) -> None:
         """Find every whole entry; the file ends after the last one."""
@@ -132,21 +170,24 @@ class Journal:
         title = self._file.read(len(_TITLE))
         if not title:
             self._write(_TITLE)
+            self._n_before = len(_TITLE)
             return None
         if title != _TITLE:
             if _TITLE.startswith(title):  # killed while it was begun
                 self._file.seek(0)
                 self._file.truncate()
                 return self._read()
-            raise UserError(f"checkpoint {self._path}: {_solves(self._path)} is another file; give another name")
+            raise UserError(f"checkpoint {self.path}: {_solves(self.path)} is another file; give another name")
         end = self._file.tell()
-        size = os.fstat(self._file.fileno()).st_size
+        size = self._file.seek(0, os.SEEK_END)
+        self._file.seek(end)
         while (payload := self._entry(size)) is not None:
             begins = end + _LENGTH.size + 2 * _HASH
             end = self._file.tell()
             self._places[payload[:_HASH]] = (begins, end - begins)
         self._file.truncate(end)
         self._file.seek(end)
+        self._n_before = end
         return None
 
     def _entry(self, size: int) -> bytes | None:
@@ -165,9 +206,11 @@ class Journal:
         stream.write(question)
         for array in answer:
             np.lib.format.write_array(stream, np.ascontiguousarray(array), allow_pickle=False)
-        payload = stream.getvalue()
+        self._append_payload(question, stream.getvalue())
+
+    def _append_payload(self, question: bytes, payload: bytes) -> None:
         head = _LENGTH.pack(len(payload)) + hashlib.sha256(payload).digest()
-        with self._lock, writing(f"checkpoint {self._path}", "what was solved before is kept; make room there"):
+        with self._lock, writing(f"checkpoint {self.path}", "what was solved before is kept; make room there"):
             begins = self._file.seek(0, os.SEEK_END) + len(head) + _HASH
             self._write(head + payload)
             self._places[question] = (begins, len(payload) - _HASH)
@@ -182,19 +225,23 @@ class Journal:
             self._file.truncate(begins)
             raise
 
-    def _answer(self, place: tuple[int, int], n_draws: int) -> tuple[Floats, ...]:
-        begins, length = place
+    def _between(self, begins: int, length: int) -> bytes:
+        """Bytes of the file; to its end where the length is -1."""
         with self._lock:
             self._file.seek(begins)
-            stream = BytesIO(self._file.read(length))
+            return self._file.read(length)
+
+    def _answer(self, place: tuple[int, int], n_draws: int) -> tuple[Floats, ...]:
+        _, length = place
+        stream = BytesIO(self._between(*place))
         arrays = []
         try:
             while stream.tell() < length:
                 arrays.append(np.lib.format.read_array(stream, allow_pickle=False))
         except UNREADABLE_ARRAYS as error:
-            raise UserError(f"checkpoint {self._path}: it cannot be read ({error}); {self._advice}") from error
+            raise UserError(f"checkpoint {self.path}: it cannot be read ({error}); {self._advice}") from error
         if not arrays or any(a.dtype != np.float64 or a.ndim == 0 or len(a) != n_draws for a in arrays):
-            raise UserError(f"checkpoint {self._path}: no run can have written what it holds; {self._advice}")
+            raise UserError(f"checkpoint {self.path}: no run can have written what it holds; {self._advice}")
         return tuple(arrays)
 
 

@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 
@@ -26,6 +27,9 @@ from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.blocks import by_block
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
+
+ALONE: ContextVar[bool] = ContextVar("ALONE", default=False)
+"""Whether it is solved on one thread, whatever an engine says: by a worker among others."""
 
 
 def usable_processors() -> int:
@@ -165,7 +169,7 @@ class Lanes:
         local[~np.all(np.isfinite(local), axis=(1, 2))] = np.nan
         n_law = len(model.law.parameters)
         blocks = [Block.of(local, n_law, problem.directions, start) for start in range(0, len(draws), LANES)]
-        if self.n_threads == 1 or len(blocks) == 1:
+        if self.n_threads == 1 or len(blocks) == 1 or ALONE.get():
             for block in blocks:
                 solve(block)
         else:

@@ -357,6 +357,10 @@ class Posterior:
     solves: SolveCount = field(default_factory=SolveCount)
     journal: Journal | None = field(default=None, repr=False)
 
+    def __getstate__(self) -> dict[str, object]:
+        """Its fields, for other processes: compiled conditions of the space take longer to send than to make."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
     @cached_property
     def space(self) -> ParameterSpace:
         """The model's identified parameters, then the noise's."""

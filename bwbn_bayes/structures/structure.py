@@ -86,6 +86,10 @@ class Structure:
         _check_places(self)
         _ = self.space
 
+    def __getstate__(self) -> dict[str, object]:
+        """Its fields: laws and compiled conditions are made again from them sooner than they are sent."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
     @property
     def joints(self) -> tuple[tuple[int, int], ...]:
         """The nodes that each link joins: the one that it stands on, the one where it ends."""

@@ -19,7 +19,10 @@ KINDS = ("errors", "links", "to first order", "of a state")
 
 
 def letter(name: str) -> Any:
-    return SimpleNamespace(name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1, free_shapes=())
+    effect = SimpleNamespace(moves_base=False)
+    return SimpleNamespace(
+        name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1, free_shapes=(), effect=effect
+    )
 
 
 A, B = letter("a"), letter("b")

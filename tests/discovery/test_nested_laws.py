@@ -65,7 +65,7 @@ def every(posterior: Posterior, point: Floats) -> tuple[Hypothesis, ...]:
 @cache
 def fits(name: str) -> dict[tuple[str, ...], Fit]:
     base = given(name)
-    found = race(base.posterior, every(base.posterior, base.best), base.points, n_workers=1)
+    found = race(base.posterior, every(base.posterior, base.best), base.points)
     return {fit.hypothesis.symbols: fit for fit in found}
 
 
@@ -90,7 +90,7 @@ def test_with_white_errors(name: str) -> None:
 def test_with_an_unnamed_force(name: str) -> None:
     plain = with_force(name)
     points = np.array([mode.point for mode in plain.modes[:3]])
-    found = race(plain.posterior, every(plain.posterior, points[0]), points, n_workers=1)
+    found = race(plain.posterior, every(plain.posterior, points[0]), points)
     least = plain.log_likelihood - WITHIN
     worse = {fit.hypothesis.label: fit.log_likelihood for fit in found if fit.log_likelihood < least}
     assert not worse, f"at least {least:.1f}"

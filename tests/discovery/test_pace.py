@@ -11,6 +11,7 @@ from rich.console import Console
 from bwbn_bayes.cli.console import told
 from bwbn_bayes.discovery import pace
 from bwbn_bayes.discovery.pace import UNHURRIED, Pace, Progress
+from bwbn_bayes.discovery.workers import Threads
 
 
 @pytest.mark.parametrize("n_workers", [1, 3])
@@ -19,7 +20,7 @@ def test_items_come_in_order_whatever_their_threads(n_workers: int) -> None:
         time.sleep(0.005 * (6 - n))
         return n * n
 
-    found = list(UNHURRIED.each(slow_at_first, range(6), n_workers, "squared {} numbers"))
+    found = list(Pace(workers=Threads(n_workers)).each(slow_at_first, range(6), "squared {} numbers"))
     assert found == [(n, n * n) for n in range(6)]
 
 
@@ -29,22 +30,22 @@ def test_what_there_is_no_time_for_is_left_out() -> None:
     def begin(n: int) -> None:
         begun.append(n)
 
-    found = Pace(must_stop=lambda: len(begun) == 2).each(begin, range(5), 1, "begun {}")
+    found = Pace(must_stop=lambda: len(begun) == 2).each(begin, range(5), "begun {}")
     assert [n for n, _ in found] == begun == [0, 1]
 
 
 def test_what_fails_fails_the_stage() -> None:
     with pytest.raises(ZeroDivisionError):
-        list(UNHURRIED.each(lambda n: 1 // n, [1, 0], 2, "divided {}"))
+        list(UNHURRIED.each(lambda n: 1 // n, [1, 0], "divided {}"))
 
 
 def test_how_far_a_stage_is_is_told_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
     heard: list[str] = []
     unhurried = Pace(tell=lambda text, _: heard.append(text))
-    list(unhurried.each(str, range(100), 1, "fitted {} hypotheses"))
+    list(unhurried.each(str, range(100), "fitted {} hypotheses"))
     assert heard == []  # it was done before anybody could wonder
     monkeypatch.setattr(pace, "_EVERY", 0.0)
-    list(unhurried.each(str, range(100), 1, "fitted {} hypotheses", size=lambda _: 2))
+    list(unhurried.each(str, range(100), "fitted {} hypotheses", size=lambda _: 2))
     assert heard[0] == "fitted 10 of 200 hypotheses, about 1 s left"
     assert len(heard) == 19
 

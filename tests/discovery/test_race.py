@@ -9,7 +9,9 @@ import pytest
 from bwbn_bayes.discovery import race as racing
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
 from bwbn_bayes.discovery.family import Family
+from bwbn_bayes.discovery.pace import Pace
 from bwbn_bayes.discovery.race import Fit, race
+from bwbn_bayes.discovery.workers import Threads
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import (
     CubicStiffness,
@@ -73,7 +75,7 @@ def every(present: Posterior, base_points: Floats) -> tuple[Hypothesis, ...]:
 
 @pytest.fixture(scope="module")
 def fits(present: Posterior, every: tuple[Hypothesis, ...], base_points: Floats) -> tuple[Fit, ...]:
-    return race(present, every, base_points, n_workers=1)
+    return race(present, every, base_points)
 
 
 def is_planted(hypothesis: Hypothesis) -> bool:
@@ -142,7 +144,7 @@ def test_later_rounds_keep_the_planted_effect(
     monkeypatch.setattr(racing, "_LEAST", 1)
     monkeypatch.setattr(racing, "ROUNDS", ((2, 1.0), (4, 0.4), (25, 0.2)))
     told: list[str] = []
-    fits = race(present, every, base_points, n_workers=1, progress=told.append)
+    fits = race(present, every, base_points, progress=told.append)
     numbers = [n for n, _ in entered]
     assert [numbers.count(n) for n in (2, 4, 25)] == [13, 11, 3]
     assert all(any(is_planted(h) for n, h in entered if n == wanted) for wanted in (2, 4, 25))
@@ -156,7 +158,7 @@ def test_every_storey_alike_is_tried_of_the_leading_forms_only(
 ) -> None:
     """A cubic spring leads at one storey, so that it alone is tried in both; where it was planted stays ahead."""
     monkeypatch.setattr(racing, "_LEADING_FORMS", 1)
-    fits = race(present, every, base_points, n_workers=1)
+    fits = race(present, every, base_points)
     assert [fit.hypothesis.name for fit in fits if len(fit.hypothesis.storeys) > 1] == ["cubic_stiffness"]
     assert is_planted(fits[0].hypothesis)
     assert len(fits) == 14
@@ -175,7 +177,7 @@ def test_what_cannot_come_near_a_fit_that_leaves_noise_is_fitted_no_further(
     assert len(left_behind) > len(every) / 2
     monkeypatch.setattr(racing, "in_reach", list)
     monkeypatch.setattr(racing, "ROUNDS", ((2, 1.0), (4, 1.0), (25, 1.0)))
-    to_the_end = race(present, every, base_points, n_workers=1)
+    to_the_end = race(present, every, base_points)
     assert to_the_end[0].log_likelihood == pytest.approx(fits[0].log_likelihood, abs=0.1)
     near = [fit for fit in to_the_end if fit.log_likelihood > to_the_end[0].log_likelihood - 20.0]
     assert not left_behind & {fit.hypothesis for fit in near}
@@ -186,18 +188,18 @@ def test_families_fit_their_members_as_well_as_each_is_fitted_alone(
 ) -> None:
     """Those that are fitted to the end; 0.1 nat is far below what a decision turns on."""
     monkeypatch.setattr(racing, "in_reach", list)
-    fits = race(present, every, base_points, n_workers=1)
+    fits = race(present, every, base_points)
     shared = [fit for fit in fits if len(fit.hypothesis.storeys) == 1][:6]
     assert len({fit.hypothesis.name for fit in shared}) < len(shared)
     for fit in shared:
-        (alone,) = race(present, [fit.hypothesis], base_points, n_workers=1)
+        (alone,) = race(present, [fit.hypothesis], base_points)
         assert fit.log_likelihood == pytest.approx(alone.log_likelihood, abs=0.1), fit.hypothesis.label
 
 
 def test_the_number_of_workers_changes_nothing(
     fits: tuple[Fit, ...], present: Posterior, every: tuple[Hypothesis, ...], base_points: Floats
 ) -> None:
-    again = race(present, every, base_points, n_workers=3)
+    again = race(present, every, base_points, pace=Pace(workers=Threads(3)))
     assert [fit.hypothesis for fit in again] == [fit.hypothesis for fit in fits]
     for one, other in zip(fits, again, strict=True):
         np.testing.assert_array_equal(one.points, other.points)
@@ -214,7 +216,7 @@ def test_where_little_is_missing_the_scores_own_steps_are_enough(
     posterior = replace(present, record=record)
     points, _ = polish(posterior, base_points, n_iterations=20)
     found = {
-        guess: {f.hypothesis: f.log_likelihood for f in race(posterior, every, points, n_workers=1, guess=guess)[:4]}
+        guess: {f.hypothesis: f.log_likelihood for f in race(posterior, every, points, guess=guess)[:4]}
         for guess in (True, False)
     }
     for hypothesis in found[True].keys() & found[False].keys():
@@ -224,5 +226,5 @@ def test_where_little_is_missing_the_scores_own_steps_are_enough(
 
 def test_nothing_to_race(present: Posterior, base_points: Floats) -> None:
     told: list[str] = []
-    assert race(present, (), base_points, n_workers=1, progress=told.append) == ()
+    assert race(present, (), base_points, progress=told.append) == ()
     assert told == []

@@ -9,6 +9,7 @@ from scipy.stats import norm
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
 from bwbn_bayes.discovery.score import Score, scores
+from bwbn_bayes.discovery.workers import Threads
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, GapImpact, QuadraticDamping, SensorGain
 from bwbn_bayes.engines.base import Response
@@ -57,7 +58,7 @@ def every(clean: Posterior) -> dict[str, Hypothesis]:
 
 @pytest.fixture(scope="module")
 def found(clean: Posterior, every: dict[str, Hypothesis]) -> dict[str, Score]:
-    return dict(zip(every, scores(clean, list(every.values()), TRUTH, n_workers=1), strict=True))
+    return dict(zip(every, scores(clean, list(every.values()), TRUTH), strict=True))
 
 
 def values_with(hypothesis: Hypothesis, amount: float) -> Floats:
@@ -115,7 +116,7 @@ def test_the_score_is_what_least_squares_gains(
     noise = SD * np.random.default_rng(1).standard_normal(GROUND.n_times)
     posterior = replace(hidden, record=hidden.record.with_channels({CHANNEL: hidden.record.channels[CHANNEL] + noise}))
     (point,), _ = polish(posterior, TRUTH[None], n_iterations=20)
-    (score,) = scores(posterior, [hypothesis], point, n_workers=1)
+    (score,) = scores(posterior, [hypothesis], point)
     base, own = slopes(hypothesis, found[name].smallest)
     at_point = ENGINE.simulate(MODEL, MODEL.space.from_unit(point[None]), GROUND, (CHANNEL,)).values[0, 0]
     residual = posterior.record.channels[CHANNEL] - at_point
@@ -155,9 +156,9 @@ def test_a_score_starts_where_the_effect_is_not(name: str, clean: Posterior, eve
     """However small an amount the noise would show: far less than what the amplitude is moved by for its slope."""
     sd = 1e-7
     quiet = replace(clean, noise=KnownNoise(sd=(sd,)))
-    (at_truth,) = scores(quiet, [every[name]], TRUTH, n_workers=1)
+    (at_truth,) = scores(quiet, [every[name]], TRUTH)
     hidden = with_effect(every[name], 5.0 * at_truth.smallest).record
-    (score,) = scores(replace(quiet, record=hidden), [every[name]], TRUTH, n_workers=1)
+    (score,) = scores(replace(quiet, record=hidden), [every[name]], TRUTH)
     assert score.nats == pytest.approx(25.0, rel=0.05)
 
 
@@ -170,11 +171,11 @@ def test_one_sided_amplitudes_gain_on_their_side_only(every: dict[str, Hypothesi
     own = with_effect(damper, 0.0).record.channels[CHANNEL]
     for sign, size in ((1.0, 25.0), (-1.0, 0.0)):
         posterior = posterior_of(GROUND.with_channels({CHANNEL: own + sign * (added - own)}))
-        (score,) = scores(posterior, [damper], TRUTH, n_workers=1)
+        (score,) = scores(posterior, [damper], TRUTH)
         assert score.nats == pytest.approx(size, rel=0.2)
     for sign in (1.0, -1.0):
         posterior = with_effect(spring, 5.0 * sign * found["cubic_stiffness"].smallest)
-        (score,) = scores(posterior, [spring], TRUTH, n_workers=1)
+        (score,) = scores(posterior, [spring], TRUTH)
         assert score.nats == pytest.approx(25.0, rel=0.2)
 
 
@@ -185,7 +186,7 @@ def test_noise_alone_scores_half_a_nat(clean: Posterior, every: dict[str, Hypoth
         noise = SD * np.random.default_rng([3, seed]).standard_normal(GROUND.n_times)
         record = clean.record.with_channels({CHANNEL: clean.record.channels[CHANNEL] + noise})
         posterior = replace(clean, record=record)
-        (score,) = scores(posterior, [every["cubic_stiffness"]], TRUTH, n_workers=1)
+        (score,) = scores(posterior, [every["cubic_stiffness"]], TRUTH)
         doubled.append(2.0 * score.nats)
     assert abs(np.mean(doubled) - 1.0) < 4.0 * np.sqrt(2.0 / 40)
     assert max(doubled) < 12.0
@@ -195,8 +196,8 @@ def test_the_order_and_the_number_of_workers_do_not_matter(clean: Posterior, eve
     noise = SD * np.random.default_rng(4).standard_normal(GROUND.n_times)
     record = clean.record.with_channels({CHANNEL: clean.record.channels[CHANNEL] + noise})
     posterior, listed = replace(clean, record=record), list(every.values())
-    one = scores(posterior, listed, TRUTH, n_workers=1)
-    assert scores(posterior, listed[::-1], TRUTH, n_workers=2) == one[::-1]
+    one = scores(posterior, listed, TRUTH)
+    assert scores(posterior, listed[::-1], TRUTH, workers=Threads(2)) == one[::-1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,8 +228,8 @@ def test_a_grid_point_that_cannot_be_solved_scores_nothing(clean: Posterior) -> 
     found = []
     for gap in (*gaps, np.inf):
         posterior = replace(clean, record=record, engine=Failing(gap=gap, substeps=2, n_threads=1))
-        found += scores(posterior, [two_sided], TRUTH, n_workers=1)
-    (own,) = scores(replace(clean, record=record), [two_sided], TRUTH, n_workers=1)
+        found += scores(posterior, [two_sided], TRUTH)
+    (own,) = scores(replace(clean, record=record), [two_sided], TRUTH)
     assert found[0].nats == 0.0
     assert np.isinf(found[0].smallest)
     assert found[-1] == own

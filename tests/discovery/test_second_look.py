@@ -65,7 +65,7 @@ def hypothesis(present: Posterior, base_points: Floats, effect: Effect) -> Hypot
 def narrow(present: Posterior, base_points: Floats, sd: float) -> Fit:
     """The fit under a normal prior of that width."""
     effect = StoreyParameter(parameter="gamma", offset=Normal(0.0, sd))
-    (fit,) = race(present, [hypothesis(present, base_points, effect)], base_points, n_workers=1)
+    (fit,) = race(present, [hypothesis(present, base_points, effect)], base_points)
     return fit
 
 
@@ -113,7 +113,7 @@ def test_a_fit_to_which_no_start_led_is_found(present: Posterior, base_points: F
     points = posterior.sample_prior(np.random.default_rng(2), 4)
     lost = Fit(hypothesis=own, posterior=posterior, points=points, local=posterior.linearise(points))
     other = hypothesis(present, base_points, CubicStiffness(k3=Normal(0.0, 1000.0)))
-    (ahead,) = race(present, [other], base_points, n_workers=1)
+    (ahead,) = race(present, [other], base_points)
     assert ahead.log_likelihood > lost.log_likelihood + 100.0
     first, second = searched([ahead, lost], np.random.default_rng(3), n_threads=2)
     assert first.hypothesis is own
@@ -131,7 +131,9 @@ def stand_in(log_likelihood: float, n_symbols: int, name: str, *storeys: int) ->
 def test_every_place_of_every_leading_form_may_be_held_back_by_its_prior(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a pinch led, an offset of gamma was widened at the wrong storey only."""
     pinch, wrong, right = stand_in(9.0, 6, "pinch", 1), stand_in(5.0, 1, "gamma", 1), stand_in(2.0, 1, "gamma", 2)
-    monkeypatch.setattr(second_look, "_widened", lambda own, _: stand_in(8.4, 1, "gamma", 2) if own is right else own)
+    monkeypatch.setattr(
+        second_look, "_widened", lambda own, *_, **__: stand_in(8.4, 1, "gamma", 2) if own is right else own
+    )
     found = widened([pinch, wrong, right], n_threads=1)
     assert [fit.log_likelihood for fit in found] == [9.0, 8.4, 5.0]
 
@@ -142,7 +144,7 @@ def test_effects_of_many_parameters_are_searched_for_wherever_they_stand(monkeyp
     behind = [stand_in(3.0 - n, 6, "pinch ", n) for n in (1, 2, 3)]
     everywhere = stand_in(-1.0, 6, "pinch ", 1, 2, 3)
     looked: list[Fit] = []
-    monkeypatch.setattr(second_look, "_searched", lambda own, *_: (looked.append(own), own)[1])
+    monkeypatch.setattr(second_look, "_searched", lambda own, *_, **__: (looked.append(own), own)[1])
     found = searched([*ahead, *behind, everywhere], np.random.default_rng(1), n_threads=1)
     assert list(found) == [*ahead, *behind, everywhere]
     assert looked == [*ahead[: second_look._SEARCHED], *behind]
@@ -153,7 +155,7 @@ def test_the_leading_fits_are_the_best_of_each_form(present: Posterior, base_poi
     priors = (StoreyParameter(parameter="gamma", offset=Normal(0.0, 10.0)), CubicStiffness(k3=Normal(0.0, 1000.0)))
     every = [hypothesis(present, base_points, effect) for effect in priors]
     every += [replace(every[0], storeys=(1,)), replace(every[1], storeys=(1,))]
-    fits = race(present, every, base_points, n_workers=1)
+    fits = race(present, every, base_points)
     gamma, spring = (effect.name for effect in priors)
     assert fits[0].hypothesis.name == gamma
     found = leading(fits)
@@ -170,7 +172,7 @@ def test_a_place_held_back_by_its_prior_is_looked_at_though_another_leads(
     stuck = narrow(present, base_points, 0.5)
     wide = StoreyParameter(parameter="gamma", offset=Normal(0.0, 10.0))
     elsewhere = replace(hypothesis(present, base_points, wide), storeys=(1,))
-    (wrong,) = race(present, [elsewhere], base_points, n_workers=1)
+    (wrong,) = race(present, [elsewhere], base_points)
     assert wrong.log_likelihood > stuck.log_likelihood
     first, second = widened([wrong, stuck], n_threads=1)
     assert first.hypothesis.storeys == (2,)

@@ -6,10 +6,11 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +18,9 @@ import xarray as xr
 from inference_cases import recorded, sdof_model
 
 from bwbn_bayes import Settings, UserError, identify
-from bwbn_bayes.engines.executors import Dask, Executor, Piece, Processes, Serial, spread_over
+from bwbn_bayes.engines.executors import Dask, Executor, Processes, Serial, spread_over
 from bwbn_bayes.engines.journal import has_begun, kept
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.parameters import Floats
 
 MODEL, RECORD = sdof_model(), recorded(1)
 ENGINE = Lanes(substeps=1, resolution=0.25)
@@ -35,9 +35,11 @@ class Counting:
     def __init__(self) -> None:
         self.sizes: list[int] = []
 
-    def run(self, problem: bytes, pieces: Sequence[Piece]) -> list[tuple[Floats, ...]]:
+    def each(
+        self, task: Callable[[bytes, Any], Any], problem: bytes, pieces: Sequence[Any], *given: Callable[[], bool]
+    ) -> Iterator[Any]:
         self.sizes += [len(draws) for draws, _ in pieces]
-        return Serial().run(problem, pieces)
+        return Serial().each(task, problem, pieces, *given)
 
 
 def assert_same_bits(executor: Executor) -> None:
@@ -134,16 +136,16 @@ def test_a_run_on_a_cluster_that_loses_a_worker_is_that_of_one_process(monkeypat
 
     settings = Settings(particles=1000, alternatives=False)
     alone = identify(MODEL, RECORD, settings=settings)
-    calls, solve = iter(range(10**6)), Dask.run
+    calls, each = iter(range(10**6)), Dask.each
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         victim = next(iter(cluster.workers.values())).process.pid
 
-        def solve_and_kill(self: Dask, problem: bytes, pieces: Sequence[Piece]) -> list[tuple[Floats, ...]]:
+        def solve_and_kill(self: Dask, *given: Any) -> Iterator[Any]:
             if next(calls) == 5:
                 _killing(victim)
-            return solve(self, problem, pieces)
+            return each(self, *given)
 
-        monkeypatch.setattr(Dask, "run", solve_and_kill)
+        monkeypatch.setattr(Dask, "each", solve_and_kill)
         spread = identify(MODEL, RECORD, settings=replace(settings, scheduler=cluster.scheduler_address))
     assert next(calls) > 10
     assert not Path(f"/proc/{victim}").exists()

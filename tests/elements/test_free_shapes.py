@@ -9,7 +9,7 @@ import independent
 import numpy as np
 import pytest
 import sympy as sp
-from laboratory import FREE, NO_DRAW, having, neutral, nrmse, shaking, storey
+from laboratory import FREE, NO_DRAW, cyclic_test, having, neutral, nrmse, shaking, storey
 from scipy.special import gamma
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
@@ -18,10 +18,12 @@ from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import FolientePinching, SlipLock
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Effect
 from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
 
 STOREY = {"k": 10.0, "c": 0.05, "alpha": 0.01, "A": 1.0, "beta": 2.0, "gamma": 1.5, "n": 1.5}
 N_STATES = 400
@@ -173,6 +175,17 @@ def test_the_usual_form_is_contained(name: str) -> None:
     without = independent.respond([{}], [1.0], record.excitation, record.time_step)
     assert max(nrmse(own, other[kind][0]) for own, kind in zip(mine, kinds, strict=True)) < 2e-5
     assert max(nrmse(without[kind][0], other[kind][0]) for kind in kinds) > 2e-3
+
+
+@pytest.mark.parametrize("exponent", [0.3, 1.0, 1.3, 3.0])
+def test_a_contact_that_turns_between_two_samples_is_solved(exponent: float) -> None:
+    """Ten samples a half cycle, and a contact that turns within a twentieth of what lies between two of them."""
+    record = cyclic_test([0.3, -0.25, 0.5, -0.55, 0.6], 10)
+    shape = {"F_d": 0.5, "x_d": 0.004, "r_d": exponent, "g_d": 0.4, "u_d": 0.8}
+    model = Specimen(storey=storey(c=0.0)).with_effect(having(form_of(shape), shape))
+    exact = Reference(method="LSODA", rtol=1e-8).simulate(model, NO_DRAW, record, ["force"]).values[0, 0]
+    mine = Lanes(resolution=0.5).simulate(model, NO_DRAW, record, ["force"]).values[0, 0]
+    assert nrmse(mine, exact) < 1e-3
 
 
 def test_both_pinches_share_a_free_shape() -> None:

@@ -17,6 +17,8 @@ SHARE = symbol("q_d")
 """Share of the friction force that the contact has reached, from -1 to 1."""
 _ROUNDING = 0.1
 """Distance of the share from its end within which the power is rounded: below one it would be met at infinite speed."""
+_TURNED = 0.5
+"""Of the share, by which a step may change it at a resolution of one."""
 _WIDEST = 0.125
 """Share of the largest drift over which dry friction may turn, as for the usual forms."""
 
@@ -110,12 +112,17 @@ class FreeFriction(Effect):
         # A power of the square, not of the magnitude: derivatives of the sign inside it are none.
         rate = DRIFT_RATE / width * left * (left**2 + _ROUNDING**2) ** ((exponent - 1) / 2)
         pressure = 1 + growth * sp.Abs(DRIFT) / largest
-        # The steepest turn is 5/x_d at exponents of 0.3 and 12/x_d of 3: a step of a stable scheme is shorter than
-        # a few of these.
-        narrow = 4 * width / (1 + 6 * sp.Abs(exponent - 1))
+        # A contact that slides pulls its share back by r_d |1 - q_d|^(r_d - 1) / x_d, and a step of a stable scheme is
+        # shorter than a few of these. Above one they vanish as the share nears its end; below one the rounding leaves
+        # five at 0.3. After a turn the share runs, and steps are as short as that.
+        sliding = 4 * width * sp.Max(exponent, 1) / (1 + 6 * sp.Max(1 - exponent, 0))
         return replace(
             slots,
             added_force=slots.added_force + force * SHARE * pressure,
             added_states=(*slots.added_states, AddedState(state=SHARE, rate=rate)),
-            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=narrow, everywhere=True)),
+            sharp_features=(
+                *slots.sharp_features,
+                SharpFeature(state=DRIFT, width=sliding, everywhere=True),
+                SharpFeature(state=SHARE, width=sp.Float(_TURNED), everywhere=True),
+            ),
         )

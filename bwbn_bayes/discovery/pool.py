@@ -167,7 +167,9 @@ class Pool:
         """
         self._solve_finely()
         if self.has_force:
-            self._leave_alone(_MOST_ALONE if last else 1)
+            self._leave_alone(1)
+            if last:
+                self._leave_alone(_MOST_ALONE)
         if self._has_time:
             self._colour()
         self._sample()
@@ -216,9 +218,16 @@ class Pool:
                 self.plain[key] = replace(self.plain[key], evidence=evidence)
 
     def _leave_alone(self, n: int) -> None:
-        """Fit the best laws of a specimen without the unnamed force, too."""
-        searched = self.searched
+        """Fit the best laws of a specimen without the unnamed force, too.
+
+        Where the best one is far less probable without it, so are all, and those alone are wanted that may be delivered.
+        """
+        searched, believed = self.searched, self.beliefs
         ranked = sorted(searched, key=lambda key: -self.first[key])[:n]
+        joint = zip(believed.explanations, believed.log_joint.tolist(), strict=True)
+        alone = [own for one, own in joint if one.added and not one.has_unnamed]
+        if alone and max(alone) < believed.log_joint[0] - FAR:
+            ranked = [key for key in ranked if believed.may_be_delivered(searched[key])]
         wanted = [key for key in ranked if key not in self._alone]
         self._alone.update(wanted)
         found = self.run.beside(_alone, [searched[key] for key in wanted])
@@ -236,7 +245,8 @@ class Pool:
         """
         one = self.plain[key]
         if self.has_force and key:
-            found = (*one.modes[:_N_SETTLED], *find_modes(one.posterior, self.run.rng, n_starts=_N_STARTS))
+            anew = find_modes(one.posterior, self.run.rng, n_starts=_N_STARTS, reach=FAR)
+            found = (*one.modes[:_N_SETTLED], *anew)
             modes = settled(one.posterior, found[:N_CANDIDATES], self.run.rng)
             if modes[0].log_likelihood > one.modes[0].log_likelihood:
                 self.plain[key] = one = replace(one, modes=modes)

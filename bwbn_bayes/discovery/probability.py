@@ -141,19 +141,25 @@ class Beliefs:
             found.add((name, min(close, key=lambda place: (len(place), -places[place]))))
         return frozenset(found)
 
+    def may_be_delivered(self, one: Explanation) -> bool:
+        """Whether what is likely is among its effects, and nothing that could be named as absent."""
+        return self.likely <= one.placed and not self._absent & one.names
+
+    @cached_property
+    def _absent(self) -> frozenset[str]:
+        return frozenset(name for name, p in self.names.items() if p < 1.0 - NAMED)
+
     @cached_property
     def predictive(self) -> Explanation:
         """The effects to deliver, as an explanation without an unnamed force: those that predict best.
 
-        What is likely is among them, and nothing that could be named as absent. Of these explanations the one with the
-        largest log score over blocks of the training record that were left out, the prior added, which keeps chance out
-        where many were tried.
+        Of those that may be delivered the one with the largest log score over blocks of the training record that were
+        left out, the prior added, which keeps chance out where many were tried.
         """
         pairs = list(zip(self.explanations, self.log_prior.tolist(), strict=True))
         plain = [pair for pair in pairs if not pair[0].has_unnamed]
         holding = [pair for pair in plain if self.likely <= pair[0].placed] or plain
-        absent = {name for name, p in self.names.items() if p < 1.0 - NAMED}
-        tried = [pair for pair in holding if not absent & pair[0].names] or holding
+        tried = [pair for pair in holding if self.may_be_delivered(pair[0])] or holding
         return max(tried[:_MOST_VALIDATED], key=lambda pair: pair[0].cross_validation.log_score + pair[1])[0]
 
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:

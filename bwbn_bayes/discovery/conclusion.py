@@ -19,7 +19,7 @@ from bwbn_bayes.discovery.probability import NAMED, Beliefs
 from bwbn_bayes.discovery.run import Run, hypotheses_of, score_all
 from bwbn_bayes.discovery.sentences import badly_sampled, sentences
 from bwbn_bayes.discovery.separation import separating_experiment
-from bwbn_bayes.discovery.signatures import signature_of
+from bwbn_bayes.discovery.signatures import signature_of, spread_of
 from bwbn_bayes.discovery.unnamed_facts import beside_it, unnamed_facts
 from bwbn_bayes.discovery.where import unexplained_share
 from bwbn_bayes.inference.accuracy import in_doubles
@@ -73,7 +73,10 @@ def conclude(
         listener=lambda text, _: run.say(text),
     )
     borne_out = {} if present.is_noise else _borne_out(believed)
-    added = tuple(_added(one, borne_out.get(one.name, 1.0), present, believed, result, run) for one in present.added)
+    spread = spread_of(present, run.rng)
+    added = tuple(
+        _added(one, borne_out.get(one.name, 1.0), present, spread, believed, result, run) for one in present.added
+    )
     unnamed = unnamed_facts(believed)
     share = (
         0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given.disagreement, present.disagreement)
@@ -109,7 +112,13 @@ def conclude(
 
 
 def _added(
-    hypothesis: Hypothesis, borne_out: float, present: Explanation, believed: Beliefs, result: Result, run: Run
+    hypothesis: Hypothesis,
+    borne_out: float,
+    present: Explanation,
+    spread: Floats,
+    believed: Beliefs,
+    result: Result,
+    run: Run,
 ) -> Added:
     """An effect of the improved model: how probable, what it competes with, its signature, its sizes."""
     places = believed.of_places(hypothesis.name)
@@ -128,7 +137,7 @@ def _added(
         equivalent_places=tuple(
             place for place, p in places.items() if place != hypothesis.storeys and p > _SHARES_PROBABILITY
         ),
-        signature=signature_of(hypothesis, present, run.rng),
+        signature=signature_of(hypothesis, present, spread),
         borne_out=borne_out,
         moments={label: moments[label] for label in hypothesis.brought},
         separation=tuple(

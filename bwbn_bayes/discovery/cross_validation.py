@@ -15,15 +15,13 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
-from bwbn_bayes.inference.likelihood import IntegratedNoise, Linearisation, Posterior
-from bwbn_bayes.inference.modes import steps
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
+from bwbn_bayes.inference.refits import refitted
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import by_block
@@ -35,12 +33,8 @@ _FEWEST = 2
 """Of each of several records."""
 _N_STEPS = 4
 """Steps of each fit: the first is exact for a linear model."""
-_LEAST_DAMPING, _DAMPED = 0.01, 10.0
-"""Share of the curvature by which a step is held back after one that fitted worse, and the factor by which it grows."""
 _EDGE = 1e-6
 """Distance from a prior's bound, in prior probability, within which a parameter stays where it is."""
-_MOST_NUMBERS = 2e7
-"""In the derivatives of all fits at a time: memory bounds them in long records."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,8 +70,13 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
     """
     record, slopes = posterior.record, Slopes.at(posterior, point)
     stretches = stretches_of(record)
+    counts = np.ones((len(stretches), 1, record.n_times))
+    for own, (_, block) in zip(counts, stretches, strict=True):
+        own[:, block] = 0.0
+    free = (point > _EDGE) & (point < 1.0 - _EDGE)
+    predicted = refitted(posterior, slopes, np.tile(point, (len(stretches), 1)), _N_STEPS, counts=counts, free=free)
     with np.errstate(over="ignore", invalid="ignore"):
-        error = record.measured - _predicted(posterior, slopes, point, [own for _, own in stretches])
+        error = record.measured - predicted.values
         squared, scaled = np.square(error), np.square(slopes.scaled(error))
     n_blocks = len(record.blocks)
     as_one = posterior.noise.as_one if isinstance(posterior.noise, IntegratedNoise) else np.ones(n_blocks)
@@ -111,54 +110,3 @@ def stretches_of(record: Record) -> list[tuple[int, NDArray[np.int64]]]:
             n = max(round(N_BLOCKS * len(own) / record.n_counted), _FEWEST)
             found += [(number, one) for one in np.array_split(own, n)]
     return found
-
-
-def _predicted(posterior: Posterior, slopes: Slopes, point: Floats, blocks: Sequence[NDArray[np.int64]]) -> Floats:
-    """Channels ``(n_blocks, n_channels, n_times)`` by the fits to what each block leaves, at their last good steps."""
-    free = np.tile((point > _EDGE) & (point < 1.0 - _EDGE), (len(blocks), 1))
-    points, counts = np.tile(point, (len(blocks), 1)), np.ones((len(blocks), 1, posterior.record.n_times))
-    for own, block in zip(counts, blocks, strict=True):
-        own[:, block] = 0.0
-    values, local = _expanded(posterior, slopes, points, counts)
-    damping = np.zeros(len(blocks))
-    for _ in range(_N_STEPS):
-        trials = steps(points, local, damping, free)
-        found, there = _expanded(posterior, slopes, trials, counts)
-        better = np.flatnonzero(there.log_likelihood > local.log_likelihood)
-        points[better], values[better] = trials[better], found[better]
-        local = local.with_rows(better, there[better])
-        worse = np.setdiff1d(np.arange(len(blocks)), better)
-        damping /= _DAMPED
-        damping[worse] = np.maximum(_DAMPED**2 * damping[worse], _LEAST_DAMPING)
-    return values
-
-
-def _expanded(posterior: Posterior, slopes: Slopes, points: Floats, counts: Floats) -> tuple[Floats, Linearisation]:
-    """Channels ``(n, n_channels, n_times)`` at points, and the log likelihood of what counts, to second order there.
-
-    Parameters
-    ----------
-    slopes : Slopes
-        Of the fit to all: its noise and correlation are those of every fit.
-    points : (n, n_dim) array
-    counts : (n, 1, n_times) array
-        One, or zero for a block's samples.
-    """
-    record, (n, n_dim) = posterior.record, points.shape
-    values = np.empty((n, *record.measured.shape))
-    reached, gradient, information = np.empty(n), np.empty((n, n_dim)), np.empty((n, n_dim, n_dim))
-    posterior.solves.add(n)
-    for some in np.array_split(np.arange(n), min(n, int(np.ceil(n * n_dim * record.measured.size / _MOST_NUMBERS)))):
-        own = posterior.split(points[some])[0]
-        response, by_value = posterior.engine.sensitivities(posterior.model, own, record)
-        values[some] = response.values
-        with np.errstate(over="ignore", invalid="ignore"):
-            left = (slopes.scaled(record.measured - response.values) * counts[some]).reshape(len(some), -1, 1)
-            unit = posterior.space.unit_scale(own)[:, :, None, None]
-            base = (slopes.scaled(by_value) * unit * counts[some, None]).reshape(len(some), n_dim, -1)
-            reached[some] = -0.5 * np.sum(np.square(left), axis=(1, 2))
-            gradient[some] = (base @ left)[:, :, 0]
-            information[some] = base @ np.swapaxes(base, 1, 2) + PRIOR_PRECISION * np.eye(n_dim)
-    failed = ~(np.isfinite(reached) & np.all(np.isfinite(information), axis=(1, 2)))
-    reached[failed], gradient[failed], information[failed] = -np.inf, 0.0, np.eye(n_dim)
-    return values, Linearisation(log_likelihood=reached, gradient=gradient, information=information)

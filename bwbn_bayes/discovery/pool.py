@@ -220,7 +220,7 @@ class Pool:
     def _leave_alone(self, n: int) -> None:
         """Fit the best laws of a specimen without the unnamed force, too.
 
-        Where the best one is far less probable without it, so are all, and those alone are wanted that may be delivered.
+        Where the best one is far less probable without it, so are all: wanted are those alone that may be delivered.
         """
         searched, believed = self.searched, self.beliefs
         ranked = sorted(searched, key=lambda key: -self.first[key])[:n]

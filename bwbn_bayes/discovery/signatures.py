@@ -8,22 +8,53 @@ from dataclasses import dataclass
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.cross_validation import stretches_of
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.outcome import SignatureFacts
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
-from bwbn_bayes.inference.importance import laplace_mixture
+from bwbn_bayes.inference.refits import refitted
+from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
 N_DRAWS = 32
-"""Draws of the posterior over which a signature is told."""
-_SHARE, _MOST_TAKEN_BACK, _ABOUT = 0.7, 12, 1.0
-"""Of a draw's distance from the optimum, taken so many times at most; how much less likely a draw may be. [nat]"""
+"""Over which a signature is told."""
+_N_STEPS = 8
+"""Of the fit that makes a draw."""
 
 
-def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Generator) -> SignatureFacts | None:
+def spread_of(present: Explanation, rng: np.random.Generator) -> Floats:
+    """Points ``(n, n_dim)`` over which the parameters of an explanation spread: its fits to records with other errors.
+
+    In each record what the explanation leaves has its sign or the other one at random (a wild bootstrap), sample by
+    sample where it is noise, else in whole stretches, over which an error of the law hangs together. The fits follow
+    the posterior along its bends; those of a wrong law spread by what its errors move it.
+
+    Parameters
+    ----------
+    present : Explanation
+        Without an unnamed force.
+    rng : numpy.random.Generator
+
+    References
+    ----------
+    .. [1] C. F. J. Wu, "Jackknife, Bootstrap and Other Resampling Methods in Regression Analysis", Annals of Statistics
+       14(4), 1986, doi:10.1214/aos/1176350142 (errors by random factors; cited from memory, not consulted); whole
+       stretches in the place of samples are the block bootstrap's.
+    """
+    posterior = present.evidence.settled
+    slopes, record = Slopes.at(posterior, present.best), posterior.record
+    signs = rng.choice([-1.0, 1.0], (N_DRAWS, 1, record.n_times))
+    if not present.is_noise:
+        for _, own in stretches_of(record):
+            signs[:, :, own] = signs[:, :, own[:1]]
+    errors = (signs - 1.0) * slopes.residual
+    return refitted(posterior, slopes, np.tile(present.best, (N_DRAWS, 1)), _N_STEPS, errors=errors).points
+
+
+def signature_of(hypothesis: Hypothesis, present: Explanation, spread: Floats) -> SignatureFacts | None:
     """The signature of one of the effects that an explanation adds.
 
     Parameters
@@ -32,8 +63,8 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
         The effect.
     present : Explanation
         With it.
-    rng : numpy.random.Generator
-        Draws the responses.
+    spread : (n, n_dim) array
+        Points of the unit cube over which its parameters spread.
 
     Returns
     -------
@@ -43,7 +74,7 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
     signature = hypothesis.effect.signature
     if not signature.measure:
         return None
-    values, _ = present.posterior.split(np.concatenate([present.best[None], _draws(present, rng)]))
+    values, _ = present.posterior.split(np.concatenate([present.best[None], spread]))
     of_runs = _responses(hypothesis, present, values)
     without_it = _responses(hypothesis, present, _without(hypothesis, present, values[:1]))
     found = [
@@ -67,26 +98,6 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, rng: np.random.Ge
         without=signature.of_response(told.without),
         deserved=_deserved(signature, told),
     )
-
-
-def _draws(present: Explanation, rng: np.random.Generator) -> Floats:
-    """Draws ``(n, n_dim)`` of Laplace's approximation, each no further out than the posterior goes with its likelihood.
-
-    Where the posterior is bent most draws are far too unlikely: along the line to the optimum they are taken back to
-    where the record is about as likely as in a normal posterior it would be at the draw. They spread less than the
-    posterior then.
-    """
-    best = present.modes[0]
-    steps = laplace_mixture(present.modes[:1]).sample(rng, N_DRAWS) - best.point
-    expected = steps @ best.gradient - 0.5 * np.einsum("np,pq,nq->n", steps, best.information, steps)
-    shares = _SHARE ** np.arange(_MOST_TAKEN_BACK + 1)
-    tried = best.point + shares[:, None, None] * steps
-    flat = tried.reshape(-1, len(best.point))
-    inside = np.isfinite(present.posterior.log_prior(flat))
-    reached = np.where(inside, present.posterior.log_likelihood(flat), -np.inf).reshape(len(shares), -1)
-    likely = reached >= best.log_likelihood + expected - _ABOUT
-    first = np.argmax(likely, axis=0)
-    return np.asarray(tried[first, np.arange(len(steps))][np.any(likely, axis=0)])
 
 
 @dataclass(frozen=True)

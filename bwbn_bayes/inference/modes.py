@@ -268,8 +268,12 @@ def _free(held: Booleans | None, points: Floats) -> Booleans | None:
 
 
 def steps(points: Floats, local: Linearisation, damping: Floats, allowed: Booleans | None) -> Floats:
-    """One damped Gauss-Newton step of every candidate inside the cube, coordinates held at bounds they press on."""
+    """One damped Gauss-Newton step of every candidate inside the cube, coordinates held at bounds they press on.
+
+    A candidate that begins nearer to a face than steps go, as a draw may, is not carried away from it.
+    """
     trials = points.copy()
+    low, high = np.minimum(points, _EDGE), np.maximum(points, 1.0 - _EDGE)
     free = ~_pressing(points, local.gradient) & (True if allowed is None else allowed)
     diagonal = np.einsum("npp->np", local.information)
     ridge = damping[:, None] * np.maximum(diagonal, 1.0) + 1e-9
@@ -283,8 +287,8 @@ def steps(points: Floats, local: Linearisation, damping: Floats, allowed: Boolea
         np.einsum("npp->np", matrix)[:] += np.where(own, ridge[waiting], 1.0)
         step = np.linalg.solve(matrix, np.where(own, local.gradient[waiting], 0.0)[:, :, None])[:, :, 0]
         aim = point + step
-        trials[waiting] = np.clip(aim, _EDGE, 1.0 - _EDGE)
-        blocked = own & ((aim < _EDGE) | (aim > 1.0 - _EDGE))
+        trials[waiting] = np.clip(aim, low[waiting], high[waiting])
+        blocked = own & (trials[waiting] != aim)
         hit = blocked & ((point < 2.0 * _EDGE) | (point > 1.0 - 2.0 * _EDGE))
         again = np.any(hit, axis=1) & np.any(blocked != own, axis=1)
         free[waiting] = own & ~hit

@@ -10,15 +10,15 @@ import pytest
 from bwbn_bayes.discovery import signatures
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.explanation import Explanation
-from bwbn_bayes.discovery.signatures import place_of, signature_of
+from bwbn_bayes.discovery.signatures import place_of, signature_of, spread_of
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.elements.signature import NO_SIGNATURE
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.importance import laplace_mixture
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
-from bwbn_bayes.inference.modes import Mode, distinct
+from bwbn_bayes.inference.modes import distinct
+from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats, HalfNormal, Uniform
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.specimen import Specimen
@@ -54,12 +54,14 @@ def present() -> Explanation:
     return Explanation(added=(hypothesis,), posterior=posterior, modes=modes, evidence=cast(Any, None))
 
 
-def test_a_pinch_is_measured_identified_and_told_without_it(
-    present: Explanation, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(signatures, "N_DRAWS", 8)
+def spread(present: Explanation) -> Floats:
+    """Points about the best one, in steps of a ten thousandth of the priors."""
+    return np.asarray(present.best + 1e-4 * np.random.default_rng(2).standard_normal((8, 2)))
+
+
+def test_a_pinch_is_measured_identified_and_told_without_it(present: Explanation) -> None:
     (hypothesis,) = present.added
-    found = signature_of(hypothesis, present, np.random.default_rng(2))
+    found = signature_of(hypothesis, present, spread(present))
     assert found is not None
     assert (found.measure, found.unit) == ("pinching index", "")
     measured = by_hand(present.posterior.record.channels["force"])
@@ -77,16 +79,13 @@ def test_a_pinch_is_measured_identified_and_told_without_it(
     assert found.as_json()["identified"] == {"mean": found.mean, "low": found.low, "high": found.high}
 
 
-def test_a_law_that_hardly_slips_does_not_deserve_the_name(
-    present: Explanation, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_law_that_hardly_slips_does_not_deserve_the_name(present: Explanation) -> None:
     """A slip of a thousandth of the drift may help a fit; the loop is not pinched."""
-    monkeypatch.setattr(signatures, "N_DRAWS", 8)
     (hypothesis,) = present.added
     space = present.model.space
     values = np.array([[{**TRUTH, "delta_s": 1e-5}[name] for name in space.names]])
-    mode = replace(present.modes[0], point=space.to_unit(values)[0], information=1e12 * np.eye(2))
-    found = signature_of(hypothesis, replace(present, modes=(mode,)), np.random.default_rng(3))
+    bare = replace(present, modes=(replace(present.modes[0], point=space.to_unit(values)[0]),))
+    found = signature_of(hypothesis, bare, spread(bare))
     assert found is not None
     assert found.deserved == 0.0
     assert found.mean == pytest.approx(found.without, abs=0.01)
@@ -97,14 +96,14 @@ def test_a_name_is_not_deserved_where_the_measured_loop_does_not_show_it(present
     (hypothesis,) = present.added
     record = present.posterior.record
     fat = ENGINE.simulate(Specimen(storey=STOREY), np.array([[10.0]]), record, ("force",)).values[0, 0]
-    assert signature_of(hypothesis, present, np.random.default_rng(2)).deserved == 1.0  # type: ignore[union-attr]
+    assert signature_of(hypothesis, present, spread(present)).deserved == 1.0  # type: ignore[union-attr]
     other = replace(present, posterior=replace(present.posterior, record=record.with_channels({"force": fat})))
-    assert signature_of(hypothesis, other, np.random.default_rng(2)).deserved == 0.0  # type: ignore[union-attr]
+    assert signature_of(hypothesis, other, spread(present)).deserved == 0.0  # type: ignore[union-attr]
 
 
 def test_an_effect_that_measures_nothing_has_no_signature(present: Explanation) -> None:
     nameless: Any = SimpleNamespace(effect=SimpleNamespace(signature=NO_SIGNATURE))
-    assert signature_of(nameless, present, np.random.default_rng(4)) is None
+    assert signature_of(nameless, present, np.empty((0, 2))) is None
 
 
 def test_of_several_storeys_the_one_that_drifts_most_is_read() -> None:
@@ -115,29 +114,19 @@ def test_of_several_storeys_the_one_that_drifts_most_is_read() -> None:
     assert place_of(whole, histories) is None
 
 
-def test_draws_are_as_likely_as_those_of_a_normal_posterior() -> None:
-    """In a normal one they are Laplace's; where it is bent, none is lost, and none is where the posterior is not."""
-    mode = Mode(point=np.full(2, 0.5), log_likelihood=7.0, gradient=np.zeros(2), information=np.diag([1e2, 1e4]))
-
-    def posterior(bend: float) -> Any:
-        def log_likelihood(points: Floats) -> Floats:
-            first, second = (points - 0.5).T
-            return np.asarray(7.0 - 50.0 * first**2 - 5e3 * (second - bend * first**2) ** 2)
-
-        return SimpleNamespace(log_likelihood=log_likelihood, log_prior=lambda points: np.zeros(len(points)))
-
-    drawn = {
-        bend: signatures._draws(
-            cast(Any, SimpleNamespace(modes=(mode,), posterior=posterior(bend))), np.random.default_rng(1)
-        )
-        for bend in (0.0, 20.0)
-    }
-    expected = laplace_mixture((mode,)).sample(np.random.default_rng(1), signatures.N_DRAWS)
-    np.testing.assert_allclose(drawn[0.0], expected)
-    lost = 7.0 - posterior(20.0).log_likelihood(expected)
-    assert np.median(lost) > 10.0
-    assert len(drawn[20.0]) == len(expected)
-    spread = (expected - 0.5) / [0.1, 0.01]
-    allowed = 0.5 * np.sum(np.square(spread), axis=1) + 1.0
-    assert np.all(7.0 - posterior(20.0).log_likelihood(drawn[20.0]) <= allowed)
-    assert np.std(drawn[20.0][:, 0]) > 0.1 * np.std(expected[:, 0])
+@pytest.mark.parametrize("is_noise", [True, False])
+def test_parameters_spread_as_what_is_left_moves_them(
+    is_noise: bool, present: Explanation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Least squares to records whose residual is turned over: the covariance of the closed form for each."""
+    monkeypatch.setattr(signatures, "N_DRAWS", 600)
+    one = cast(Any, SimpleNamespace(
+        evidence=SimpleNamespace(settled=present.posterior), best=present.best, is_noise=is_noise,
+    ))  # fmt: skip
+    slopes = Slopes.at(present.posterior, present.best)
+    inverse, left = np.linalg.inv(slopes.base.T @ slopes.base), slopes.residual.ravel()
+    parts = np.arange(801) if is_noise else np.repeat(np.arange(16), [51, *[50] * 15])
+    pulls = np.array([slopes.base[parts == part].T @ left[parts == part] for part in range(parts.max() + 1)])
+    expected = inverse @ (pulls.T @ pulls) @ inverse
+    found = np.cov(spread_of(one, np.random.default_rng(6)).T)
+    np.testing.assert_allclose(np.diag(found), np.diag(expected), rtol=0.2)

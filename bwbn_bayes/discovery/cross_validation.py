@@ -71,8 +71,8 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
     record, slopes = posterior.record, Slopes.at(posterior, point)
     stretches = stretches_of(record)
     counts = np.ones((len(stretches), 1, record.n_times))
-    for own, (_, block) in zip(counts, stretches, strict=True):
-        own[:, block] = 0.0
+    for count, (_, own) in zip(counts, stretches, strict=True):
+        count[:, own] = 0.0
     free = (point > _EDGE) & (point < 1.0 - _EDGE)
     predicted = refitted(posterior, slopes, np.tile(point, (len(stretches), 1)), _N_STEPS, counts=counts, free=free)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -44,7 +44,7 @@ _BATCH = 4000
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it starts with this fraction of the draws asked for: each costs it some hundred solves."""
 _MOST_DRAWS, _MOST_ALONE, _MOST_UNFOLLOWED = 60_000, 20_000, 6_000
-"""Draws at most; where nothing takes over, so that a run ends; and where the posterior is not followed."""
+"""Draws at most; where nothing takes over, so that a run ends; and where no surface is laid through the posterior."""
 
 
 class ByImportance(Sampling):
@@ -55,7 +55,7 @@ class ByImportance(Sampling):
     @override
     def sample(self, given: Given) -> Sampled:
         settings, rng, history = given.settings, given.rng, given.history
-        # Where nothing takes over, the bent posterior of a model that leaves more than noise is not worth following.
+        # Where nothing takes over, the bent posterior of a model that leaves more than noise is worth fits alone.
         follows = settings.fallback or given.explains
         most = _MOST_UNFOLLOWED if not follows else _MOST_DRAWS if settings.fallback else _MOST_ALONE
         weighted, nested = weighted_draws(
@@ -125,7 +125,8 @@ def weighted_draws(
     proposal: Proposal = curved or sheet.proposal
     least = _LEAST_EFFICIENCY if curved is None else _LEAST_CURVED
     while True:
-        n = min(_BATCH if sheet.nested is not None else int(1.1 * short), most - len(pool.points))
+        n = _BATCH if sheet.nested is not None else int(1.1 * short) if follows else 2 * _PILOT
+        n = min(n, most - len(pool.points))
         pool = pool.drawn(posterior, proposal, rng, n // 16 * 16 + 16)
         found = pool.weighted
         reached, efficiency = found.effective_sample_size, found.effective_sample_size / len(pool.points)
@@ -133,7 +134,7 @@ def weighted_draws(
         short = (effective - reached) / max(efficiency, 0.05)
         if (reached >= effective and found.pareto_k <= _CLEAR) or len(pool.points) >= most:
             return found, sheet.nested
-        if follows and (efficiency < least or found.pareto_k > _CLEAR):
+        if posterior.n_dim > 1 and (efficiency < least or found.pareto_k > _CLEAR):
             proposal = _fitted(found, proposal)
         elif reached >= effective:
             return found, sheet.nested

@@ -83,6 +83,8 @@ def search(given: Explanation, run: Run) -> Pool:
                 break
             _round(parent, pool, run)
             n_whole += not run.stopped
+        if not run.stopped:
+            _change_forms(pool, run)
         if pool.has_force:
             pool.weigh(last=True)
         elif not given.is_specimen:
@@ -279,7 +281,7 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
         every = [one for one in every if base.effects_key | key_of([one]) not in pool.reshaped]
         pool.reshaped.update(base.effects_key | key_of([one]) for one in every)
         if every:
-            found += _in_free_shape(base, every, run)
+            found += _in_forms(base, every, run)
     return found
 
 
@@ -299,8 +301,32 @@ def _rivals(best: Explanation, pool: Pool) -> list[tuple[Explanation, Hypothesis
     return list(found.values())[:_MOST_RIVALS]
 
 
-def _in_free_shape(base: Explanation, every: Sequence[Hypothesis], run: Run) -> list[Explanation]:
-    """An explanation with an effect in each of its general forms."""
+def _change_forms(pool: Pool, run: Run) -> None:
+    """The best laws with each effect in its other forms, and what is best then without each of its effects.
+
+    The form of an effect is that in which it was best before the others came: what it errs by, one of them may stand in
+    for.
+    """
+    best = pool.ranked()[0]
+    if len(best.added) < 2:
+        return
+    for one in best.added:
+        base = pool.searched.get(best.effects_key - key_of([one]))
+        if base is None or run.must_stop():
+            continue
+        alike = [h for h in run.considered_first if (h.name, h.storeys) == (one.name, one.storeys)]
+        every = [replace(one, base=base.model, effect=h.effect, carried=()) for h in alike]
+        every = [h for h in every if base.effects_key | key_of([h]) not in pool.searched]
+        if every:
+            pool.add(_in_forms(base, every, run))
+    pool.weigh()
+    if pool.ranked()[0].effects_key != best.effects_key:
+        pool.add(_left_out(pool, run))
+        pool.weigh()
+
+
+def _in_forms(base: Explanation, every: Sequence[Hypothesis], run: Run) -> list[Explanation]:
+    """An explanation with an effect in each of some forms."""
     n_workers, pace = run.settings.n_workers, run.pace
     run.say(f"fitting {' and '.join(one.label for one in every)}")
     posterior = on_one_thread(base.posterior)

@@ -48,6 +48,7 @@ FREE: dict[str, dict[str, Prior | PerStorey]] = {
         "m_s": Uniform(0.8, 2.0),
         "W_s": Uniform(20.0, 30.0),
         "Y_s": Uniform(0.02, 0.05),
+        "n_s": Uniform(1.5, 6.0),
     },
     "storey_coupling": {"k_bend": Uniform(1.0, 6.0)},
     "input_scale": {"s_g": Uniform(0.7, 1.4)},

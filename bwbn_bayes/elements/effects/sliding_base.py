@@ -145,8 +145,10 @@ class SlidingBase(Effect):
     def fill(self, slots: Slots) -> Slots:
         slipperiness, radius, mass, weight, drift, n = (symbol(one.symbol) for one in self.parameters)
         inertial = step("i_s")
-        free = 1 - sp.Abs(MOBILISED) ** n * (sp.sign(MOBILISED * VELOCITY) + 1) / 2
-        rate = free * VELOCITY / drift
+        reached = sp.Abs(MOBILISED)
+        # Beyond 1, where a step may carry it but no exact solution, it comes back gently: its power would run away.
+        taken = sp.Min(reached**n, reached)
+        rate = (1 - taken * (sp.sign(MOBILISED * VELOCITY) + 1) / 2) * VELOCITY / drift
         driven = slipperiness * (FIRST_FORCE - mass * GROUND_ACCELERATION - weight / radius * DISPLACEMENT)
         acceleration = (driven - weight * MOBILISED) / (mass * inertial)
         return replace(

@@ -12,11 +12,13 @@ import sympy as sp
 from bwbn_bayes.elements.law import (
     FIRST_FORCE,
     GROUND_ACCELERATION,
+    TIME,
     AddedState,
     Definition,
     Effect,
     SharpFeature,
     Slots,
+    off_zero,
     step,
     symbol,
 )
@@ -147,10 +149,11 @@ class SlidingBase(Effect):
         inertial = step("i_s")
         reached = sp.Abs(MOBILISED)
         # Beyond 1, where a step may carry it but no exact solution, it comes back gently: its power would run away.
-        taken = sp.Min(reached**n, reached)
+        taken = reached - sp.Max(reached - reached**n, 0)
         rate = (1 - taken * (sp.sign(MOBILISED * VELOCITY) + 1) / 2) * VELOCITY / drift
         driven = slipperiness * (FIRST_FORCE - mass * GROUND_ACCELERATION - weight / radius * DISPLACEMENT)
         acceleration = (driven - weight * MOBILISED) / (mass * inertial)
+        radian = sp.sqrt(mass * inertial * drift / weight)  # of the slab on a contact that sticks
         return replace(
             slots,
             steps=(
@@ -172,6 +175,8 @@ class SlidingBase(Effect):
             sharp_features=(
                 *slots.sharp_features,
                 SharpFeature(state=DISPLACEMENT, width=4 * drift / n, everywhere=True),
+                # At the turns it stands still, and a step foretold from its speed would be as long as ever.
+                SharpFeature(state=TIME, width=radian / off_zero(sp.sign(slipperiness)), everywhere=True),
             ),
         )
 

@@ -161,12 +161,14 @@ def test_the_play_is_that_of_the_reference_engine() -> None:
     assert nrmse(measured, expected) < 0.05
 
 
-def test_the_sliders_are_those_of_the_reference_engine_at_their_sharpness() -> None:
+@pytest.mark.parametrize("give", [0.004, 0.0003])
+def test_the_sliders_are_those_of_the_reference_engine_at_their_sharpness(give: float) -> None:
     """Held at a friction pendulum's exponent the contact of the catalogue could not be the simulator's.
 
-    What it missed is nearly as much as the noise at 30 dB (3 %); backlash took it up and was found beside the sliders.
+    What it missed, 1 and 3 % here, is much beside the noise at 30 dB (3 %); backlash took it up.
+    One on which the slab alone has more than 100 rad/s, here 130, was not exact at any exponent.
     """
-    limit, slab, give, pendulum = 6.0, 1.2, 0.004, 2.5
+    limit, slab, pendulum = 6.0, 1.2, 2.5
     whole = Whole(slipperiness=1.0 / limit, slider_give=give, pendulum=pendulum, base_mass=slab)
     measured = respond(replace(BASE, whole=whole), GROUND.excitation, GROUND.time_step).measured
     model = load_model_file(ROOT / "models" / "plain_three_storey.py").model
@@ -179,7 +181,7 @@ def test_the_sliders_are_those_of_the_reference_engine_at_their_sharpness() -> N
         return nrmse(measured, Reference().simulate(own, own.draws(truth), GROUND, channels).values[0])
 
     assert missed(float(BRISTLE_EXPONENT)) < 1e-4
-    assert missed(2.0) > 0.02
+    assert missed(2.0) > 0.01
 
 
 def test_names_and_parameters_are_those_of_the_catalogue() -> None:

@@ -28,7 +28,7 @@ from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Val
 
 DISPLACEMENT, VELOCITY, MOBILISED = sp.symbols("x_s v_s q_s", real=True)
 """Of the slab relative to the ground, and the share of the friction that its contact has reached. [m], [m/s], [1]"""
-HIGHEST_FREQUENCY = sp.Integer(100)
+HIGHEST_FREQUENCY = sp.Integer(500)
 """Circular frequency of the slab on a contact that sticks: one that is stiffer gets inertia in its place. [rad/s]"""
 _GRAVITY = 9.80665
 _SLOWEST = 50.0

@@ -124,8 +124,9 @@ class SlidingBase(Effect):
                 m_s=Uniform(0.3 * scales.mass, 3.0 * scales.mass),
                 W_s=weight,
                 # Not known: other effects make up for a contact that is too soft or too stiff. One that gives way by a
-                # quarter of a storey's drift is a spring.
-                Y_s=LogNormal(0.01 * scales.drift, 1.5).truncated(0.001 * scales.drift, 0.25 * scales.drift),
+                # quarter of a storey's drift is a spring; at the lower end next to nothing is cut off, since the drift
+                # without the sliders may be several times what it is with them.
+                Y_s=LogNormal(0.01 * scales.drift, 1.5).truncated(0.0001 * scales.drift, 0.25 * scales.drift),
                 # From a gradual onset to a spring that breaks off. Held at 2, a sharp one leaves hundreds of nats that
                 # backlash in the first storey takes up.
                 n_s=LogNormal(2.0, 1.0).truncated(1.0, 20.0),

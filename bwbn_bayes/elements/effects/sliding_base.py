@@ -29,7 +29,10 @@ from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Val
 DISPLACEMENT, VELOCITY, MOBILISED = sp.symbols("x_s v_s q_s", real=True)
 """Of the slab relative to the ground, and the share of the friction that its contact has reached. [m], [m/s], [1]"""
 HIGHEST_FREQUENCY = sp.Integer(500)
-"""Circular frequency of the slab on a contact that sticks: one that is stiffer gets inertia in its place. [rad/s]"""
+"""Circular frequency of the slab on a contact that sticks: one that is stiffer gets inertia in its place. [rad/s]
+
+Above that of any real slider (0.2 mm at a tenth of a weight four times the slab's: 140 rad/s): the motion is wrong beyond.
+"""
 _GRAVITY = 9.80665
 _SLOWEST = 50.0
 """Periods of the pendulum, in those of the building, beyond which it is flat."""
@@ -44,7 +47,7 @@ class SlidingBase(Effect):
     acceleration; channels named relative stay relative to the ground.
 
     While it sticks, the slab alone on its contact would ask explicit schemes for tiny steps where friction is large. So
-    below ``i_s = W_s / (m_s Y_s 100^2)`` the slab still begins to slide at ``mu W_s``, with the inertia that goes with
+    below ``i_s = W_s / (m_s Y_s 500^2)`` the slab still begins to slide at ``mu W_s``, with the inertia that goes with
     ``i_s``; the motion is exact from ``i_s`` on.
 
     Parameters

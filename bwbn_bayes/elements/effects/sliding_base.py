@@ -31,7 +31,7 @@ DISPLACEMENT, VELOCITY, MOBILISED = sp.symbols("x_s v_s q_s", real=True)
 HIGHEST_FREQUENCY = sp.Integer(500)
 """Circular frequency of the slab on a contact that sticks: one that is stiffer gets inertia in its place. [rad/s]
 
-Above that of any real slider (0.2 mm at a tenth of a weight four times the slab's: 140 rad/s): the motion is wrong beyond.
+A contact of 0.2 mm at a friction of a tenth, under four times the slab's weight, has 140.
 """
 _GRAVITY = 9.80665
 _SLOWEST = 50.0

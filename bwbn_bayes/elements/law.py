@@ -100,10 +100,11 @@ class SharpFeature:
     Attributes
     ----------
     state : Symbol
+        A state, or :data:`TIME` of what is fast however little it moves.
     width : Expr
-        Of parameters.
+        Of parameters; infinite where nothing is fast.
     everywhere : bool
-        Wherever the state is, as for those of a base; otherwise near its zero alone.
+        Wherever the state is, as for those of a base, and for time; otherwise near its zero alone.
     """
 
     state: sp.Symbol

@@ -314,7 +314,8 @@ def spelled(law: StoreyLaw) -> StoreyLaw:
         rates=tuple(rate.xreplace(around) for rate in law.rates),
         events=tuple(Event(time=new[e.time], indicator=new[e.indicator]) for e in law.events),
         sharp_features=tuple(
-            replace(f, state=new.get(f.state, f.state), width=f.width.xreplace(new)) for f in law.sharp_features
+            replace(f, state=new.get(f.state, f.state), width=_base_two(f.width.xreplace(new), {}))
+            for f in law.sharp_features
         ),
         acceleration=None if law.acceleration is None else law.acceleration.xreplace(around),
         base=None

@@ -28,6 +28,7 @@ from bwbn_bayes.elements.law import (
     DRIFT_RATE,
     NET_FORCE,
     RECORDED_ACCELERATION,
+    TIME,
     StoreyLaw,
 )
 from bwbn_bayes.engines.codegen import INPUT_NAMES, INVERSE_MASS, OFFSET, LawPrograms, Part, Program, print_expression
@@ -446,8 +447,11 @@ def _refine(law: StoreyLaw, place: LaneLayout) -> str:
     for position, feature in enumerate(law.sharp_features):
         if feature.state in law.base_states:
             continue
+        if feature.state == TIME:
+            lines += _needed(place, position, "a", "dt") + _MORE
+            continue
         state = names.index(str(feature.state))
-        lines += _needed(place, position, "a", f"a + BLOCK + {place.n_states + state} * LANES")
+        lines += _needed(place, position, "a", _travel(f"a + BLOCK + {place.n_states + state} * LANES"))
         if not feature.everywhere:
             lines += [
                 f"        distance = abs(w[a + BLOCK + {state} * LANES + l]) * sharpness",
@@ -466,18 +470,23 @@ def _refine_base(law: StoreyLaw, place: LaneLayout) -> str:
     for position, feature in enumerate(law.sharp_features):
         if feature.state in law.base_states:
             rate = place.n_states + names.index(str(feature.state))
-            lines += _needed(place, position, "b", f"a + BLOCK + {rate} * LANES") + _MORE
+            lines += _needed(place, position, "b", _travel(f"a + BLOCK + {rate} * LANES")) + _MORE
     if not lines:
         return ""
     blocks = ["a = n_links * BLOCK", "b = 0"]
     return "\n" + _indent([*blocks, "if resolution > 0.0:", "    for l in range(LANES):", *lines], 1)
 
 
-def _needed(place: LaneLayout, position: int, block: str, rate: str) -> list[str]:
+def _travel(rate: str) -> str:
+    """By how much a state with this rate moves between samples."""
+    return f"abs(w[{rate} + l]) * dt"
+
+
+def _needed(place: LaneLayout, position: int, block: str, travel: str) -> list[str]:
     """Steps that a sharp feature asks for."""
     return [
         f"        sharpness = w[{block} + BLOCK + {place.sharpness + position} * LANES + l]",
-        f"        change = abs(w[{rate} + l]) * dt * sharpness",
+        f"        change = {travel} * sharpness",
         "        needed = np.ceil(change / resolution)",
     ]
 

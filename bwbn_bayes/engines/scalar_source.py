@@ -21,6 +21,7 @@ from bwbn_bayes.elements.law import (
     DRIFT_RATE,
     NET_FORCE,
     RECORDED_ACCELERATION,
+    TIME,
     StoreyLaw,
 )
 from bwbn_bayes.engines.codegen import INPUT_NAMES, INVERSE_MASS, LawPrograms, Part, Program, print_expression
@@ -367,9 +368,13 @@ def _refine(law: StoreyLaw) -> list[str]:
     for feature in law.sharp_features:
         if feature.state in law.base_states:
             continue
-        state, width = names.index(str(feature.state)), print_expression(feature.width)
+        width = print_expression(feature.width)
+        if feature.state == TIME:
+            lines += _needed(law, width, "dt", "")
+            continue
+        state = names.index(str(feature.state))
         near = "" if feature.everywhere else f" and abs(y[base + {state}]) / ({width}) < change + {REACH}"
-        lines += _needed(law, width, f"base + {state}", near)
+        lines += _needed(law, width, f"abs(dy[base + {state}]) * dt", near)
     return lines
 
 
@@ -380,17 +385,17 @@ def _refine_base(law: StoreyLaw) -> str:
     for feature in law.sharp_features:
         if feature.state in law.base_states:
             row = f"n_links * ROWS + {names.index(str(feature.state))}"
-            lines += _needed(law, print_expression(feature.width), row, "")
+            lines += _needed(law, print_expression(feature.width), f"abs(dy[{row}]) * dt", "")
     return "".join(f"\n    {line}" for line in ["n_links = int(data[0])", *lines]) if lines else ""
 
 
-def _needed(law: StoreyLaw, width: str, row: str, near: str) -> list[str]:
-    """Steps that a sharp feature asks for."""
+def _needed(law: StoreyLaw, width: str, travel: str, near: str) -> list[str]:
+    """Steps that a sharp feature asks for, where the state moves by so much between samples."""
     constants = {str(symbol): column for column, symbol in enumerate(law.symbols)}
     used = [name for name in constants if name in re.findall(r"[A-Za-z_]\w*", width)]
     return [
         *(f"{name} = data[here + {constants[name]}]" for name in used),
-        f"change = abs(dy[{row}]) * dt / ({width})",
+        f"change = {travel} / ({width})",
         f"if resolution > 0.0{near}:",
         f"    steps = max(steps, min(np.ceil(change / resolution), {MOST_STEPS}))",
     ]

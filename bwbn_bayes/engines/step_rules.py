@@ -2,8 +2,9 @@
 
 An interval between two samples is cut into equal steps, more where an imposed displacement takes a long stride. Near a
 sharp feature of the law each step changes the state by at most ``resolution`` widths; some are sharp near a state's
-zero, some wherever it is. A step ends where a drift rate is foretold to change sign, if the law has a kink there,
-unless the engine is told not to; and at every event. What is decided for a draw depends on that draw alone.
+zero, some wherever it is, and what is fast however little it moves limits the step's length itself. A step ends where a
+drift rate is foretold to change sign, if the law has a kink there, unless the engine is told not to; and at every
+event. What is decided for a draw depends on that draw alone.
 """
 
 from __future__ import annotations

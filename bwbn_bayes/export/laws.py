@@ -93,7 +93,7 @@ _SIZES_OF_NO_LAW = (
     "v_root",
 )
 _AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g", "k_bend")
-_SLIDER = ("inv_mu", "R_s", "m_s", "W_s", "Y_s")
+_SLIDER = ("inv_mu", "R_s", "m_s", "W_s", "Y_s", "n_s")
 """Of floors, base and ground: the script has them."""
 _SIZES_OF_CHANGES = ("_time", "_ramp_duration")
 _KNOWN = {*_NO_LAW, *_TRANSLATED, *_SIZES_OF_NO_LAW, *_AROUND, *_SLIDER}
@@ -172,7 +172,7 @@ def shape(parameters: Mapping[str, float]) -> dict[str, float]:
     """
     p = dict(parameters)
     if p.get("W", 0.0) > 0.0:
-        p |= _slider(p["W"], p["R"], p["mu_slow"], p["Y"])
+        p |= _slider(p["W"], p["R"], p["mu_slow"], p["Y"], p["n"])
     for symbol in ("alpha", "n"):
         p[symbol] += p.get(f"{symbol}_offset", 0.0)
     if "u_y" in p:
@@ -183,22 +183,23 @@ def shape(parameters: Mapping[str, float]) -> dict[str, float]:
     return p
 
 
-def _slider(weight: float, radius: float, friction: float, drift: float) -> dict[str, float]:
-    """A friction pendulum as a Bouc-Wen spring, whose n is 2 and A is 1."""
+def _slider(weight: float, radius: float, friction: float, drift: float, n: float) -> dict[str, float]:
+    """A friction pendulum as a Bouc-Wen spring of that n, whose A is 1."""
     dish, contact = weight / radius, friction * weight / drift
     return {
         "k": dish + contact,
         "alpha": dish / (dish + contact),
-        "beta": 0.5 * drift**-2,
-        "gamma": 0.5 * drift**-2,
+        "beta": 0.5 * drift**-n,
+        "gamma": 0.5 * drift**-n,
     }
 
 
 def sliding_base(parameters: Mapping[str, float]) -> Material:
     """The sliders below a building."""
-    p = _slider(parameters["W_s"], parameters["R_s"], 1.0 / parameters["inv_mu"], parameters["Y_s"])
+    n = parameters["n_s"]
+    p = _slider(parameters["W_s"], parameters["R_s"], 1.0 / parameters["inv_mu"], parameters["Y_s"], n)
     newton = (NEWTON_TOLERANCE * parameters["Y_s"], NEWTON_ITERATIONS)
-    arguments = (p["alpha"], p["k"], 2.0, p["gamma"], p["beta"], 1.0, 0.0, 0.0, 0.0, *newton)
+    arguments = (p["alpha"], p["k"], n, p["gamma"], p["beta"], 1.0, 0.0, 0.0, 0.0, *newton)
     return Material(kind="BoucWen", arguments=arguments, says=BOUC_WEN)
 
 

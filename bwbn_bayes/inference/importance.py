@@ -183,7 +183,8 @@ def effective_draws(log_ratio: Floats) -> float:
 def pareto_smoothed(log_ratio: Floats) -> tuple[Floats, float]:
     """Normalised log weights ``(n,)`` whose tail is smoothed, and the shape of that tail.
 
-    The shape is infinite, and the weights are left as they are, where fewer draws than a tail takes have any weight.
+    The shape is infinite, and the weights are left as they are, where fewer draws than a tail takes have any weight, or
+    all of a tail have the same: rounding makes one point of them.
     """
     finite = np.isfinite(log_ratio)
     if np.count_nonzero(finite) < _LEAST_DRAWS:
@@ -191,8 +192,11 @@ def pareto_smoothed(log_ratio: Floats) -> tuple[Floats, float]:
     from arviz_stats.base import array_stats  # it inspects the whole stack when imported: dear inside other imports
 
     # ArviZ expects the log likelihood of a left-out point, that is minus the log weight.
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        smoothed, shape = array_stats.psislw(-log_ratio[finite])
+    try:
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            smoothed, shape = array_stats.psislw(-log_ratio[finite])
+    except ValueError:  # by which ArviZ says that the tail's values are the same
+        smoothed, shape = log_ratio[finite], np.inf
     if not (np.isfinite(shape) and np.all(np.isfinite(smoothed))):
         # Weights some 700 nats below the heaviest underflow. Without a first quartile of its tail ArviZ gives no shape;
         # with one that is almost zero a shape far below any limit, that of its prior, and weights that are no numbers.

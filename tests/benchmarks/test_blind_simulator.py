@@ -19,9 +19,10 @@ from benchmarks.blind.later_draws import LATER, OF_LINEAR
 from benchmarks.blind.more_forms import MORE_FORMS
 from benchmarks.blind.other_draws import FORMS, OUTSIDE
 from benchmarks.blind.simulator import STEPS_PER_SAMPLE, Building, Floats, Whole, respond
-from benchmarks.blind.storey import Storey
+from benchmarks.blind.storey import BRISTLE_EXPONENT, Storey
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects.backlash import Backlash
+from bwbn_bayes.elements.effects.sliding_base import SlidingBase
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.records import el_centro, filtered_noise, read_csv
 from bwbn_bayes.structures.model_file import load_model_file
@@ -158,6 +159,29 @@ def test_the_play_is_that_of_the_reference_engine() -> None:
     channels = [f"acceleration_{i}" for i in (1, 2, 3)]
     expected = Reference().simulate(model, model.draws(truth), ground, channels).values[0]
     assert nrmse(measured, expected) < 0.05
+
+
+@pytest.mark.parametrize("give", [0.004, 0.0003])
+def test_the_sliders_are_those_of_the_reference_engine_at_their_sharpness(give: float) -> None:
+    """Held at a friction pendulum's exponent the contact of the catalogue could not be the simulator's.
+
+    What it missed, 1 and 3 % here, is much beside the noise at 30 dB (3 %); backlash took it up.
+    One on which the slab alone has more than 100 rad/s, here 130, was not exact at any exponent.
+    """
+    limit, slab, pendulum = 6.0, 1.2, 2.5
+    whole = Whole(slipperiness=1.0 / limit, slider_give=give, pendulum=pendulum, base_mass=slab)
+    measured = respond(replace(BASE, whole=whole), GROUND.excitation, GROUND.time_step).measured
+    model = load_model_file(ROOT / "models" / "plain_three_storey.py").model
+    truth = {f"{name}[{i}]": v for name, values in (("k", K), ("c", C)) for i, v in enumerate(values, start=1)} | SHARED
+    channels = [f"acceleration_{i}" for i in (1, 2, 3)]
+
+    def missed(sharpness: float) -> float:
+        sliders = SlidingBase(inv_mu=9.0 / limit, R_s=9.0 / pendulum, m_s=slab, W_s=9.0, Y_s=give, n_s=sharpness)
+        own = model.with_effect(sliders)
+        return nrmse(measured, Reference().simulate(own, own.draws(truth), GROUND, channels).values[0])
+
+    assert missed(float(BRISTLE_EXPONENT)) < 1e-4
+    assert missed(2.0) > 0.01
 
 
 def test_names_and_parameters_are_those_of_the_catalogue() -> None:

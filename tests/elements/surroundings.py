@@ -23,7 +23,7 @@ SIZES: dict[str, dict[str, float]] = {
     "mass_damping": {"c_m": 0.3},
     "appendage": {"mu_t": 0.08, "f_t": 0.7, "zeta_t": 0.03},
     "base_flexibility": {"compliance": 0.02, "m_b": 1.3, "c_b": 0.4},
-    "sliding_base": {"inv_mu": 12.0, "R_s": 1.8, "m_s": 1.3, "W_s": 24.0, "Y_s": 0.02},
+    "sliding_base": {"inv_mu": 12.0, "R_s": 1.8, "m_s": 1.3, "W_s": 24.0, "Y_s": 0.02, "n_s": 3.5},
     "storey_coupling": {"k_bend": 3.0},
     "input_scale": {"s_g": 1.2},
     "sensor_gain": {"gain": 0.8},

@@ -13,6 +13,7 @@ from laboratory import storey as element
 from surroundings import BASES, KINDS, OTHERS, SIZES, building, placed, together
 
 from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.effects.sliding_base import SlidingBase
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.engines.base import Engine, Status
 from bwbn_bayes.engines.cvodes import Cvodes
@@ -48,6 +49,7 @@ FREE: dict[str, dict[str, Prior | PerStorey]] = {
         "m_s": Uniform(0.8, 2.0),
         "W_s": Uniform(20.0, 30.0),
         "Y_s": Uniform(0.02, 0.05),
+        "n_s": Uniform(1.5, 6.0),
     },
     "storey_coupling": {"k_bend": Uniform(1.0, 6.0)},
     "input_scale": {"s_g": Uniform(0.7, 1.4)},
@@ -220,16 +222,35 @@ def test_a_rigid_base_is_rigid_and_a_stiff_one_nearly_so():
     assert 0.0 < changes[0] < changes[1] < changes[2] < 0.02
 
 
+@pytest.mark.parametrize("sharpness", [2.0, 10.0])
+@pytest.mark.parametrize("kind", [Lanes, ScalarRk4])
+def test_a_stiff_contact_is_solved_by_few_steps(kind: type[Lanes | ScalarRk4], sharpness: float):
+    """Steps foretold from the slab's speed were as long as ever where it stood still, at its turns and when it stuck.
+
+    Its own frequency on the contact is 90 rad/s: two radians lie between samples of a ground that moves at random. The
+    error was 2.8 % with an exponent of 2, and with 10, once a step had carried the contact beyond its end, no number.
+    """
+    stiff = {"inv_mu": 12.0, "R_s": 1.8, "m_s": 1.0, "W_s": 30.0, "Y_s": 3e-4, "n_s": sharpness}
+    model = placed(building(MASSES, OTHERS, "sliding_base"), "sliding_base", stiff, None)
+    ground = 3.0 * np.random.default_rng(5).standard_normal(301)
+    record = Record(name="noise", time_step=0.02, excitation=ground)
+    engine = kind(substeps=1, resolution=0.5)
+    (values,), (expected,) = (own.simulate(model, NO_DRAW, record, CHANNELS).values for own in (engine, Reference()))
+    assert nrmse(values, expected) < 2e-3
+
+
+SCALES = Scales(
+    drift=0.2, drift_rate=1.0, hysteretic_displacement=0.2, energy=3.0, force=3.0, stiffness=10.0, damping=0.05,
+    alpha=0.01, beta=2.0, gamma=2.0, n=1.5, mass=1.0, floor_rate=1.5, acceleration=1.2, ground_acceleration=1.0,
+    period=2.0, onset=0.5, duration=30.0, total_mass=3, time_step=0.02,
+)  # fmt: skip
+
+
 def test_priors_and_starts_of_discovery():
     """Amplitudes are centred on neutral, starts lie inside the priors, and their number is small."""
-    scales = Scales(
-        drift=0.2, drift_rate=1.0, hysteretic_displacement=0.2, energy=3.0, force=3.0, stiffness=10.0, damping=0.05,
-        alpha=0.01, beta=2.0, gamma=2.0, n=1.5, mass=1.0, floor_rate=1.5, acceleration=1.2, ground_acceleration=1.0,
-        period=2.0, onset=0.5, duration=30.0, total_mass=3, time_step=0.02,
-    )  # fmt: skip
     for kind in KINDS.values():
-        for form in type(kind).default_prior(scales):
-            grid = form.start_grid(scales)
+        for form in type(kind).default_prior(SCALES):
+            grid = form.start_grid(SCALES)
             assert set(grid) == {s for s, value in form.values.items() if isinstance(value, Prior)}
             assert 2 <= np.prod([len(values) for values in grid.values()]) <= 20
             for symbol, values in grid.items():
@@ -240,3 +261,11 @@ def test_priors_and_starts_of_discovery():
             prior = form.values[amplitude.symbol]
             assert isinstance(prior, Prior)
             assert amplitude.neutral in (prior.mean, prior.support[0])
+
+
+def test_sliders_may_be_stiff_beside_the_drift_without_them():
+    """A building shaken on a fixed base drifts by several times what it does on sliders: theirs lay below the prior."""
+    (form,) = SlidingBase.default_prior(SCALES)
+    prior = form.values["Y_s"]
+    assert isinstance(prior, Prior)
+    assert np.isfinite(prior.log_density(3e-4 * SCALES.drift))

@@ -106,7 +106,7 @@ def test_a_building_slides_and_tilts_as_in_opensees(tmp_path: Path) -> None:
     """Slab and sliders are a node on OpenSees' own material; the storeys are linear but for their weights."""
     model = ShearBuilding(masses=[2e5, 1.5e5], storey=Linear(k=PerStorey([9e7, 7e7]), c=3e5))
     model = model.with_effect(PDelta(k_geo=PerStorey([3e6, 1e6])))
-    slides = SlidingBase(inv_mu=15.0, R_s=1.5, m_s=2e5, W_s=9.81 * 5.5e5, Y_s=0.002)
+    slides = SlidingBase(inv_mu=15.0, R_s=1.5, m_s=2e5, W_s=9.81 * 5.5e5, Y_s=0.002, n_s=3.0)
     record = el_centro("chopra", duration=6.0)
     plain, sliding = model, model.with_effect(slides)
     script = script_of(of_model(sliding, record, {}, name="two"))

@@ -138,6 +138,13 @@ def test_weights_so_uneven_that_they_underflow_are_caught(spread: float) -> None
             assert np.sum(np.exp(log_weights)) == pytest.approx(1.0)
 
 
+def test_draws_that_are_one_point_are_no_sample() -> None:
+    """Where derivatives run away, rounding makes one point of a proposal's draws: discovery ended in ArviZ's error."""
+    log_weights, shape = pareto_smoothed(np.full(800, 3.0))
+    assert shape == np.inf
+    np.testing.assert_allclose(log_weights, -np.log(800.0))
+
+
 def test_a_proposal_off_the_ridge_is_caught() -> None:
     """A Gaussian cannot cover the whole hyperbola that data on a product leave."""
     oracle = product_ridge(sd=0.01)

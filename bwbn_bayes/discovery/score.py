@@ -109,7 +109,7 @@ def _score_family(posterior: Posterior, point: Floats, present: Slopes, family: 
     response = view.engine.simulate(view.model, np.concatenate([at_neutral, moved]), view.record).values
     neutral, beyond = np.split(response, 2)
     slopes = (beyond - neutral) / step[:, None, None]
-    projected = np.array([present.projected(*pair) for pair in zip(neutral, slopes, strict=True)])
+    projected = present.projected(neutral, slopes)
     for number, (member, amplitude) in enumerate(asked):
         one = _best(member, amplitude, projected[owner == number])
         if member not in best or one.nats > best[member].nats:

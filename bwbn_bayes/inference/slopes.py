@@ -17,6 +17,9 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import counts, mean_squares, over_time
 from bwbn_bayes.records.record import Record
 
+_AT_ONCE = 32
+"""Directions that are projected together: one product of matrices, and little memory in long records."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Slopes:
@@ -81,30 +84,32 @@ class Slopes:
         prior = np.sqrt(PRIOR_PRECISION) * np.eye(self.base.shape[1])
         return np.asarray(np.linalg.qr(np.concatenate([self.base, prior]), mode="r").T)
 
-    def projected(self, values: Floats, slope: Floats) -> tuple[float, float]:
-        """Slope of the log likelihood and information in one direction, with the present parameters projected out.
+    def projected(self, values: Floats, slopes: Floats) -> Floats:
+        """Slope of the log likelihood and information in each of some directions by itself, ``(n, 2)``.
+
+        The present parameters are projected out; zeros where nothing is left, or the model cannot be solved.
 
         Parameters
         ----------
-        values, slope : (n_channels, n_times) array
-            Response, and its derivative in that direction.
+        values, slopes : (n, n_channels, n_times) array
+            Responses, and their derivatives, each in its direction.
         """
-        gradient, information = self.projected_together(values, slope[None])
-        whole = float(np.sum(np.square(self.scaled(slope))))
-        # What is left must exceed the rounding of what was taken away.
-        if not (np.isfinite(whole) and information[0, 0] >= 1e-9 * whole > 0.0):
-            return 0.0, 0.0
-        return float(gradient[0]), float(information[0, 0])
-
-    def projected_together(self, values: Floats, slopes: Floats) -> tuple[Floats, Floats]:
-        """The same in several directions ``(n, n_channels, n_times)`` at once: ``(n,)`` and ``(n, n)`` arrays."""
-        n = len(slopes)
-        residual, own = self.scaled(self.record.measured - values).ravel(), self.scaled(slopes).reshape(n, -1)
-        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(own))):  # it cannot be solved there
-            return np.zeros(n), np.zeros((n, n))
-        weights = cho_solve((self.factor, True), self.base.T @ own.T)
-        left = own @ own.T - (own @ self.base) @ weights
-        return own @ residual - weights.T @ (self.base.T @ residual), left
+        result = np.zeros((len(slopes), 2))
+        for some in np.array_split(np.arange(len(slopes)), -(-len(slopes) // _AT_ONCE)):
+            with np.errstate(over="ignore", invalid="ignore"):
+                residual = self.scaled(self.record.measured - values[some]).reshape(len(some), -1)
+                own = self.scaled(slopes[some]).reshape(len(some), -1)
+                whole = np.sum(np.square(own), axis=1)
+                solved = np.isfinite(whole) & np.all(np.isfinite(residual), axis=1)
+            own, residual, whole = own[solved], residual[solved], whole[solved]
+            over = own @ self.base
+            weights = cho_solve((self.factor, True), over.T).T
+            left = whole - np.sum(over * weights, axis=1)
+            gradient = np.sum(own * residual, axis=1) - np.sum((residual @ self.base) * weights, axis=1)
+            # What is left must exceed the rounding of what was taken away.
+            there = (left >= 1e-9 * whole) & (whole > 0.0)
+            result[some[solved][there]] = np.stack([gradient, left], axis=1)[there]
+        return result
 
 
 def _whitened(record: Record, correlation: Correlation | None, rows: Floats) -> Floats:

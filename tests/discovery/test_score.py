@@ -239,24 +239,23 @@ def test_a_grid_point_that_cannot_be_solved_scores_nothing(clean: Posterior) -> 
     assert np.all(np.diff([score.smallest for score in found[1:]]) <= 0.0)
 
 
-def test_directions_together_are_those_of_the_normal_equations_without_the_base() -> None:
+def test_directions_are_those_of_the_normal_equations_without_the_base() -> None:
     """Base parameters of prior precision 12 widen the noise to ``I + B B^T / 12``: its inverse weighs directions."""
     rng = np.random.default_rng(8)
-    shape, n_base, n = (2, 30), 3, 4
-    level, measured, values = np.array([0.1, 0.4]), rng.standard_normal(shape), rng.standard_normal(shape)
-    base, own = rng.standard_normal((60, n_base)), rng.standard_normal((n, *shape))
+    n_base, n = 3, 40
+    shape = (n, 2, 30)
+    level, measured, values = np.array([0.1, 0.4]), rng.standard_normal(shape[1:]), rng.standard_normal(shape)
+    base, own = rng.standard_normal((60, n_base)), rng.standard_normal(shape)
     channels = {f"acceleration_{floor}": row for floor, row in enumerate(measured, 1)}
     record, noise = Record(name="two", time_step=0.1, excitation=np.ones(30), channels=channels), level[:, None]
     slopes = Slopes(record=record, noise=level, base=base, residual=measured / noise)
-    gradient, information = slopes.projected_together(values, own)
+    values[3], values[5, 0, 2], own[7], own[9] = np.nan, np.inf, 0.0, (base[:, 0].reshape(2, 30) * noise)
+    found = slopes.projected(values, own)
     wide = np.linalg.inv(np.eye(60) + base @ base.T / 12.0)
-    columns = (own / noise).reshape(n, -1).T
-    residual = ((measured - values) / noise).ravel()
-    np.testing.assert_allclose(gradient, columns.T @ wide @ residual, rtol=1e-9)
-    np.testing.assert_allclose(information, columns.T @ wide @ columns, rtol=1e-9)
-    # One direction alone is the same.
-    one = slopes.projected(values, own[0])
-    assert one == pytest.approx((gradient[0], information[0, 0]))
-    for lost in (np.full(shape, np.nan), np.full(shape, np.inf)):
-        nothing = slopes.projected_together(lost, own)
-        assert not np.any(nothing[0]) and not np.any(nothing[1])
+    for number, (gradient, information) in enumerate(found):
+        if number in (3, 5, 7):
+            assert gradient == information == 0.0
+            continue
+        column, residual = (own[number] / noise).ravel(), ((measured - values[number]) / noise).ravel()
+        assert gradient == pytest.approx(column @ wide @ residual, rel=1e-9)
+        assert information == pytest.approx(column @ wide @ column, rel=1e-9)

@@ -213,11 +213,14 @@ class Problem:
         values, slopes = self.solve(stepping, block)
         residuals = by_block(self.record, self.record.measured - values)
         tables = by_block(self.record, slopes)
-        return (
-            np.stack([np.sum(residual**2, axis=1) for residual in residuals], axis=1),
-            np.stack([(own @ rest[..., None])[..., 0] for own, rest in zip(tables, residuals, strict=True)], axis=1),
-            np.stack([own @ np.swapaxes(own, 1, 2) for own in tables], axis=1),
-        )
+        with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away misses by infinity
+            return (
+                np.stack([np.sum(residual**2, axis=1) for residual in residuals], axis=1),
+                np.stack(
+                    [(own @ rest[..., None])[..., 0] for own, rest in zip(tables, residuals, strict=True)], axis=1
+                ),
+                np.stack([own @ np.swapaxes(own, 1, 2) for own in tables], axis=1),
+            )
 
     def reduced(self, stepping: Stepping, block: Block) -> tuple[Floats, Floats, Floats]:
         """Misfit, gradient and information of a block, summed by the kernel."""

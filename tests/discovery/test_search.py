@@ -17,10 +17,11 @@ from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
 from bwbn_bayes.discovery.search import rebuilt, search
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.effects import SensorBias, SensorGain
+from bwbn_bayes.elements.effects import CoulombFriction, SensorBias, SensorGain
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.likelihood import KnownNoise, Linearisation, Posterior
+from bwbn_bayes.engines.reference import Reference
+from bwbn_bayes.inference.likelihood import KnownNoise, Linearisation, Posterior, default_noise
 from bwbn_bayes.inference.modes import distinct, polish
 from bwbn_bayes.parameters import Floats, Normal, Uniform
 from bwbn_bayes.records.excitation import el_centro
@@ -61,6 +62,7 @@ def searched(script: Script, monkeypatch: pytest.MonkeyPatch, **settings: Any) -
     monkeypatch.setattr(searching, "_together", lambda *_: ())
     monkeypatch.setattr(searching, "_left_out", lambda *_: ())
     monkeypatch.setattr(searching, "_reshaped", lambda *_: ())
+    monkeypatch.setattr(searching, "_change_forms", lambda *_: None)
     monkeypatch.setattr(searching, "settled", lambda _, modes, __: modes)
     monkeypatch.setattr(Pool, "weigh", lambda _: None)
     run = run_of(**settings)
@@ -263,6 +265,40 @@ def test_a_superfluous_effect_is_seen_to_be_so(with_two: Pool) -> None:
     assert alone.evidence.log_evidence < pool.ranked()[0].evidence.log_evidence - 40.0
     # What was left out once is not fitted again, and one effect alone is not left out.
     assert list(searching._left_out(pool, pool.run)) == []
+
+
+def test_a_form_that_was_best_alone_gives_way_once_the_others_are_there() -> None:
+    """Friction by a hyperbolic tangent, and a biased sensor that had hidden which form it is."""
+    plain = ShearBuilding(
+        masses=[2.0], storey=BoucWen(k=Normal(60.0, 3.0), c=0.4, alpha=0.15, beta=12.0, gamma=2.0, n=1.3)
+    )
+    rubs = plain.with_effect(CoulombFriction(F_c=0.4, v0=0.1), storeys=[1])
+    clean = Reference(rtol=1e-9).simulate(rubs, np.array([[60.0]]), GROUND, CHANNELS[:1]).values[0, 0]
+    noise = 0.02 * np.random.default_rng(3).standard_normal(len(clean))
+    record = GROUND.with_channels({CHANNELS[0]: clean + 0.1 + noise})
+    present = Posterior(model=plain, record=record, engine=ENGINE, noise=default_noise(record))
+    centre = np.full((1, 1), 0.5)
+    run = run_of(effects=(SensorBias, CoulombFriction))
+    scales = scales_of(present, centre[0])
+    run.consider(hypotheses(plain, scales, measured=CHANNELS[:1], effects=run.settings.effects))
+    by_symbol = {one.symbols[0]: one for one in run.considered_first}
+    bias, wrong = by_symbol["bias"], by_symbol["F_ratio"]
+    pool, given = Pool(run=run), cast(Any, SimpleNamespace(is_specimen=False, model=plain))
+    for added in ((), rebuilt(given, (bias,), run), rebuilt(given, (wrong, bias), run)):
+        posterior = present.with_model(added[-1].model if added else plain)
+        starts = np.full((8, posterior.n_dim), 0.5) + 0.1 * np.random.default_rng(4).random((8, posterior.n_dim))
+        modes = distinct(*polish(posterior, starts, n_iterations=40))
+        pool.add([Explanation(added=added, posterior=posterior, modes=modes, evidence=laplace(posterior, modes))])
+    before = pool.ranked()[0]
+    assert [one.symbols[0] for one in before.added] == ["F_ratio", "bias"]
+    searching._change_forms(pool, run)
+    best = pool.ranked()[0]
+    assert {one.symbols[0] for one in best.added} == {"F_c", "bias"}
+    assert best.evidence.log_evidence > before.evidence.log_evidence + 3.0
+    # What every form was tried on stands, and one effect alone has been tried in all of its forms.
+    n_tried = len(pool.searched)
+    searching._change_forms(pool, run)
+    assert len(pool.searched) == n_tried
 
 
 def test_an_effect_without_which_nothing_can_be_solved_stays(with_two: Pool, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,8 +42,9 @@ class ScaledEquations:
 
     def weighted(self, weight: Floats) -> tuple[Floats, Floats]:
         """``J^T r`` and ``J^T J`` summed over scales with weights ``(n_draws, n_scales)``; zero where not finite."""
-        over = self.weights * (weight @ self.taken)[:, None]
-        both = np.sum(weight, axis=1)[:, None, None] * self.products - over @ np.swapaxes(self.weights, 1, 2)
+        with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away
+            over = self.weights * (weight @ self.taken)[:, None]
+            both = np.sum(weight, axis=1)[:, None, None] * self.products - over @ np.swapaxes(self.weights, 1, 2)
         both = np.nan_to_num(both, posinf=0.0, neginf=0.0)
         return both[:, 1:, 0], both[:, 1:, 1:]
 

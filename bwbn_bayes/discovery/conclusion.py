@@ -74,9 +74,8 @@ def conclude(
     )
     borne_out = {} if present.is_noise else _borne_out(believed)
     spread = spread_of(present, run.rng)
-    added = tuple(
-        _added(one, borne_out.get(one.name, 1.0), present, spread, believed, result, run) for one in present.added
-    )
+    every = (_added(one, borne_out.get(one.name, 1.0), present, spread, believed, result, run) for one in present.added)
+    added = tuple(sorted(every, key=lambda one: -one.name_probability))
     unnamed = unnamed_facts(believed)
     share = (
         0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given.disagreement, present.disagreement)

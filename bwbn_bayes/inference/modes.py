@@ -294,7 +294,7 @@ def steps(points: Floats, local: Linearisation, damping: Floats, allowed: Boolea
         np.einsum("npp->np", matrix)[:] += np.where(own, ridge[waiting], 1.0)
         step = np.linalg.solve(matrix, np.where(own, local.gradient[waiting], 0.0)[:, :, None])[:, :, 0]
         aim = point + step
-        trials[waiting] = np.clip(aim, _EDGE, 1.0 - _EDGE)
+        trials[waiting] = np.where(own, np.clip(aim, _EDGE, 1.0 - _EDGE), point)
         blocked = own & ((aim < _EDGE) | (aim > 1.0 - _EDGE))
         hit = blocked & ((point < 2.0 * _EDGE) | (point > 1.0 - 2.0 * _EDGE))
         again = np.any(hit, axis=1) & np.any(blocked != own, axis=1)

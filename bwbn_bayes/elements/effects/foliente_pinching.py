@@ -122,8 +122,9 @@ class FolientePinching(Effect):
                 # The largest of them: a pinch that is there from the start.
                 p=LogNormal(10.0 / scales.energy, 2.3).truncated(0.1 / scales.energy, 1e4 / scales.energy),
                 q=Uniform(-0.2, 0.8),
-                psi_0=Uniform(0.03 * z, 1.0 * z),
-                delta_psi=Uniform(0.0, 1.0 * z / scales.energy),
+                # A fit that lacks the pinch may have a far smaller z than the right model: the tail is long.
+                psi_0=LogNormal(0.3 * z, 1.0).truncated(0.02 * z, 5.0 * z),
+                delta_psi=Uniform(0.0, 4.0 * z / scales.energy),
                 lambda_=Uniform(0.01, 0.8),
             ),
         )

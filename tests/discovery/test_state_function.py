@@ -204,3 +204,41 @@ def test_a_force_without_which_the_motion_would_be_small_is_found_over_all_of_it
     moved = observe(view.engine, view.model, view.split(rival.points[:1])[0], record)["drift"][0, 1]
     largest = float(np.max(np.abs(moved)))
     assert begun < largest <= rival.effect.reach <= own._TOO_FAR * largest
+
+
+def test_a_part_of_the_record_is_told_nothing_fine(record: Record) -> None:
+    """Most of a fit is derivatives by the finest weights: the whole record alone is asked for them."""
+    posterior = posterior_of(record)
+    points = np.full((1, posterior.space.n_dim), 0.5)
+    rows = observe(posterior.engine, MODEL, posterior.split(points)[0], record)
+    rival = own._Rival.of(posterior, points, 2, "drift", rows, UNNAMED_SCALE)
+    fine = np.array([hat.level >= own._FINE for hat in hats.HATS])
+    parts = rival
+    for end in (4.0, 6.0):
+        parts = parts.fitted(end, 3, np.random.default_rng(3))
+        weights = parts.points[:, parts.posterior.columns]
+        assert np.all(weights[:, fine] == 0.5)
+        assert np.all(np.any(weights[:, ~fine] != 0.5, axis=1))
+    whole = parts.fitted(record.duration, 3, np.random.default_rng(3))
+    assert np.any(whole.points[:, whole.posterior.columns][:, fine] != 0.5)
+
+
+def test_what_a_known_law_leaves_far_behind_is_not_fitted_to_the_end(
+    plain: Explanation, best: StateForce, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not even to the second part: beside an answer, forces of a model without it took most of a search."""
+    asked: list[float] = []
+    fitted = own._Rival.fitted
+
+    def counted(rival: own._Rival, end: float, *others: object) -> own._Rival:
+        asked.append(end)
+        return fitted(rival, end, *others)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(own._Rival, "fitted", counted)
+    monkeypatch.setattr(own, "_BEHIND", 0.0)
+    damped = BoucWen(k=Uniform(40.0, 80.0), c=5.0, alpha=0.2, beta=5.0, gamma=5.0, n=1.0)
+    wrong = plain.posterior.with_model(ShearBuilding(masses=(1.0, 1.0), storey=damped))
+    known = best.posterior, best.modes[0].point
+    rng = np.random.default_rng(1)
+    assert state_forces(wrong, plain.points, UNNAMED_SCALE, rng, known) == ()
+    assert len(set(asked)) <= 2

@@ -47,6 +47,11 @@ _N_POINTS = 1025
 """At which a function is told anew."""
 _REACH, _FEWEST = 50.0, 2
 """How far below the best a state goes on [nat]; after two parts of the record the better half does, these at least."""
+_BEHIND = 400.0
+"""How far a state may fall below the best law that is known, over a part of the record or all of it [nat]: under white
+errors laws have been seen 379 nats below what they contain."""
+_FINE = 4
+"""Level of the hats from which on a part of the record leaves their weights alone: three quarters of all."""
 _N_TURNS, _SAME_SCALE = 5, 0.25
 """In which the fit and the force's scale find each other, and the log ratio of scales that ends it."""
 _STATES = {"drift": DRIFT, "drift_rate": DRIFT_RATE, "hysteretic_displacement": HYSTERETIC_DISPLACEMENT}
@@ -214,9 +219,15 @@ class StateForce:
 
 
 def state_forces(
-    posterior: Posterior, points: Floats, share: float, rng: np.random.Generator
+    posterior: Posterior,
+    points: Floats,
+    share: float,
+    rng: np.random.Generator,
+    known: tuple[Posterior, Floats] | None = None,
 ) -> tuple[StateForce, ...]:
     """Forces of one state of a storey beside a model, fitted to more and more of the record while they keep up.
+
+    Only the whole record is asked for the finest functions: most of what a fit costs is derivatives by their weights.
 
     Parameters
     ----------
@@ -228,6 +239,8 @@ def state_forces(
         Standard deviation of the scale's half-normal prior, over the largest force of the storey.
     rng : numpy.random.Generator
         Random stream.
+    known : tuple of Posterior and (n_dim,) array, optional
+        The best law and its fit, with which they keep up, too.
     """
     rows = observe(posterior.engine, posterior.model, posterior.split(points[:1])[0], posterior.record)
     places = [(storey, state) for storey in range(1, posterior.model.n_links + 1) for state in STATES]
@@ -241,8 +254,17 @@ def state_forces(
         rivals.sort(key=lambda rival: -rival.reached)
         if number > 1:
             rivals = rivals[: max(len(rivals) // 2, _FEWEST)]
-        rivals = [rival for rival in rivals if rival.reached > rivals[0].reached - _REACH]
+        least = max(rivals[0].reached - _REACH, _reached(known, end) - _BEHIND)
+        rivals = [rival for rival in rivals if rival.reached > least]
     return tuple(rival.weighed(share) for rival in rivals)
+
+
+def _reached(known: tuple[Posterior, Floats] | None, end: float) -> float:
+    """Log likelihood of a law up to a time; minus infinity where none is known."""
+    if known is None:
+        return -np.inf
+    posterior, point = known
+    return float(posterior.until(end).log_likelihood(point[None])[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,12 +322,15 @@ class _Rival:
     def fitted(self, end: float, n_iterations: int, rng: np.random.Generator) -> Self:
         """Fitted to the record up to a time, from the last fits and a cloud around them, as far as the state goes."""
         points, rival = self.points, self
-        if self.modes:
-            view = self.posterior.until(end)
-            points = best_of(view, np.concatenate([points, cloud(self.posterior, self.modes, rng)]), _N_CANDIDATES)
         is_whole = end >= self.posterior.record.duration
+        held = None if is_whole else self._fine
+        if self.modes:
+            view, around = self.posterior.until(end), cloud(self.posterior, self.modes, rng)
+            around = np.where(self._fine, points[0], around)
+            points = best_of(view, np.concatenate([points, around]), _N_CANDIDATES)
         for _ in range(_N_REACHED):
-            modes = distinct(*polish(rival.posterior.until(end), points, n_iterations=n_iterations, reach=_REACH))
+            view = rival.posterior.until(end)
+            modes = distinct(*polish(view, points, n_iterations=n_iterations, held=held, reach=_REACH))
             rival = replace(rival, modes=modes[:_N_KEPT], points=np.array([mode.point for mode in modes[:_N_KEPT]]))
             if not modes:
                 break
@@ -315,6 +340,13 @@ class _Rival:
             rival = rival._reaching(_ROOM * largest)
             points = rival.points
         return rival
+
+    @property
+    def _fine(self) -> Booleans:
+        """Coordinates ``(n_dim,)`` that are weights of the finest functions."""
+        found = np.zeros(self.posterior.n_dim, dtype=np.bool_)
+        found[self.posterior.columns] = [hat.level >= _FINE for hat in HATS]
+        return found
 
     def _largest_state(self, end: float) -> float:
         """Of the best fit up to a time."""

@@ -13,13 +13,11 @@ from bwbn_bayes.discovery.explanation import Explanation, Key
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import Run, all_but, on_one_thread, on_threads
 from bwbn_bayes.elements.law import Effect
-from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.unnamed import N_KINDS, UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.further_link import further_links
 from bwbn_bayes.inference.unnamed.reading import ReadingError, reading_errors
 from bwbn_bayes.inference.unnamed.state_function import StateForce, state_forces
 from bwbn_bayes.inference.unnamed.storey import unnamed_forces
-from bwbn_bayes.parameters import Floats
 
 _N_UNNAMED = 8
 """Explanations that are weighed to first order at most, beside those that have less than the best."""
@@ -37,8 +35,8 @@ class _Asked(NamedTuple):
     """Effects that share the law of all with its own."""
     n_threads: int
     """For solves of what is found."""
-    known: tuple[Posterior, Floats]
-    """The best law and its fit."""
+    known: Explanation
+    """The best laws."""
 
 
 def follow(pool: Pool, run: Run) -> None:
@@ -89,10 +87,14 @@ def _ask(kind: Callable[[_Asked], list[Explanation]], keys: Iterable[Key], pool:
     if not wanted or run.must_stop():
         return
     streams = run.rng.spawn(len(wanted))
-    known = on_one_thread(best.best.posterior), best.best.best
     asked = [
         _Asked(
-            pool.plain[key], float(behind[key]), own, all_but(pool.plain[key].added, run), run.settings.n_workers, known
+            pool.plain[key],
+            float(behind[key]),
+            own,
+            all_but(pool.plain[key].added, run),
+            run.settings.n_workers,
+            best.best,
         )
         for key, own in zip(wanted, streams, strict=True)
     ]
@@ -148,8 +150,8 @@ def _to_first_order(asked: _Asked) -> list[Explanation]:
 
 def _with_state_forces(asked: _Asked) -> list[Explanation]:
     """An explanation with a force of one state of a storey."""
-    one = asked.one
-    found = state_forces(on_one_thread(one.posterior), one.points, UNNAMED_SCALE, asked.rng, asked.known)
+    one, known = asked.one, (on_one_thread(asked.known.posterior), asked.known.best)
+    found = state_forces(on_one_thread(one.posterior), one.points, UNNAMED_SCALE, asked.rng, known)
     return [_of_state(one, force, asked.n_threads) for force in found]
 
 

@@ -183,10 +183,13 @@ def choose_scheme(
 ) -> tuple[Lanes, Discretisation]:
     """The cheapest scheme of the ladder, from its rung ``first`` on, that is fine enough at a point ``(n_dim,)``.
 
-    Where none is, the finest is returned with the figures of the next coarser one, which bound its own.
+    Where none is, the finest is returned with the figures of the next coarser one, which bound its own; where it is the
+    first, with its own, which no finer one tells.
     """
     *ladder, finest = (_of_lanes(engine, rung) for rung in LADDER[first:])
     judge = Judge.at(posterior, point, finest)
+    if not ladder:
+        return finest, judge(finest)
     for scheme in ladder:
         facts = judge(scheme)
         if accepts(facts):

@@ -112,3 +112,10 @@ def test_a_stiff_building_is_searched_by_steps_that_do_not_run_away() -> None:
     found = stable.space.from_unit(best.point[None])[0]
     assert found == pytest.approx(list(truth.values()), rel=0.02)
     assert coarsest_stable(stable.with_engine(replace(LADDER[-1], n_threads=1))).engine == stable.engine
+
+
+def test_from_the_finest_rung_on_there_is_nothing_to_choose(pinching: Posterior, fitted: Mode) -> None:
+    """Where a search has solved so finely already."""
+    chosen, facts = choose_scheme(pinching, fitted.point, FINEST, first=len(LADDER) - 1)
+    assert chosen == FINEST
+    assert facts.acceptable

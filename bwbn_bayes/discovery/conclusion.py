@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
-from bwbn_bayes.discovery.consistency import probability_of_being_better
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.predictive import predictive_interval
-from bwbn_bayes.discovery.probability import NAMED, Beliefs
+from bwbn_bayes.discovery.probability import NAMED, Beliefs, sides
 from bwbn_bayes.discovery.run import Run, hypotheses_of, score_all
 from bwbn_bayes.discovery.sentences import badly_sampled, sentences
 from bwbn_bayes.discovery.separation import separating_experiment
@@ -72,7 +71,7 @@ def conclude(
         assumptions=assumptions,
         listener=lambda text, _: run.say(text),
     )
-    borne_out = {} if present.is_noise else _borne_out(believed)
+    borne_out = believed.borne_out
     spread = spread_of(present, run.rng)
     every = (_added(one, borne_out.get(one.name, 1.0), present, spread, believed, result, run) for one in present.added)
     added = tuple(sorted(every, key=lambda one: -one.name_probability))
@@ -84,7 +83,7 @@ def conclude(
     return Discovery(
         verdict=believed.verdict,
         verdict_probabilities=believed.verdicts,
-        probabilities=_of_names(believed, borne_out, added),
+        probabilities=_of_names(believed, added),
         sentences=(*told[:1], *run.cut_short, *told[1:], *binding, *run.notes, *badly_sampled(result.facts)),
         unexplained_share=share,
         unnamed=unnamed,
@@ -145,35 +144,9 @@ def _added(
     )
 
 
-def _sides(explanations: Iterable[Explanation], has: Callable[[Explanation], bool]) -> list[Explanation]:
-    """The first that has something and the first that has not, of explanations in the order of their probability."""
-    sides: dict[bool, Explanation] = {}
-    for one in explanations:
-        sides.setdefault(has(one), one)
-    return [sides[own] for own in (True, False) if own in sides]
-
-
-def _borne_out(believed: Beliefs) -> dict[str, float]:
-    """Of each probable name whether the record agrees on its gain; which law of its mechanism has it, evidence tells.
-
-    A building's explanation with an unnamed force has no fit of its own: it is not asked.
-    """
-    asked = [one for one in believed.explanations if one.estimate is None]
-    return {name: _agreed_on(name, asked) for name, p in believed.names.items() if p > _SHARES_PROBABILITY}
-
-
-def _agreed_on(name: str, explanations: Sequence[Explanation]) -> float:
-    """That the best with an effect explains further stretches better than the best without any of its mechanism."""
-    mechanisms = {h.name: h.effect.mechanism for one in explanations for h in one.added}
-    alike = {other for other, mechanism in mechanisms.items() if mechanism == mechanisms[name]}
-    compared = [one for one in explanations if name in one.names or not alike & one.names]
-    own = [one.evidence for one in _sides(compared, lambda one: name in one.names)]
-    return probability_of_being_better(*own) if len(own) > 1 else 1.0
-
-
-def _of_names(believed: Beliefs, borne_out: Mapping[str, float], added: Sequence[Added]) -> dict[str, float]:
+def _of_names(believed: Beliefs, added: Sequence[Added]) -> dict[str, float]:
     """Probability of each name, best first; of what was added, that it deserves its name, too."""
-    names = {name: p * borne_out.get(name, 1.0) for name, p in believed.names.items()}
+    names = {name: p * believed.borne_out.get(name, 1.0) for name, p in believed.names.items()}
     for one in sorted(added, key=lambda own: own.name_probability):
         names[one.hypothesis.name] = one.name_probability
     return dict(sorted(names.items(), key=lambda item: -item[1]))
@@ -181,7 +154,7 @@ def _of_names(believed: Beliefs, borne_out: Mapping[str, float], added: Sequence
 
 def _bayes_factor(name: str, believed: Beliefs) -> tuple[float, float]:
     """Evidence of the best with an effect over that of the best without it, and its error, in nat."""
-    own = [one.evidence for one in _sides(believed.explanations, lambda one: name in one.names)]
+    own = [one.evidence for one in sides(believed.explanations, lambda one: name in one.names)]
     gained = own[0].log_evidence - own[1].log_evidence if len(own) > 1 else np.inf
     return gained, float(np.hypot.reduce([one.log_evidence_se for one in own]))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from bwbn_bayes.discovery.scheme import finely_solved
 from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, find_modes, settled
+from bwbn_bayes.inference.residuals import has_past
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.specimen import fitted_basis
 
@@ -55,8 +57,6 @@ class Pool:
     """Without an unnamed force; of a specimen's the leading ones."""
     unnamed: dict[tuple[Key, Place], Explanation] = field(default_factory=dict)
     """With something unnamed, by its place."""
-    has_force: bool = False
-    """Whether laws are searched beside an unnamed force, as a specimen's are."""
     expanded: set[Key] = field(default_factory=set)
     """What further effects were tried on."""
     asked: set[tuple[Key, str]] = field(default_factory=set)
@@ -65,6 +65,8 @@ class Pool:
     """What was tried, or could not be solved, with an effect in a free shape."""
     first: dict[Key, float] = field(default_factory=dict)
     """Log evidence of each as it was searched."""
+    _force: tuple[SharedFunctions, float] | None = None
+    """Functions of a specimen's unnamed force, and the standard deviation of its scale's prior [N]."""
     _fine: set[Key] = field(default_factory=set)
     _coloured: set[Key] = field(default_factory=set)
     _bounds: dict[Key, float] = field(default_factory=dict)
@@ -84,13 +86,16 @@ class Pool:
         if is_specimen:
             largest = UNNAMED_SCALE * float(np.max(np.abs(record.channels["force"])))
             shared = SharedFunctions.of(fitted_basis(record))
-            self.has_force, self._alone = True, {frozenset()}
-            evidence = beside_force(given.posterior, given.modes, shared, largest)
-            given = replace(
-                given, posterior=evidence.posterior, modes=evidence.modes, evidence=evidence, unnamed=SPECIMEN
-            )
+            self._alone = {frozenset()}
+            self._force = shared, largest
+            given = _with_force(given, _beside(self._force, given))
         self.add([given])
         return given
+
+    @property
+    def has_force(self) -> bool:
+        """Whether laws are searched beside an unnamed force, as a specimen's are."""
+        return self._force is not None
 
     @property
     def searched(self) -> dict[Key, Explanation]:
@@ -146,6 +151,11 @@ class Pool:
         return self._beliefs((*self.plain.values(), *self.unnamed.values()))
 
     @property
+    def alone(self) -> list[Explanation]:
+        """Explanations without anything unnamed, the most probable first."""
+        return list(self._beliefs(tuple(self.plain.values())).explanations)
+
+    @property
     def laws(self) -> Beliefs:
         """The posterior over what the search builds upon: a building's laws alone, a specimen's beside a force."""
         return self._beliefs(tuple(self.searched.values()))
@@ -157,7 +167,7 @@ class Pool:
     def ranked(self) -> list[Explanation]:
         """One of each set of effects, as it is searched, the most probable sets first."""
         seen, searched = dict.fromkeys(one.effects_key for one in self.beliefs.explanations), self.searched
-        return [searched[key] for key in seen]
+        return [searched[key] for key in seen if key in searched]
 
     def weigh(self, *, last: bool = False) -> None:
         """Solve every explanation that could matter finely enough, and give it its own account of the errors.
@@ -167,18 +177,10 @@ class Pool:
         """
         self._solve_finely()
         if self.has_force:
-            self._leave_alone(1)
-            if last:
-                self._leave_alone(_MOST_ALONE)
-        if self._has_time:
+            self.leave_alone(_MOST_ALONE if last else 1)
+        if has_past(next(iter(self.plain.values())).posterior.record):
             self._colour()
         self._sample()
-
-    @property
-    def _has_time(self) -> bool:
-        """Whether errors can have a past: a filter in time means nothing without time, or across gaps."""
-        record = next(iter(self.plain.values())).posterior.record
-        return record.has_time and all(part.counted is None for part in record.parts)
 
     def _solve_finely(self) -> None:
         """Judge the schemes by which the best were solved, and where one of these was too coarse, of the next."""
@@ -217,26 +219,32 @@ class Pool:
             if evidence.log_evidence > self.plain[key].evidence.log_evidence:
                 self.plain[key] = replace(self.plain[key], evidence=evidence)
 
-    def _leave_alone(self, n: int) -> None:
-        """Fit the best laws of a specimen without the unnamed force, too.
+    def leave_alone(self, n: int = _MOST_ALONE, *, also: Iterable[Explanation] = ()) -> None:
+        """Fit the best laws of a specimen, and some others, without the unnamed force, too."""
+        ranked = sorted(self.searched.items(), key=lambda pair: -self.first[pair[0]])[:n]
+        wanted = [
+            one for key, one in {**dict(ranked), **{o.effects_key: o for o in also}}.items() if key not in self._alone
+        ]
+        found = zip(wanted, self.run.beside(_alone, wanted), strict=True)
+        self.add_alone(
+            replace(one, posterior=own.posterior, modes=own.modes, evidence=own, unnamed=None) for one, own in found
+        )
 
-        Where the best one is far less probable without it, so are all: wanted are those alone that may be delivered.
-        """
-        searched, believed = self.searched, self.beliefs
-        ranked = sorted(searched, key=lambda key: -self.first[key])[:n]
-        joint = zip(believed.explanations, believed.log_joint.tolist(), strict=True)
-        alone = [own for one, own in joint if one.added and not one.has_unnamed]
-        if alone and max(alone) < believed.log_joint[0] - FAR:
-            ranked = [key for key in ranked if believed.may_be_delivered(searched[key])]
-        wanted = [key for key in ranked if key not in self._alone]
-        self._alone.update(wanted)
-        found = self.run.beside(_alone, [searched[key] for key in wanted])
-        for key, evidence in zip(wanted, found, strict=True):
+    def add_alone(self, found: Iterable[Explanation]) -> None:
+        """Take what was fitted without the unnamed force of a specimen; of two of the same effects the better stays."""
+        for one in found:
+            key = one.effects_key
             known = self.plain.get(key)
-            if known is None or evidence.log_evidence > known.evidence.log_evidence:
-                one = replace(searched[key], posterior=evidence.posterior, modes=evidence.modes, unnamed=None)
-                self.plain[key] = replace(one, evidence=evidence)
+            if known is None or one.evidence.log_evidence > known.evidence.log_evidence:
+                self.plain[key] = one
+                self._alone.add(key)
                 self._sampled.discard((key, None))
+
+    def let_compete(self, laws: Sequence[Explanation]) -> None:
+        """Fit laws of a specimen beside the unnamed force, from where they are best by themselves."""
+        assert self._force is not None
+        found = zip(laws, self.run.beside(partial(_beside, self._force), laws), strict=True)
+        self.add(_with_force(one, own) for one, own in found)
 
     def settled(self, key: Key) -> Explanation:
         """An explanation without an unnamed force, to predict by; a specimen's after a search all over its priors.
@@ -281,3 +289,11 @@ def _coloured(one: Explanation) -> Evidence:
 
 def _alone(one: Explanation) -> Evidence:
     return law_alone(*_at(one))
+
+
+def _beside(force: tuple[SharedFunctions, float], one: Explanation) -> Evidence:
+    return beside_force(*_at(one), *force)
+
+
+def _with_force(one: Explanation, own: Evidence) -> Explanation:
+    return replace(one, posterior=own.posterior, modes=own.modes, evidence=own, unnamed=SPECIMEN)

@@ -7,7 +7,7 @@ class, by effect and by place. Held-out data play no part.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
+from bwbn_bayes.discovery.consistency import probability_of_being_better
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.parameters import Floats
 
@@ -141,10 +142,6 @@ class Beliefs:
             found.add((name, min(close, key=lambda place: (len(place), -places[place]))))
         return frozenset(found)
 
-    def may_be_delivered(self, one: Explanation) -> bool:
-        """Whether what is likely is among its effects, and nothing that could be named as absent."""
-        return self.likely <= one.placed and not self._absent & one.names
-
     @cached_property
     def _absent(self) -> frozenset[str]:
         return frozenset(name for name, p in self.names.items() if p < 1.0 - NAMED)
@@ -154,17 +151,50 @@ class Beliefs:
         """The effects to deliver, as an explanation without an unnamed force: those that predict best.
 
         Of those that may be delivered the one with the largest log score over blocks of the training record that were
-        left out, the prior added, which keeps chance out where many were tried.
+        left out, the prior added, which keeps chance out where many were tried. Where the best of them leaves more than
+        noise, none is right, and whatever predicts best is delivered that has what is named.
         """
         pairs = list(zip(self.explanations, self.log_prior.tolist(), strict=True))
         plain = [pair for pair in pairs if not pair[0].has_unnamed]
-        holding = [pair for pair in plain if self.likely <= pair[0].placed] or plain
-        tried = [pair for pair in holding if self.may_be_delivered(pair[0])] or holding
+        if plain[0][0].is_noise:
+            holding = [pair for pair in plain if self.likely <= pair[0].placed] or plain
+            tried = [pair for pair in holding if not self._absent & pair[0].names] or holding
+        else:
+            named = {name for name, p in self.names.items() if p * self.borne_out.get(name, 1.0) >= NAMED}
+            tried = [pair for pair in plain if named <= pair[0].names] or plain
         return max(tried[:_MOST_VALIDATED], key=lambda pair: pair[0].cross_validation.log_score + pair[1])[0]
+
+    @cached_property
+    def borne_out(self) -> dict[str, float]:
+        """Of each probable name whether the record agrees on its gain; none where a law leaves noise.
+
+        Which law of its mechanism has it, evidence tells. A building's explanation with an unnamed force has no fit of
+        its own: it is not asked.
+        """
+        if next(one for one in self.explanations if not one.has_unnamed).is_noise:
+            return {}
+        return {name: self._agreed_on(name) for name, p in self.names.items() if p > 1.0 - NAMED}
+
+    def _agreed_on(self, name: str) -> float:
+        """That the best with an effect explains further stretches better than the best without any of its mechanism."""
+        asked = [one for one in self.explanations if one.estimate is None]
+        mechanisms = {h.name: h.effect.mechanism for one in asked for h in one.added}
+        alike = {other for other, mechanism in mechanisms.items() if mechanism == mechanisms[name]}
+        compared = [one for one in asked if name in one.names or not alike & one.names]
+        own = [one.evidence for one in sides(compared, lambda one: name in one.names)]
+        return probability_of_being_better(*own) if len(own) > 1 else 1.0
 
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
         own = [p for one, p in self._pairs if wanted(one)]
         return float(min(sum(own), 1.0))
+
+
+def sides(explanations: Iterable[Explanation], has: Callable[[Explanation], bool]) -> list[Explanation]:
+    """The first that has something and the first that has not, of explanations in the order of their probability."""
+    found: dict[bool, Explanation] = {}
+    for one in explanations:
+        found.setdefault(has(one), one)
+    return [found[own] for own in (True, False) if own in found]
 
 
 def beliefs(explanations: Sequence[Explanation], n_effects: int, variants: Mapping[str, int]) -> Beliefs:

@@ -9,51 +9,47 @@ judged in :mod:`~bwbn_bayes.discovery.probability`.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
+from bwbn_bayes.discovery.alone import build_alone
+from bwbn_bayes.discovery.build import (
+    N_KEPT,
+    TOGETHER,
+    WITH,
+    built_upon,
+    explained,
+    fitted,
+    in_forms,
+    in_other_forms,
+    left_out,
+    rebuilt,
+)
+from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation, key_of
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
-from bwbn_bayes.discovery.probability import cost_of_another
-from bwbn_bayes.discovery.race import FAR, Fit, race
-from bwbn_bayes.discovery.run import Run, all_but, hypotheses_of, on_one_thread, on_threads, score_all
-from bwbn_bayes.discovery.second_look import rescanned, searched, widened
+from bwbn_bayes.discovery.race import FAR
+from bwbn_bayes.discovery.run import Run, hypotheses_of
+from bwbn_bayes.discovery.second_look import searched
 from bwbn_bayes.discovery.unfinished import Unfinished
 from bwbn_bayes.discovery.unnamed import follow, weigh_to_first_order
-from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.engines.precompile import precompile
-from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
-from bwbn_bayes.inference.unnamed.any_scale import without_force
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.inference.modes import N_CANDIDATES, settled
 
-MOST_LATER = 12
-"""Hypotheses with the largest scores that are fitted in a later round."""
 REACH = 6.0
 """Explanations this far below the best are built upon. [nat]"""
 BEAM = 2
 """Explanations of one number of effects that are built upon at most."""
 _FOLLOWED_AFTER = 2
 """Rounds after which what has no name is looked for, where what a building's best laws leave is not noise yet."""
-_N_KEPT = 40
-"""Fits of a round that become explanations."""
 _MOST_RESHAPED = 2
 """Rounds in which forms of free shape are tried at a specimen."""
 _MOST_RIVALS = 3
 """Other effects that are tried in free shape in the place of one of the best explanation's."""
-_TOGETHER = ("strength_degradation", "stiffness_degradation")
-_WITH = ("slip_lock", "foliente_pinching")
-"""What occurs together in measured loops: a pinch with a loss of strength and stiffness."""
-_N_TOGETHER = 512
-"""Draws of the whole prior from which such a combination starts."""
-_NEAR = 50.0
-"""Candidates further below the best do not keep it waiting. [nat]"""
 
 
 def search(given: Explanation, run: Run) -> Pool:
@@ -83,6 +79,7 @@ def search(given: Explanation, run: Run) -> Pool:
                 break
             _round(parent, pool, run)
             n_whole += not run.stopped
+        build_alone(pool, run)
         if not run.stopped:
             _change_forms(pool, run)
         if pool.has_force:
@@ -114,13 +111,13 @@ def _when_stopped(n_begun: int, n_whole: int) -> str:
 def _round(parent: Explanation, pool: Pool, run: Run) -> None:
     """Build upon an explanation, and weigh what came of it; where the time runs out, what was found by then."""
     pool.expanded.add(parent.effects_key)
-    pool.add(_built_upon(parent, run))
+    pool.add(built_upon(parent, run))
     if not parent.added:
         pool.add(_together(parent, run))
     pool.weigh()
     if not run.stopped:
         pool.add(_reshaped(pool, run))
-        pool.add(_left_out(pool, run))
+        pool.add(left_out(pool.ranked()[0], pool.searched, run))
         pool.weigh()
     _tell(f"Built upon {parent.label}", parent.label, pool, run)
 
@@ -135,7 +132,7 @@ def _look_deeper(given: Explanation, pool: Pool, run: Run) -> None:
         return
     run.say("looking deeper at the leading hypotheses of the first round")
     run.first_fits = searched(run.first_fits, run.rng, n_threads=run.settings.n_workers, pace=run.pace)
-    pool.add(_explained(given, fit, run) for fit in run.first_fits[:_N_KEPT])
+    pool.add(explained(given, fit, run) for fit in run.first_fits[:N_KEPT])
     pool.weigh()
 
 
@@ -162,96 +159,19 @@ def _next(pool: Pool, run: Run) -> Explanation | None:
     return None
 
 
-def _built_upon(parent: Explanation, run: Run) -> list[Explanation]:
-    """The parent with every effect at every place that could improve it."""
-    fits = _fits(parent, run, first=not parent.added)
-    if not parent.added:
-        run.first_fits = fits
-    return [_explained(parent, fit, run) for fit in fits[:_N_KEPT]]
-
-
-def _explained(parent: Explanation, fit: Fit, run: Run) -> Explanation:
-    posterior = on_threads(fit.posterior, run.settings.n_workers)
-    return Explanation(
-        added=(*parent.added, fit.hypothesis),
-        posterior=posterior,
-        modes=fit.modes,
-        evidence=laplace(posterior, fit.modes),
-        unnamed=parent.unnamed,
-        n_places=parent.n_places,
-    )
-
-
-def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
-    """Every further effect fitted, best first; where a score tells what an effect can gain, those that can alone.
-
-    A specimen's solves are short beside the compilation of a law: it is fitted under the law that scores, and what its
-    laws leave is no noise that a score could be judged by.
-    """
-    if not first:  # Later models differ from run to run: one law for all of them, compiled once, scores them.
-        run.considered = hypotheses_of(parent, run, np.inf)
-    every = run.considered
-    if parent.is_quiet or not (first or parent.is_specimen):
-        run.say(f"scoring {len(every)} hypotheses")
-        run.scored = (parent.model, score_all(parent, every, run))
-        ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
-        variants = run.variants
-        every = tuple(h for h, score in ranked if score.nats > cost_of_another(h.name, variants))
-        every = every[: len(every) if first else MOST_LATER]
-    if not every:
-        return ()
-    if not (first or parent.is_specimen):
-        every = _under_smaller_laws(parent, every)
-    run.say(f"fitting {len(every)} hypotheses")
-    posterior = on_one_thread(parent.posterior)
-    n_workers, pace = run.settings.n_workers, run.pace
-    guess = first or parent.is_specimen
-    fits = race(posterior, every, parent.points, guess=guess, progress=run.say, pace=pace)
-    fits = _solvable(fits, run)
-    if not fits:
-        return ()
-    fits = widened(fits, n_threads=n_workers, pace=pace)
-    run.say("looking closer at the leading hypotheses")
-    if not parent.is_quiet:
-        fits = rescanned(fits, n_threads=n_workers, pace=pace)
-    if first and parent.is_specimen:
-        fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
-    return fits
-
-
-def _solvable(fits: tuple[Fit, ...], run: Run) -> tuple[Fit, ...]:
-    """Those that could be solved from some start; the others are told once."""
-    lost = [fit.hypothesis.label for fit in fits if not np.isfinite(fit.log_likelihood)]
-    if lost:
-        sentence = f"Could not be solved for this record and was left out: {', '.join(lost)}."
-        if sentence not in run.notes:
-            run.note(sentence)
-    return tuple(fit for fit in fits if np.isfinite(fit.log_likelihood))
-
-
-def _under_smaller_laws(parent: Explanation, every: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """The same hypotheses in groups of few effects: derivatives take a tenth of the time, which pays for compiling."""
-    grouped = sharing_laws(every, MOST_CARRIED)
-    laws = tuple(dict.fromkeys(hypothesis.model.law for hypothesis in grouped))
-    engine, driven = parent.posterior.engine, parent.model.excitation_kind == "displacement"
-    single = isinstance(engine, Lanes) and engine.single
-    precompile(dict.fromkeys(laws[len(laws) // 2 :], True), driven=driven, single=single)
-    return grouped
-
-
 def _together(given: Explanation, run: Run) -> Iterator[Explanation]:
     """What occurs together, at a specimen, from all over its priors and from where its last effect alone was best."""
-    if not given.is_specimen or run.settings.most_effects < len(_TOGETHER) + 1:
+    if not given.is_specimen or run.settings.most_effects < len(TOGETHER) + 1:
         return
     every = {h.name: h for h in reversed(run.considered_first)}
-    if not {*_TOGETHER} <= {*every}:
+    if not {*TOGETHER} <= {*every}:
         return
-    for pinch in (every[name] for name in _WITH if name in every):
-        added = rebuilt(given, [*(every[name] for name in _TOGETHER), pinch], run)
+    for pinch in (every[name] for name in WITH if name in every):
+        added = rebuilt(given, [*(every[name] for name in TOGETHER), pinch], run)
         if run.must_stop():
             return
         run.say(f"fitting {pinch.label} with a loss of strength and stiffness")
-        yield from _fitted(given, added, run)
+        yield from fitted(given, added, run)
 
 
 def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
@@ -281,7 +201,7 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
         every = [one for one in every if base.effects_key | key_of([one]) not in pool.reshaped]
         pool.reshaped.update(base.effects_key | key_of([one]) for one in every)
         if every:
-            found += _in_forms(base, every, run)
+            found += in_forms(base, every, run)
     return found
 
 
@@ -310,86 +230,11 @@ def _change_forms(pool: Pool, run: Run) -> None:
     best = pool.ranked()[0]
     if len(best.added) < 2:
         return
-    for one in best.added:
-        base = pool.searched.get(best.effects_key - key_of([one]))
-        if base is None or run.must_stop():
-            continue
-        alike = [h for h in run.considered_first if (h.name, h.storeys) == (one.name, one.storeys)]
-        every = [replace(one, base=base.model, effect=h.effect, carried=()) for h in alike]
-        every = [h for h in every if base.effects_key | key_of([h]) not in pool.searched]
-        if every:
-            pool.add(_in_forms(base, every, run))
+    pool.add(in_other_forms(best, pool.searched, run))
     pool.weigh()
     if pool.ranked()[0].effects_key != best.effects_key:
-        pool.add(_left_out(pool, run))
+        pool.add(left_out(pool.ranked()[0], pool.searched, run))
         pool.weigh()
-
-
-def _in_forms(base: Explanation, every: Sequence[Hypothesis], run: Run) -> list[Explanation]:
-    """An explanation with an effect in each of some forms."""
-    n_workers, pace = run.settings.n_workers, run.pace
-    run.say(f"fitting {' and '.join(one.label for one in every)}")
-    posterior = on_one_thread(base.posterior)
-    fits = _solvable(race(posterior, every, base.points, pace=pace), run)
-    if not fits:
-        return []
-    fits = widened(fits, n_threads=n_workers, pace=pace)
-    if not fits[0].leaves_noise:
-        fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
-    return [_explained(base, fit, run) for fit in fits]
-
-
-def _left_out(pool: Pool, run: Run) -> Iterator[Explanation]:
-    """The best explanation without each of its effects in turn."""
-    best = pool.ranked()[0]
-    if len(best.added) < 2:
-        return
-    for left_out in best.added:
-        kept = [one for one in best.added if one is not left_out]
-        if key_of(kept) in pool.searched or run.must_stop():
-            continue
-        given = pool.searched[frozenset()]
-        try:
-            added = rebuilt(given, kept, run)
-            own = added[-1].model.space.names
-        except UserError:  # what is kept acts on what the other one makes of a link
-            continue
-        names = best.posterior.space.names
-        columns = [names.index(name) for name in own]
-        points = np.array([mode.point[columns] for mode in best.modes[:N_CANDIDATES]])
-        yield from _fitted(given, added, run, points=points)
-
-
-def rebuilt(given: Explanation, added: Sequence[Hypothesis], run: Run) -> tuple[Hypothesis, ...]:
-    """The same hypotheses one upon the other, from the model as given on; a specimen's under the law of all effects."""
-    carried = all_but(added, run) if given.is_specimen else ()
-    result: list[Hypothesis] = []
-    for number, one in enumerate(added, start=1):
-        base = result[-1].model if result else given.model
-        result.append(replace(one, base=base, carried=carried if number == len(added) else ()))
-    return tuple(result)
-
-
-def _fitted(
-    given: Explanation,
-    added: tuple[Hypothesis, ...],
-    run: Run,
-    *,
-    points: Floats | None = None,
-) -> Iterator[Explanation]:
-    """An explanation from points of its own, or from all over its priors; nothing where it cannot be solved."""
-    posterior = given.posterior.with_model(added[-1].model)
-    if points is None:
-        try:
-            found = find_modes(without_force(posterior), run.rng, n_starts=_N_TOGETHER, n_first=32)
-        except UserError:  # none of its draws can be solved
-            return
-        points = np.array([mode.point for mode in found[:N_CANDIDATES]])
-    modes = distinct(*polish(posterior, points, n_iterations=30, reach=_NEAR))
-    if modes:
-        yield replace(
-            given, added=added, posterior=posterior, modes=modes, evidence=laplace(posterior, modes), starts=None
-        )
 
 
 def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:

@@ -97,7 +97,12 @@ def coloured_noise(residual: Floats) -> ColouredNoise:
     return best
 
 
-def is_noise(residual: Floats, motions: Floats | Sequence[Floats] = ()) -> bool:
+def has_past(record: Record) -> bool:
+    """Whether errors of a record can have a past: a filter in time means nothing without time, or across gaps."""
+    return record.has_time and all(part.counted is None for part in record.parts)
+
+
+def is_noise(residual: Floats, motions: Floats | Sequence[Floats] = (), *, noise: ColouredNoise | None = None) -> bool:
     """Whether a residual could be stationary noise, white or autoregressive, that knows nothing of the motion.
 
     Its innovations must be white (Ljung and Box) and zero in the mean (Student), and they and the residual itself
@@ -110,8 +115,10 @@ def is_noise(residual: Floats, motions: Floats | Sequence[Floats] = ()) -> bool:
     residual : (n_times,) array
     motions : (n_motions, n_times) array, optional
         Histories that the model says took place.
+    noise : ColouredNoise, optional
+        What kind of noise it could be: by default the most probable autoregressive one.
     """
-    noise = coloured_noise(residual)
+    noise = noise or coloured_noise(residual)
     innovations = noise.innovations(residual)
     steady = min(steadiness(innovations), steadiness(residual, noise.correlation_samples))
     centred = float(ttest_1samp(innovations, 0.0).pvalue) if np.any(innovations) else 1.0
@@ -174,16 +181,17 @@ def leaves_noise(posterior: Posterior, point: Floats) -> bool:
     """Whether what a fit at a point ``(n_dim,)`` of the unit cube leaves of every channel :func:`is_noise`.
 
     The motions it may know nothing of are the modelled channels, and drift, drift rate and hysteretic displacement of
-    every storey.
+    every storey. Where errors cannot have a past, noise is white.
     """
     record = posterior.record
+    noise = None if has_past(record) else ColouredNoise(np.empty(0), 0.0)
     modelled = _modelled(posterior, point)
     values, _ = posterior.split(point[None])
     posterior.solves.add(1)
     rows = observe(posterior.engine, posterior.model, values, record)
     motions = np.concatenate([modelled, *(rows[kind][0] for kind in _MOTIONS)])
     parts = zip(by_part(record, record.measured - modelled), _motions(record, motions), strict=True)
-    return all(is_noise(rest, own) for (part, left), own in parts for rest in counted(part, left))
+    return all(is_noise(rest, own, noise=noise) for (part, left), own in parts for rest in counted(part, left))
 
 
 def _motions(record: Record, motions: Floats) -> Iterator[Floats]:

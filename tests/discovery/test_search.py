@@ -58,7 +58,7 @@ def searched(script: Script, monkeypatch: pytest.MonkeyPatch, **settings: Any) -
         return [explanation(script, *parent.added, one) for one in ALPHABET if one.name not in parent.names]
 
     monkeypatch.setattr(searching, "hypotheses_of", lambda *_: ALPHABET)
-    monkeypatch.setattr(searching, "_built_upon", built_upon)
+    monkeypatch.setattr(searching, "built_upon", built_upon)
     monkeypatch.setattr(searching, "_together", lambda *_: ())
     monkeypatch.setattr(searching, "_left_out", lambda *_: ())
     monkeypatch.setattr(searching, "_reshaped", lambda *_: ())

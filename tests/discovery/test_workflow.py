@@ -142,7 +142,7 @@ def test_a_hypothesis_that_cannot_be_solved_is_left_out_and_told(
                 fit.local.log_likelihood[:] = -np.inf
         return fits
 
-    monkeypatch.setattr("bwbn_bayes.discovery.search.race", without_damping)
+    monkeypatch.setattr("bwbn_bayes.discovery.build.race", without_damping)
     settings = DiscoverySettings(particles=100, effects=(QuadraticDamping, CubicStiffness))
     found = discover(MODEL, record, settings=settings)
     assert [added.hypothesis.name for added in found.added] == ["cubic_stiffness"]

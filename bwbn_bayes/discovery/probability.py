@@ -33,7 +33,7 @@ POSSIBLE = 0.5
 
 _NEGLIGIBLE = 1e-3
 """Probability of an explanation below which it moves no verdict."""
-_MOST_VALIDATED = 12
+_MOST_VALIDATED = 24
 """Explanations, the most probable, of which it is asked how well they predict."""
 
 Verdict = Literal["effects_found", "partly_explained", "no_missing_effect", "unexplained"]

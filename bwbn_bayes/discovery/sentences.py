@@ -52,9 +52,13 @@ def sentences(
     first = [_first(believed, added)]
     if not added and unnamed is None:
         return (*first, *_runner_up(believed), *_gap(gap, changed=False))
-    own = [_effect(one) for one in added]
+    # Beside a force of no known law effects that hardly differ from it have no name, and predict all the same.
+    shaping = [one for one in added if one.grade == "weak"] if unnamed is not None else []
+    own = [_effect(one) for one in added if one not in shaping]
     if unnamed is not None:
         own.append(_unnamed(unnamed, gap))
+    if shaping:
+        own.append(_shaping(shaping))
     places = {f"acceleration_{storey}" for one in added for storey in one.hypothesis.storeys}
     spots = [spot for spot in before.spots if spot.channel in places]
     where = [f"Where it showed: {spot.sentence}." for spot in (*spots, *before.spots)[:1]]
@@ -133,6 +137,18 @@ def _effect(one: Added) -> str:
     if one.signature is not None:
         text += f"; {signature_in_words(one.signature)}"
     return f"{text[:1].upper()}{text[1:]}."
+
+
+def _shaping(weak: Sequence[Added]) -> str:
+    """Effects of the improved model that make it predict better, and that no evidence names."""
+    titles = [one.title for one in weak]
+    what = f"{', '.join(titles[:-1])} and {titles[-1]}" if len(titles) > 1 else titles[0]
+    largest = probability_in_words(max(one.name_probability for one in weak))
+    none = "none of them has" if len(titles) > 1 else "it has not"
+    return (
+        f"The improved model also has {what}: with {'them' if len(titles) > 1 else 'it'} it predicts better, and "
+        f"{none} earned a name (probability {largest}{' at most' if len(titles) > 1 else ''})."
+    )
 
 
 def signature_in_words(seen: SignatureFacts) -> str:

@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from bwbn_bayes.discovery import conclusion
+from bwbn_bayes.discovery import conclusion, probability
 from bwbn_bayes.discovery.probability import Beliefs
 
 MECHANISMS = {"a": "wear", "b": "play", "c": "wear"}
@@ -18,6 +18,8 @@ def explanation(names: str, log_evidence: float, *, estimate: Any = None) -> Any
         added=tuple(SimpleNamespace(name=name, effect=SimpleNamespace(mechanism=MECHANISMS[name])) for name in names),
         evidence=SimpleNamespace(log_evidence=log_evidence, log_evidence_se=0.1 * len(names)),
         estimate=estimate,
+        has_unnamed=estimate is not None,
+        is_noise=False,
     )
 
 
@@ -26,11 +28,11 @@ def compared(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, float]]:
     """Evidences that are compared in stretches, in the place of the comparison, which says 0.7."""
     found: list[tuple[float, float]] = []
 
-    def probability(one: Any, other: Any) -> float:
+    def compare(one: Any, other: Any) -> float:
         found.append((one.log_evidence, other.log_evidence))
         return 0.7
 
-    monkeypatch.setattr(conclusion, "probability_of_being_better", probability)
+    monkeypatch.setattr(probability, "probability_of_being_better", compare)
     return found
 
 
@@ -42,22 +44,29 @@ def test_the_best_with_an_effect_is_compared_with_the_best_without_it(compared: 
     """A building's explanation with an unnamed force, though it leads, is not asked."""
     forced = explanation("", 90.0, estimate="a force")
     every = forced, explanation("ab", 89.9), explanation("b", 89.5), explanation("", 0.0)
-    assert conclusion._borne_out(believed(*every)) == {"a": 0.7, "b": 0.7}
+    assert believed(*every).borne_out == {"a": 0.7, "b": 0.7}
     assert sorted(compared) == [(89.9, 0.0), (89.9, 89.5)]
 
 
 def test_another_law_of_the_same_mechanism_is_no_rival(compared: list[tuple[float, float]]) -> None:
     """Which of two laws of wear it is, the evidence tells; that there is wear, the record."""
-    conclusion._borne_out(believed(explanation("a", 50.0), explanation("c", 30.0), explanation("", 0.0)))
+    found = believed(explanation("a", 50.0), explanation("c", 30.0), explanation("", 0.0)).borne_out
+    assert set(found) == {"a"}
     assert compared == [(50.0, 0.0)]
 
 
 def test_without_a_rival_there_is_nothing_to_bear_out() -> None:
-    assert conclusion._borne_out(believed(explanation("a", 50.0), explanation("ab", 40.0))) == {"a": 1.0}
+    assert believed(explanation("a", 50.0), explanation("ab", 40.0)).borne_out == {"a": 1.0}
+
+
+def test_where_a_law_leaves_noise_the_evidence_says_it_all() -> None:
+    right = explanation("a", 50.0)
+    right.is_noise = True
+    assert believed(right, explanation("", 0.0)).borne_out == {}
 
 
 def test_improbable_names_are_not_asked() -> None:
-    found = conclusion._borne_out(believed(explanation("a", 50.0), explanation("b", 30.0), explanation("", 0.0)))
+    found = believed(explanation("a", 50.0), explanation("b", 30.0), explanation("", 0.0)).borne_out
     assert set(found) == {"a"}
 
 
@@ -65,7 +74,8 @@ def test_each_name_has_one_probability_wherever_it_is_told() -> None:
     """What was added as the table of effects has it; the others by their law, as far as that is borne out."""
     every = believed(explanation("ab", 50.0), explanation("ac", 50.0), explanation("", 0.0))
     added = SimpleNamespace(hypothesis=SimpleNamespace(name="a"), name_probability=0.3)
-    names = conclusion._of_names(every, {"a": 0.9, "b": 0.8}, cast(Any, [added]))
+    every.__dict__["borne_out"] = {"a": 0.9, "b": 0.8}
+    names = conclusion._of_names(every, cast(Any, [added]))
     assert list(names) == ["c", "b", "a"]
     assert names == {"a": 0.3, "b": pytest.approx(0.4), "c": pytest.approx(0.5)}
 

@@ -1,10 +1,11 @@
-"""Blocks left out in turn, against fits that never saw them."""
+"""Blocks left out in turn, or still to come, against fits that never saw them."""
 
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from bwbn_bayes.discovery.cross_validation import N_BLOCKS, cross_validated
 from bwbn_bayes.elements.bouc_wen import BoucWen
@@ -17,6 +18,7 @@ from bwbn_bayes.parameters import Floats, Normal, Uniform
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
 from bwbn_bayes.structures.structure import Structure
 
 GROUND = el_centro("chopra", duration=16.0)
@@ -32,8 +34,9 @@ def record_of(values: list[float]) -> Record:
     return GROUND.with_channels({"acceleration_1": clean + noise})
 
 
-def test_a_linear_model_is_predicted_as_by_fits_to_the_other_blocks() -> None:
-    """Closed form: least squares on the rows outside each block."""
+@pytest.mark.parametrize("ahead", [False, True])
+def test_a_linear_model_is_predicted_as_by_fits_to_what_is_known(*, ahead: bool) -> None:
+    """Closed form: least squares on the rows outside each block; of a cyclic test on those before it."""
     n, rng = 160, np.random.default_rng(5)
     design = rng.standard_normal((n, 2))
     measured = 0.02 * (design @ [600.0, 400.0]) + 0.3 * rng.standard_normal(n)
@@ -50,20 +53,31 @@ def test_a_linear_model_is_predicted_as_by_fits_to_the_other_blocks() -> None:
             return self.simulate(model, draws, record), slopes
 
     engine: Any = Linear()
-    record = Record(name="drawn", time_step=0.1, excitation=np.ones(n), channels={"acceleration_1": measured})
-    model = replace(
-        MODEL, links=(replace(MODEL.links[0], element=replace(STOREY, k=Uniform(0, 1000), c=Uniform(0, 1000))),)
+    element = replace(STOREY, k=Uniform(0, 1000), c=Uniform(0, 1000))
+    if ahead:
+        model, kind, channel = Specimen(storey=element), "displacement", "force"
+    else:
+        model, kind, channel = ShearBuilding(masses=[1.0], storey=element), "ground_acceleration", "acceleration_1"
+    record = Record(
+        name="drawn", time_step=0.1, excitation=np.ones(n), channels={channel: measured}, excitation_kind=kind
     )
     posterior = Posterior(model=model, record=record, engine=engine, noise=KnownNoise(sd=(0.3,)))
     unit, target = 0.02 * design * 1000.0 / 0.3, measured / 0.3
     point = np.linalg.lstsq(unit, target)[0]
     found = cross_validated(posterior, point)
-    missed = 0.0
-    for block in np.array_split(np.arange(n), N_BLOCKS):
-        other = np.setdiff1d(np.arange(n), block)
-        left_out = np.linalg.lstsq(unit[other], target[other])[0]
-        missed += float(np.sum(np.square(0.3 * (target[block] - unit[block] @ left_out))))
-    assert found.nrmse == pytest.approx(np.sqrt(missed / np.sum(np.square(measured))), rel=1e-9)
+    missed, asked, log_score = 0.0, 0.0, 0.0
+    every = np.arange(n)
+    blocks = np.array_split(every, N_BLOCKS)
+    for block in blocks[N_BLOCKS // 2 :] if ahead else blocks:
+        known = every[: block[0]] if ahead else np.setdiff1d(every, block)
+        fitted = np.linalg.lstsq(unit[known], target[known])[0]
+        error = 0.3 * (target - unit @ fitted)
+        missed += float(np.sum(np.square(error[block])))
+        asked += float(np.sum(np.square(measured[block])))
+        level = float(np.mean(np.square(error[known])))
+        log_score += float(np.sum(norm.logpdf(error[block], scale=np.sqrt(level))))
+    assert found.nrmse == pytest.approx(np.sqrt(missed / asked), rel=1e-9)
+    assert found.log_score == pytest.approx(log_score, rel=1e-9)
 
 
 def test_a_hysteretic_model_is_predicted_as_by_a_fit_to_the_other_blocks() -> None:

@@ -9,13 +9,15 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from bwbn_bayes.discovery import build as building
 from bwbn_bayes.discovery import search as searching
+from bwbn_bayes.discovery.build import rebuilt
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
-from bwbn_bayes.discovery.search import rebuilt, search
+from bwbn_bayes.discovery.search import search
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CoulombFriction, SensorBias, SensorGain
 from bwbn_bayes.elements.scales import NOMINAL
@@ -60,7 +62,7 @@ def searched(script: Script, monkeypatch: pytest.MonkeyPatch, **settings: Any) -
     monkeypatch.setattr(searching, "hypotheses_of", lambda *_: ALPHABET)
     monkeypatch.setattr(searching, "built_upon", built_upon)
     monkeypatch.setattr(searching, "_together", lambda *_: ())
-    monkeypatch.setattr(searching, "_left_out", lambda *_: ())
+    monkeypatch.setattr(searching, "left_out", lambda *_: ())
     monkeypatch.setattr(searching, "_reshaped", lambda *_: ())
     monkeypatch.setattr(searching, "_change_forms", lambda *_: None)
     monkeypatch.setattr(searching, "settled", lambda _, modes, __: modes)
@@ -175,7 +177,7 @@ def test_what_cannot_be_solved_is_told_once() -> None:
         for one, value in zip(ALPHABET, (3.0, -np.inf, 2.0, -np.inf), strict=True)
     )
     for _ in range(2):
-        assert [fit.hypothesis.name for fit in searching._solvable(fits, run)] == ["a", "c"]
+        assert [fit.hypothesis.name for fit in building.solvable(fits, run)] == ["a", "c"]
     assert run.notes == ["Could not be solved for this record and was left out: b, d."]
 
 
@@ -194,7 +196,7 @@ def tried_together(monkeypatch: pytest.MonkeyPatch, run: Run, *, is_specimen: bo
         tried.append([one.name for one in added])
         return iter(())
 
-    monkeypatch.setattr(searching, "_fitted", fitted)
+    monkeypatch.setattr(searching, "fitted", fitted)
     given: Any = SimpleNamespace(is_specimen=is_specimen, model=SPECIMEN)
     assert list(searching._together(given, run)) == []
     return tried
@@ -257,14 +259,14 @@ def test_a_superfluous_effect_is_seen_to_be_so(with_two: Pool) -> None:
     """Each effect of the best is left out once: without the gain the fit is as good, and the prior does the rest."""
     pool = copied(with_two)
     assert pool.ranked()[0].names == {"sensor_bias", "sensor_gain"}
-    pool.add(searching._left_out(pool, pool.run))
+    pool.add(building.left_out(pool.ranked()[0], pool.searched, pool.run))
     assert pool.ranked()[0].names == {"sensor_bias"}
     assert pool.beliefs.names["sensor_gain"] < 0.5 < 0.99 < pool.beliefs.names["sensor_bias"]
     one_each = {one.names: one for one in pool.plain.values()}
     alone = one_each[frozenset({"sensor_gain"})]
     assert alone.evidence.log_evidence < pool.ranked()[0].evidence.log_evidence - 40.0
     # What was left out once is not fitted again, and one effect alone is not left out.
-    assert list(searching._left_out(pool, pool.run)) == []
+    assert list(building.left_out(pool.ranked()[0], pool.searched, pool.run)) == []
 
 
 def test_a_form_that_was_best_alone_gives_way_once_the_others_are_there() -> None:
@@ -309,8 +311,8 @@ def test_an_effect_without_which_nothing_can_be_solved_stays(with_two: Pool, mon
         return points, replace(local, log_likelihood=np.full(len(points), -np.inf))
 
     pool = copied(with_two)
-    monkeypatch.setattr(searching, "polish", fail)
-    assert list(searching._left_out(pool, pool.run)) == []
+    monkeypatch.setattr(building, "polish", fail)
+    assert list(building.left_out(pool.ranked()[0], pool.searched, pool.run)) == []
     assert pool.ranked()[0].names == {"sensor_bias", "sensor_gain"}
 
 

@@ -144,10 +144,10 @@ def _shaping(weak: Sequence[Added]) -> str:
     titles = [one.title for one in weak]
     what = f"{', '.join(titles[:-1])} and {titles[-1]}" if len(titles) > 1 else titles[0]
     largest = probability_in_words(max(one.name_probability for one in weak))
-    none = "none of them has" if len(titles) > 1 else "it has not"
+    none, most = ("none of them has", " at most") if len(titles) > 1 else ("it has not", "")
     return (
-        f"The improved model also has {what}: with {'them' if len(titles) > 1 else 'it'} it predicts better, and "
-        f"{none} earned a name (probability {largest}{' at most' if len(titles) > 1 else ''})."
+        f"The improved model also has {what}, with which it predicts better; {none} earned a name "
+        f"(probability {largest}{most})."
     )
 
 

@@ -124,6 +124,27 @@ def test_what_is_missing_how_sure_and_what_it_does_come_first() -> None:
     )
 
 
+def test_effects_that_predict_without_a_name_are_told_together() -> None:
+    """Beside a force of no known law; where none is likely, each is said to be uncertain by itself."""
+    force = UnnamedForce(
+        storey=1, place="the specimen", probability=0.999, share=0.2, state=np.zeros(1), force=np.zeros(1)
+    )
+    weak = [replace(added(p, storeys=(s,)), log_bayes_factor=-3.0) for s, p in ((1, 0.02), (3, 0.05))]
+    certain = believed("partly_explained", 0.999, has_unnamed=True)
+    told = sentences(certain, (added(), *weak), force, NOWHERE, gap(0.3, 0.06))
+    assert told[1].startswith("Slip-lock pinching in storey 2: overwhelming")
+    assert told[2].startswith("A force of no known law at the specimen")
+    assert told[3] == (
+        "The improved model also has slip-lock pinching in storey 1 and slip-lock pinching in storey 3, with which it "
+        "predicts better; none of them has earned a name (probability 0.05 at most)."
+    )
+    assert not any(sentence.startswith("Perhaps") for sentence in told)
+    (one,) = (s for s in sentences(certain, (weak[0],), force, NOWHERE, gap(0.3, 0.06)) if s.startswith("The improved"))
+    assert one.endswith(", with which it predicts better; it has not earned a name (probability 0.02).")
+    alone = sentences(believed("effects_found", 0.9), (added(), *weak), None, NOWHERE, gap(0.3, 0.06))
+    assert sum(sentence.startswith("Perhaps") for sentence in alone) == 2
+
+
 def test_nothing_missing_is_told_with_the_error() -> None:
     told = sentences(believed("no_missing_effect", 0.9999999, runner_up=4.6), (), None, NOWHERE, gap(0.02, 0.02))
     assert told == (

@@ -1,17 +1,21 @@
 """Whiteness under noise and under a known colour; the checks at the truth, at a wrong fit and for a wrong model."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from inference_cases import SDOF, climbed, posterior_of, recorded, sdof_model, true_point
 from scipy import optimize, signal, stats
 
-from bwbn_bayes import Record, simulate
-from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes import BoucWen, Record, Specimen, Uniform, simulate
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.residuals import (
     LARGEST_RATIO,
     LEAST_PROBABILITY,
     coloured_noise,
+    has_past,
     is_noise,
     leaves_noise,
     leaves_quiet,
@@ -146,6 +150,26 @@ def test_stationary_noise_is_noise(coefficients: tuple[float, ...]) -> None:
     motions = np.stack([np.sin(2.0 * np.pi * f * t) * np.exp(-(((t - 12.0) / 6.0) ** 2)) for f in (0.4, 1.1, 2.7)])
     passed = [is_noise(0.01 * autoregression(rng, coefficients), motions) for _ in range(100)]
     assert np.mean(passed) >= 0.99
+
+
+def test_without_time_errors_have_no_past_and_noise_is_white() -> None:
+    """A law's own error along a cyclic test is smooth, and passed for noise of an autoregression near one."""
+    path = np.concatenate([a * np.sin(np.linspace(0.0, 2.0 * np.pi, 40)) for a in np.linspace(0.5, 2.0, 12)])
+    cyclic = Record(name="cyclic", time_step=0.1, excitation=path, excitation_kind="displacement")
+    model = Specimen(storey=BoucWen(k=Uniform(5.0, 20.0), alpha=0.2, beta=0.8, gamma=0.2, n=1.0))
+    drawn = simulate(model, cyclic, {"k": 10.0})
+    rng = np.random.default_rng(5)
+    errors = {True: rng.standard_normal(len(path)), False: autoregression(rng, (0.97,), len(path))}
+    answers = {}
+    for is_white, error in errors.items():
+        measured = drawn.with_channels({"force": drawn.channels["force"] + 0.3 * error})
+        for has_time in (True, False):
+            record = replace(measured, has_time=has_time)
+            posterior = Posterior(model=model, record=record, engine=Lanes(substeps=8), noise=default_noise(record))
+            point = posterior.space.to_unit(np.array([[10.0]]))[0]
+            assert has_past(record) is has_time
+            answers[is_white, has_time] = leaves_noise(posterior, point)
+    assert answers == {(True, True): True, (True, False): True, (False, True): True, (False, False): False}
 
 
 def test_what_comes_and_goes_with_the_motion_is_not_noise() -> None:

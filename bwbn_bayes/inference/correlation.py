@@ -57,7 +57,8 @@ class SharedFunctions(NamedTuple):
         """Rows ``(..., n_channels, n_times)``, over the levels multiplied by a factor ``(n_functions,)`` along each."""
         over = rows if self.level is None else rows / self.level[:, None]
         flat = over.reshape(-1, len(self.functions))  # one product of matrices, not one of a vector for every row
-        whole = (flat + ((flat @ self.functions) * (factor - 1.0)) @ self.functions.T).reshape(rows.shape)
+        with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away
+            whole = (flat + ((flat @ self.functions) * (factor - 1.0)) @ self.functions.T).reshape(rows.shape)
         return np.asarray(whole if self.level is None else whole * self.level[:, None])
 
     @property

@@ -94,7 +94,9 @@ def test_the_hidden_effect_is_named_at_its_place(name: str) -> None:
 EVIDENCE_MOVES = 0.15
 """Evidences are sampled to some tenths of a nat, and six tenths move a probability by so much at most."""
 DOUBLED: dict[str, dict[str, Any]] = {
-    "search": {"MOST_LATER": 24, "REACH": 12.0, "BEAM": 4, "_N_KEPT": 80, "_N_TOGETHER": 1024},
+    "search": {"REACH": 12.0, "BEAM": 4, "N_KEPT": 80},
+    "build": {"MOST_LATER": 24, "N_KEPT": 80, "N_TOGETHER": 1024},
+    "alone": {"MOST_EFFECTS": 16, "MOST_ROUNDS": 16, "MOST_FAILURES": 4, "N_BESIDE": 8},
     "unnamed": {"_N_UNNAMED": 16},
     "pool": {
         "_MOST_COLOURED": 8, "_COLOURED_REACH": 800.0, "_MOST_ALONE": 16, "_MOST_SAMPLED": 12,

@@ -96,7 +96,7 @@ def conclude(
         after=present.disagreement,
         histories={"before": _histories(given), "after": _histories(present)},
         model=given.model,
-        cross_validated=present.cross_validation.nrmse,
+        cross_validated=present.cross_validation,
         improved=given.model if present is given else replace(present.model, carried=given.model.carried),
         record=record,
         held_out=held_out,

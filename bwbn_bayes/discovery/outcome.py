@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bwbn_bayes.discovery.candidates import Hypothesis, place_in_words
+from bwbn_bayes.discovery.cross_validation import CrossValidation
 from bwbn_bayes.discovery.explanation import Explanation, Place
 from bwbn_bayes.discovery.held_out import HeldOut, Prediction
 from bwbn_bayes.discovery.predictive import PredictiveInterval
@@ -295,8 +296,8 @@ class Discovery:
     steps : tuple of Step
     limits : tuple of DetectionLimit
     gap : Gap
-    cross_validated : float
-        Error of the improved model over blocks of the training record that were left out in turn.
+    cross_validated : CrossValidation
+        How well the improved model predicts blocks of the training record that were left out, or still to come.
     before, after : Disagreement
     histories : mapping of str to mapping of str to array
         ``before`` and ``after``: drift, drift rate, restoring force and so on, ``(n_storeys, n_times)``.
@@ -327,7 +328,7 @@ class Discovery:
     steps: tuple[Step, ...]
     limits: tuple[DetectionLimit, ...]
     gap: Gap
-    cross_validated: float
+    cross_validated: CrossValidation
     before: Disagreement
     after: Disagreement
     histories: Mapping[str, Mapping[str, Floats]]
@@ -391,7 +392,8 @@ class Discovery:
                 "effects": [f"{one.hypothesis.name}{list(one.hypothesis.storeys)}" for one in self.added],
                 "fit": self.gap.after.nrmse,
                 "held_out": None if unseen is None else unseen.after.nrmse,
-                "cross_validated": self.cross_validated,
+                "cross_validated": self.cross_validated.nrmse,
+                "log_score": self.cross_validated.log_score,
             },
             "probabilities": {name: p for name, p in self.probabilities.items() if p >= LEAST_SHOWN},
             "unnamed_force": self.unnamed.as_json() if isinstance(self.unnamed, UnnamedForce) else None,

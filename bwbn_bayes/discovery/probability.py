@@ -33,8 +33,6 @@ POSSIBLE = 0.5
 
 _NEGLIGIBLE = 1e-3
 """Probability of an explanation below which it moves no verdict."""
-_MOST_VALIDATED = 24
-"""Explanations, the most probable, of which it is asked how well they predict."""
 
 Verdict = Literal["effects_found", "partly_explained", "no_missing_effect", "unexplained"]
 _CLASSES: Mapping[tuple[bool, bool], Verdict] = {
@@ -148,21 +146,20 @@ class Beliefs:
 
     @cached_property
     def predictive(self) -> Explanation:
-        """The effects to deliver, as an explanation without an unnamed force: those that predict best.
+        """The effects to deliver, as an explanation without an unnamed force, which knows nothing of what comes.
 
-        Of those that may be delivered the one with the largest log score over blocks of the training record that were
-        left out, the prior added, which keeps chance out where many were tried. Where the best of them leaves more than
-        noise, none is right, and whatever predicts best is delivered that has what is named.
+        The most probable one of those that have what is likely, and nothing that could be named as absent: the evidence
+        of a record is the score of predicting each sample from those before it. Where the best of them leaves more than
+        noise, none is right; what the force takes up is not absent then, and what is named must be there alone.
         """
-        pairs = list(zip(self.explanations, self.log_prior.tolist(), strict=True))
-        plain = [pair for pair in pairs if not pair[0].has_unnamed]
-        if plain[0][0].is_noise:
-            holding = [pair for pair in plain if self.likely <= pair[0].placed] or plain
-            tried = [pair for pair in holding if not self._absent & pair[0].names] or holding
+        plain = [one for one in self.explanations if not one.has_unnamed]
+        if plain[0].is_noise:
+            holding = [one for one in plain if self.likely <= one.placed]
+            tried = [one for one in holding if not self._absent & one.names] or holding
         else:
             named = {name for name, p in self.names.items() if p * self.borne_out.get(name, 1.0) >= NAMED}
-            tried = [pair for pair in plain if named <= pair[0].names] or plain
-        return max(tried[:_MOST_VALIDATED], key=lambda pair: pair[0].cross_validation.log_score + pair[1])[0]
+            tried = [one for one in plain if named <= one.names]
+        return (tried or plain)[0]
 
     @cached_property
     def borne_out(self) -> dict[str, float]:

@@ -93,9 +93,10 @@ def discover(
         no end or no repeat cycles to hold out, or no scheduler answers.
     """
     require_suitable(model, record, held_out if isinstance(held_out, Record) else None, name)
-    record, apart = set_apart(model, record, held_out)
     settings = settings or DiscoverySettings()
     run = Run(settings, np.random.default_rng(settings.seed), listener, name)
+    # Repeat cycles lie among what is fitted: both are samples of one record.
+    record, apart = set_apart(model, _thinned(record, run) if held_out == "repeats" else record, held_out)
     if apart is not None:
         run.say(f"keeping apart the {apart.label}")
     _tell_limits(model, record, run)

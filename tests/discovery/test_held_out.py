@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.cli import main
+from bwbn_bayes.discovery import workflow
 from bwbn_bayes.discovery.held_out import HeldOut, Prediction, floor_of, parting_time, predict, set_apart
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover
@@ -368,3 +369,18 @@ def test_the_command_refuses_the_repeat_cycles_of_a_building(
     assert leaving.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: record 'run 3' is a ground motion, which repeats no cycles: hold out its end")
+
+
+def test_repeat_cycles_of_a_test_with_more_points_than_are_fitted_are_thinned_alike(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They were looked for in the thinned record by their places in the whole one, which ended in an IndexError."""
+    monkeypatch.setattr(workflow, "MOST_POINTS", 300)
+    slipping = COLUMN.with_effect(SlipLock(delta_s=1e-4, sigma=0.05))
+    record = simulate(slipping, pushed(*THRICE), {"k": 4e5}, snr_db=30.0, seed=5)
+    settings = DiscoverySettings(effects=(SlipLock,), particles=100, most_effects=1, n_workers=1)
+    found = discover(COLUMN, record, held_out="repeats", settings=settings)
+    assert found.held_out is not None and found.gap.held_out is not None
+    assert found.record.n_times == found.held_out.record.n_times == (record.n_times + 1) // 2
+    assert found.gap.held_out.interval is not None
+    assert 0.8 < found.gap.held_out.interval.coverage < 0.98

@@ -79,8 +79,12 @@ class Pinned:
 
 
 def can_be_pinned(model: Structure) -> bool:
-    """Whether all that acts in a building are its links and its sensors: what acts on a floor would pull it along."""
-    return all(placed.effect.level in ("link", "observation") for placed in model.effects)
+    """Whether a building begins at rest and all that acts in it are its links and its sensors.
+
+    What acts on a floor would pull along a mass that no link moves.
+    """
+    of_links = all(placed.effect.level in ("link", "observation") for placed in model.effects)
+    return of_links and not model.law.initial
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

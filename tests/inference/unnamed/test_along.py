@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from bwbn_bayes import Appendage, BoucWen, MassError, Oscillator, Record, ShearBuilding, Uniform
+from bwbn_bayes import Appendage, BoucWen, InitialState, MassError, Oscillator, Record, ShearBuilding, Uniform
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -67,6 +67,7 @@ def test_links_are_solved_along_a_motion_that_they_cannot_change() -> None:
 def test_what_pulls_at_a_floor_is_not_left_out() -> None:
     """With a mass that is a billion times as large such an effect would be as well."""
     assert can_be_pinned(MODEL)
+    assert not can_be_pinned(MODEL.with_effect(InitialState(u_0=Uniform(-0.01, 0.01))))
     for effect in (MassError(e_m=Uniform(-0.1, 0.1)), Appendage(mu_t=0.05, f_t=1.0, zeta_t=0.02)):
         assert not can_be_pinned(MODEL.with_effect(effect))
 

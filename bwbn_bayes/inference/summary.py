@@ -46,8 +46,6 @@ _WITHOUT_FORCE = (
     "force beside it (--unnamed-force)."
 )
 
-_RTOL_SHOWN, _ATOL_SHOWN = 1e-8, 1e-10
-"""Of the true histories in figures and correlations. [1], [m, m/s, J]"""
 _LIBRARIES = ("bwbn-bayes", "numpy", "scipy", "llvmlite", "sympy", "arviz", "xarray")
 
 
@@ -190,8 +188,7 @@ def true_histories(model: Structure, record: Record) -> dict[str, Floats] | None
     from bwbn_bayes.engines.reference import Reference
 
     draws = model.draws({name: record.truth[name] for name in model.space.names})
-    # Figures and correlations show four digits, which it has many times over; its defaults are for records.
-    return observe(Reference(rtol=_RTOL_SHOWN, atol=_ATOL_SHOWN), model, draws, record)
+    return observe(Reference(), model, draws, record)
 
 
 def _parameter_facts(posterior: Posterior, draws: Draws) -> tuple[ParameterFacts, ...]:

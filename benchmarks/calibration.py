@@ -77,10 +77,14 @@ def outcomes_of(
 
 
 def with_forces(file: ModelFile, snr_db: float, options: argparse.Namespace, kept: Kept) -> dict[str, list[Outcome]]:
-    """Wrong models whose effect, storey and size are drawn, identified alone and with an unnamed force."""
+    """Wrong models whose effect, storey and size are drawn, identified alone and with an unnamed force.
+
+    Together, and by effect.
+    """
     found: dict[str, list[Outcome]] = {}
+    by_effect: dict[str, list[Outcome]] = {}
     for label, has_force in (("with an unnamed force", True), ("alone", False)):
-        for number in range(options.replicates):
+        for number in range(options.first, options.replicates):
 
             def run_it(number: int = number, has_force: bool = has_force) -> Outcome:
                 _, made = force_replicate(file, snr_db, options.seed, number)
@@ -93,8 +97,11 @@ def with_forces(file: ModelFile, snr_db: float, options: argparse.Namespace, kep
                 return judged(result, made.model, made.record, made.truth, seed)
 
             key = f"{file.name}, force, {snr_db:g} dB, {label}, {options.method}, seed {options.seed}, {number}"
-            found.setdefault(f"{label}, {snr_db:g} dB", []).append(kept.outcome(key, run_it))
-    return found
+            outcome = kept.outcome(key, run_it)
+            found.setdefault(f"{label}, {snr_db:g} dB", []).append(outcome)
+            effect = force_replicate(file, snr_db, options.seed, number)[0].partition(",")[0]
+            by_effect.setdefault(f"{label}, {snr_db:g} dB: {effect}", []).append(outcome)
+    return found | dict(sorted(by_effect.items()))
 
 
 def show_calibration(console: Console, title: str, rows: dict[str, Calibration]) -> None:
@@ -111,6 +118,16 @@ def show_calibration(console: Console, title: str, rows: dict[str, Calibration])
             _counts(row.grades),
             f"{row.median_s:.1f}, worst {row.worst_s:.0f}",
         )
+    console.print(table)
+
+
+def show_parameters(console: Console, rows: dict[str, list[Outcome]]) -> None:
+    """Print how many intervals of each parameter hold their truth."""
+    names = list(dict.fromkeys(name for own in rows.values() for one in own for name in one.covered))
+    table = Table("90 % intervals that hold the truth", "n", *names)
+    for label, own in rows.items():
+        held = [sum(one.covered.get(name, False) for one in own) for name in names]
+        table.add_row(label, str(len(own)), *map(str, held))
     console.print(table)
 
 
@@ -139,6 +156,7 @@ def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--snr", nargs="+", type=float, default=[20.0, 30.0], help="of wrong models [dB]")
     parser.add_argument("--method", default="importance", choices=("importance", "tmcmc", "smc", "nuts"))
     parser.add_argument("--replicates", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="of --unnamed-force: cases before it are left out")
     parser.add_argument("--particles", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
@@ -151,9 +169,12 @@ def rows_of(file: ModelFile, options: argparse.Namespace, console: Console, kept
     title = f"{file.name}, {options.method}"
     rows: dict[str, Any] = {}
     if options.unnamed_force:
+        every: dict[str, list[Outcome]] = {}
         for snr_db in options.snr:
-            rows |= {name: calibration(own) for name, own in with_forces(file, snr_db, options, kept).items()}
+            every |= with_forces(file, snr_db, options, kept)
+        rows |= {name: calibration(own) for name, own in every.items()}
         show_calibration(console, title, rows)
+        show_parameters(console, every)
     elif options.wrong:
         for snr_db in options.snr:
             for kind in KINDS:

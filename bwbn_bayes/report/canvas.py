@@ -82,7 +82,7 @@ def finished(figure: Figure, name: str, caption: str, alt: str) -> Drawing:
     buffer = BytesIO()
     mark = PngInfo()
     mark.add_text(*_MARK)
-    image.save(buffer, format="PNG", optimize=True, pnginfo=mark)
+    image.save(buffer, format="PNG", compress_level=6, pnginfo=mark)
     return Drawing(name=name, png=buffer.getvalue(), caption=caption, alt=alt, width=image.width, height=image.height)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from benchmarks.blind.simulator import respond
 from benchmarks.calibrating.outcome import Outcome
 from benchmarks.calibrating.records import CONDITIONS, building_of, replicate
 from benchmarks.calibrating.summary import calibration, wrong
-from benchmarks.calibrating.wrong import KINDS, wrong_replicate
+from benchmarks.calibrating.wrong import FORCES, KINDS, force_replicate, wrong_replicate
 from bwbn_bayes import Uniform, simulate
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
 
@@ -46,6 +46,20 @@ def test_every_kind_of_wrong_model_can_be_recorded(kind: str) -> None:
     if kind == "prior excludes c":
         low, high = made.model.space.parameters[made.model.space.names.index("c")].prior.support
         assert not low <= made.truth["c"] <= high
+
+
+def test_a_wrong_model_is_recorded_with_one_force_in_one_storey() -> None:
+    """Another in each case, of its own size; the record is another than that of the plain building."""
+    names = set()
+    for number in range(8):
+        name, made = force_replicate(FILE, 30.0, 11, number)
+        kind, _, storey = name.partition(", ")
+        assert kind in FORCES and storey == "storey 1"
+        names.add(kind)
+        plain = building_of(made.model, np.array([made.truth[one] for one in made.model.space.names]))
+        changed = [a != b for a, b in zip(astuple(made.building.storeys[0]), astuple(plain.storeys[0]), strict=True)]
+        assert 1 <= sum(changed) <= 2
+    assert len(names) > 2
 
 
 def outcome(rank: float, z: float, grade: str) -> Outcome:

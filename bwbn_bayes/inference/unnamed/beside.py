@@ -1,11 +1,11 @@
 """The posterior of a model with an unnamed force beside it: what samplers see, and the responses of its draws.
 
 The size of the force is believed, not fitted: what the parameters take up of a force leaves no trace by which its size
-could be told [1]_, and a size fitted to the rest comes out too small. It is the median of the prior that ``discover``
-has for it. Of a building the response is linear about the joint optimum of parameters and force
-(:mod:`~bwbn_bayes.inference.unnamed.together`): held where the model alone is best, the answers to a force would
-charge a step along the ridge of both for its curvature, and intervals come out too narrow. Of a specimen nothing is
-linear, since its force adds to the law's.
+could be told [1]_, and a size fitted to the rest comes out too small. It has the variance of the prior that
+``discover`` has for it. Of a building the response is linear in the force about the joint optimum of parameters and
+force (:mod:`~bwbn_bayes.inference.unnamed.together`), and the law is solved in full along the motion that the building
+has there (:mod:`~bwbn_bayes.inference.unnamed.along`). Of a specimen nothing is linear, since its force adds to the
+law's.
 
 References
 ----------
@@ -19,26 +19,25 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.stats import halfnorm
 
 from bwbn_bayes.engines.base import Engine, NormalEquations, Response
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.correlation import Correlation, SharedFunctions
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Noise, Posterior, SolveCount
-from bwbn_bayes.inference.modes import Mode, distinct, polish
+from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, best_of, distinct, polish
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
-from bwbn_bayes.inference.unnamed.first_order import FirstOrder
 from bwbn_bayes.inference.unnamed.specimen import fitted_basis, unnamed_basis
 from bwbn_bayes.inference.unnamed.storey import over_time, pulled
-from bwbn_bayes.inference.unnamed.together import together
+from bwbn_bayes.inference.unnamed.together import Weights, sharing, together
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.record import Record, require_single
 from bwbn_bayes.structures.structure import Structure
 
-BELIEVED = float(UNNAMED_SCALE * halfnorm.median())
-"""Standard deviation of the force over the largest force of its storey."""
+BELIEVED = UNNAMED_SCALE
+"""Standard deviation of the force over the largest force of its storey: the root mean square of a scale that is
+half-normal, since the record does not tell the scale and what stands for all of them has the variance of all."""
 
+_N_STARTS, _SEED = 256, 1
+"""Draws of the prior, the best of which join the search for optima beside a force, and their stream's seed."""
 _N_CORRECTIONS = 2
 """Of a draw's force, so that the solved response is the one that was sampled."""
 
@@ -68,7 +67,7 @@ class Beside:
     def sentence(self) -> str:
         """What was assumed, for the report."""
         of = "the specimen" if self.posterior.model.is_driven else "every storey"
-        linear = "" if self.posterior.model.is_driven else " To parameters and force the response is taken as linear."
+        linear = "" if self.posterior.model.is_driven else " To the force the response is taken as linear."
         return (
             f"In {of} a force of no known law may act beside the model, a Gaussian process whose standard deviation is "
             f"{100.0 * BELIEVED:.2g} % of the largest force there. All intervals know of it.{linear}"
@@ -102,23 +101,11 @@ def _level(noise: Noise) -> Floats:
     return np.asarray(np.sqrt(np.asarray(noise.scale) / noise.shape * noise.as_one))
 
 
-def _sharing(posterior: Posterior, basis: Floats, level: Floats) -> Posterior:
-    """The posterior whose errors share functions ``(n_functions, n_channels, n_times)``, each times its weight's sd."""
-    record = posterior.record
-    shared = SharedFunctions.of((record.where_counted(basis) / level[:, None]).reshape(len(basis), -1).T, level)
-    return replace(posterior, noise=replace(posterior.noise, correlation=Correlation(shared=shared)))  # type: ignore[type-var]
-
-
 def _beside_building(posterior: Posterior, mode: Mode) -> Beside:
     level = _level(posterior.noise)
     found = together(posterior, mode.point, BELIEVED, level)
-    response, slopes = found.response
-    # Where the force is zero on the whole, as its prior has it.
-    unforced = response - np.tensordot(found.weights, found.answers, axes=1)
-    engine = FirstOrder(values=found.values, response=unforced, slopes=slopes, scheme=posterior.engine.scheme)
-    view = _sharing(posterior.with_engine(engine), found.answers, level)
+    view, given = found.view, found.given
     model, record = posterior.model, posterior.record
-    given = _Weights.of(found.shown)
 
     def over_samples(weights: Floats) -> Forces:
         return {storey: over_time(force, record, model) for storey, force in found.forces_of(weights).items()}
@@ -126,7 +113,7 @@ def _beside_building(posterior: Posterior, mode: Mode) -> Beside:
     def drawn(point: Floats, rng: np.random.Generator) -> Forces:
         # The record pins down the response: what the solved one differs by from the linear one, the force makes good.
         values = view.split(point[None])[0]
-        expected = engine.simulate(model, values, record).values[0]
+        expected = view.engine.simulate(model, values, record).values[0]
         weights = given.drawn(found.scaled(record.measured - expected), rng)
         expected = expected + np.tensordot(weights, found.answers, axes=1)
         for _ in range(_N_CORRECTIONS):
@@ -136,15 +123,17 @@ def _beside_building(posterior: Posterior, mode: Mode) -> Beside:
                 weights = weights + given.taking(found.scaled(expected - shown))
         return over_samples(weights)
 
-    return Beside(posterior=view, modes=_optima(view, found.point[None]), drawn=drawn)
+    starts = view.sample_prior(np.random.default_rng(_SEED), _N_STARTS)
+    starts = np.concatenate([found.point[None], best_of(view, starts, N_CANDIDATES - 1)])
+    return Beside(posterior=view, modes=_optima(view, starts), drawn=drawn)
 
 
 def _beside_specimen(posterior: Posterior, modes: Sequence[Mode]) -> Beside:
     level, record = _level(posterior.noise), posterior.record
     size = BELIEVED * float(np.max(np.abs(record.channels["force"])))
-    view = _sharing(posterior, size * fitted_basis(record).T[:, None], level)
+    view = sharing(posterior, size * fitted_basis(record).T[:, None], level)
     basis = size * unnamed_basis(record).T
-    given = _Weights.of(basis[:, record.kept] / level)
+    given = Weights.of(basis[:, record.kept] / level)
 
     def drawn(point: Floats, rng: np.random.Generator) -> Forces:
         response = view.engine.simulate(view.model, view.split(point[None])[0], record).values[0, 0]
@@ -156,28 +145,6 @@ def _beside_specimen(posterior: Posterior, modes: Sequence[Mode]) -> Beside:
 
 def _optima(view: Posterior, points: Floats) -> tuple[Mode, ...]:
     return distinct(*polish(view, points, n_iterations=20))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Weights:
-    """Normal weights of functions ``(n_functions, n)`` given what is left, all over the noise."""
-
-    shown: Floats
-    factor: Floats
-
-    @classmethod
-    def of(cls, shown: Floats) -> _Weights:
-        factor, _ = cho_factor(shown @ shown.T + np.eye(len(shown)), lower=True)
-        return cls(shown=shown, factor=np.tril(factor))
-
-    def taking(self, left: Floats) -> Floats:
-        """Those ``(n_functions,)`` expected to show what is left ``(n,)``."""
-        return np.asarray(cho_solve((self.factor, True), self.shown @ left))
-
-    def drawn(self, left: Floats, rng: np.random.Generator) -> Floats:
-        """One draw of them."""
-        around = rng.standard_normal(len(self.factor))
-        return np.asarray(self.taking(left) + solve_triangular(self.factor, around, lower=True, trans=1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

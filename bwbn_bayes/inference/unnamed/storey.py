@@ -46,6 +46,8 @@ _FORGOTTEN, _SOON = 0.5, 0.02
 """Path, of the largest drift, and time, of the duration, within which a departure that no law has is forgotten."""
 _MOST_FUNCTIONS, _FEWEST_FUNCTIONS, _NEGLIGIBLE = 120, 6, 1e-4
 """Eigenfunctions of a process that are kept, and the variance below which one is not, over the largest."""
+_ROUNDING = 1e-10
+"""The same of a process of which nothing is left out."""
 _MOST_NUMBERS = 2e7
 """In the answers to the functions of all storeys, which tall buildings and long records share: memory bounds them."""
 _SETTLED = 1e-2
@@ -181,6 +183,21 @@ def functions(states: Mapping[str, Floats], knots: Knots, place: int, most: int 
     most : int
         Functions of each kind.
     """
+    kinds = _covariances(states, knots, place)
+    return {kind: _eigenfunctions(parts, most) for kind, parts in kinds.items() if parts}
+
+
+def whole_process(states: Mapping[str, Floats], knots: Knots, place: int, most: int) -> Floats:
+    """All functions ``(n_functions, n_knots)`` of a force of any kind, up to so many; see :func:`functions`.
+
+    What 120 of them leave out is two per cent of its variance, a force as large as noise at 30 dB, and jumps as of a
+    play are not among them: parameters would have to make up for it.
+    """
+    return _eigenfunctions(_covariances(states, knots, place)[ANY_KIND], most, _ROUNDING)
+
+
+def _covariances(states: Mapping[str, Floats], knots: Knots, place: int) -> dict[str, list[Floats]]:
+    """Covariances ``(n_knots, n_knots)`` of the parts of each kind of force."""
     every = {kind: own / np.maximum(np.max(np.abs(own), axis=1, keepdims=True), 1e-300) for kind, own in states.items()}
     drift, rate, z, work = (every[kind][place] for kind in _KINDS)
     time = knots.times / np.max(knots.times)
@@ -197,21 +214,23 @@ def functions(states: Mapping[str, Floats], knots: Knots, place: int, most: int 
     others = [own for kind in _KINDS[:2] for i, own in enumerate(every[kind]) if i != place]
     of_others = [np.transpose(others) @ np.array(others)] if others else []
     fleeting = np.exp(-np.abs(path[:, None] - path) / _FORGOTTEN) * _alike(time, _SOON) * in_one_run
-    kinds = {
+    return {
         "of the storey's own states": of_states,
         "that changes in time": [in_time],
         "of the other storeys' motion": of_others,
         ANY_KIND: [*of_states, in_time, *of_others, fleeting],
     }
-    return {kind: _eigenfunctions(parts, most) for kind, parts in kinds.items() if parts}
 
 
-def _eigenfunctions(parts: Sequence[Floats], most: int) -> Floats:
+def _eigenfunctions(parts: Sequence[Floats], most: int, negligible: float = _NEGLIGIBLE) -> Floats:
     """Of the covariance ``(n_knots, n_knots)`` in which each part has the same share of the variance."""
     covariance = np.mean([part / max(float(np.mean(np.diag(part))), 1e-300) for part in parts], axis=0)
     n = len(covariance)
-    variance, turned = eigh(covariance, subset_by_index=[max(n - most, 0), n - 1], driver="evr")
-    kept = np.flatnonzero(variance > _NEGLIGIBLE * variance[-1])
+    if most < n:
+        variance, turned = eigh(covariance, subset_by_index=[n - most, n - 1], driver="evr")
+    else:  # a third of the time where all of them are wanted
+        variance, turned = eigh(covariance, driver="evd")
+    kept = np.flatnonzero(variance > negligible * variance[-1])
     return np.asarray((turned[:, kept] * np.sqrt(np.maximum(variance[kept], 0.0))).T)
 
 
@@ -269,9 +288,13 @@ class Neighbourhood:
     @property
     def most_functions(self) -> int:
         """Of each kind in each storey, that memory has room for."""
+        return min(self._room, _MOST_FUNCTIONS)
+
+    @property
+    def _room(self) -> int:
         record, model = self.view.record, self.view.model
         shared = _MOST_NUMBERS / (model.n_links * len(record.channels) * record.n_times)
-        return int(np.clip(shared, _FEWEST_FUNCTIONS, _MOST_FUNCTIONS))
+        return max(int(shared), _FEWEST_FUNCTIONS)
 
     @cached_property
     def largest(self) -> Floats:
@@ -280,9 +303,17 @@ class Neighbourhood:
 
     def functions_in(self, storey: int) -> dict[str, Floats]:
         """Those of :func:`functions` at the present states, ``(n_functions, n_knots)`` by kind."""
+        return functions(*self._at_knots, storey - 1, self.most_functions)
+
+    def whole_process_in(self, storey: int) -> Floats:
+        """That of :func:`whole_process` at the present states, ``(n_functions, n_knots)``."""
+        return whole_process(*self._at_knots, storey - 1, self._room)
+
+    @cached_property
+    def _at_knots(self) -> tuple[dict[str, Floats], Knots]:
+        """Histories of the present states, and where in time they are told."""
         knots = knots_of(self.view.record, self.view.model)
-        states = {kind: self.rows[kind][:, knots.samples] for kind in _KINDS}
-        return functions(states, knots, storey - 1, self.most_functions)
+        return {kind: self.rows[kind][:, knots.samples] for kind in _KINDS}, knots
 
     @cached_property
     def _processes(self) -> dict[str, dict[int, tuple[Floats, Floats]]]:

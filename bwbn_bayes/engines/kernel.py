@@ -57,7 +57,7 @@ class Kernel:
         """Functions of the text, compiled together."""
         with _COMPILING:
             engine = _loaded(self._code(entries))
-        known = signatures(self.source, entries)
+        known = signatures(heads_of(self.source), entries)
         return Functions({entry: Compiled.of(engine, entry, signature) for entry, signature in known.items()})
 
     def _code(self, entries: tuple[str, ...]) -> bytes:
@@ -71,6 +71,21 @@ class Kernel:
             kept = object_code(self.source, *entries)
             write_checked(place, kept)
         return kept
+
+
+def heads_of(source: str) -> str:
+    """A kernel's text with nothing in its functions: reading all of a large law's takes a tenth of a second."""
+    kept: list[str] = []
+    in_head = in_body = False
+    for line in source.splitlines():
+        if line and not line[0].isspace():
+            in_head, in_body = line.startswith("def "), False
+        if not in_body:
+            kept.append(line)
+        if in_head and line.endswith(":"):
+            kept.append("    pass")
+            in_head, in_body = False, True
+    return "\n".join(kept)
 
 
 def kernel_path(kind: str, source: str) -> Path | None:

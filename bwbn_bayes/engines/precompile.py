@@ -16,7 +16,7 @@ from pathlib import Path
 
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.cache_files import cache_directory
-from bwbn_bayes.engines.children import RUNNING
+from bwbn_bayes.engines.children import RUNNING, end_with_pipe
 from bwbn_bayes.engines.lane_laws import compile_law, is_compiled
 
 _CHILD = """
@@ -69,11 +69,6 @@ def _attend(process: subprocess.Popen[bytes], laws: bytes) -> None:
 def compile_laws_sent() -> None:
     """Compile what the parent sends."""
     laws, driven, single = pickle.load(sys.stdin.buffer)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_pipe()
     for law, with_tangents in laws.items():
         compile_law(law, driven, with_tangents, single=single)
-
-
-def _end_with_parent() -> None:
-    sys.stdin.buffer.read()
-    os._exit(1)

@@ -240,16 +240,17 @@ def test_an_unnamed_force_is_a_gaussian_process_of_unknown_level_and_scale() -> 
     variance, turned = np.linalg.eigh(basis @ basis.T)
     squares = np.square(turned.T @ residual)
 
-    def density(log_scale: float, log_level: float) -> float:
-        scale, level = np.exp(log_scale), np.exp(log_level)
-        spread = level**2 + scale**2 * np.maximum(variance, 0.0)
-        log_normal = -0.5 * float(np.sum(squares / spread + np.log(2.0 * np.pi * spread)))
-        log_prior = halfnorm(scale=largest).logpdf(scale) + log_scale
-        log_prior += invgamma(1.0, scale=white.scale[0]).logpdf(level**2) + np.log(2.0) + 2.0 * log_level
-        return float(log_normal + log_prior)
-
     scales, levels = np.log(np.geomspace(0.01 * largest, 4.0 * largest, 161)), np.log(np.geomspace(5e-4, 8e-3, 121))
-    grid = np.array([[density(s, v) for v in levels] for s in scales])
+    level_prior = invgamma(1.0, scale=white.scale[0]).logpdf(np.exp(2.0 * levels)) + np.log(2.0) + 2.0 * levels
+
+    def densities(log_scale: float) -> Floats:
+        """At one scale, of every level."""
+        scale = np.exp(log_scale)
+        spread = np.exp(2.0 * levels)[:, None] + scale**2 * np.maximum(variance, 0.0)
+        log_normal = -0.5 * np.sum(squares / spread + np.log(2.0 * np.pi * spread), axis=1)
+        return np.asarray(log_normal + halfnorm(scale=largest).logpdf(scale) + log_scale + level_prior)
+
+    grid = np.array([densities(s) for s in scales])
     exact = float(logsumexp(grid)) + np.log((scales[1] - scales[0]) * (levels[1] - levels[0]))
     assert found.log_likelihood == pytest.approx(exact, abs=0.05)
     assert found.posterior.log_likelihood(point)[0] == pytest.approx(exact, abs=0.05)

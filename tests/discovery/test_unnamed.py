@@ -185,14 +185,18 @@ def sums(rng: np.random.Generator, shape: float, hidden: float) -> Sums:
     return Sums(products=products, n_base=1, n_counted=80, noise=noise, level=ones, floor=ones, present=np.zeros(3))
 
 
-def log_marginal(given: Sums, scale: float, precision: Floats) -> float:
-    """By a normal of 160 samples whose covariance holds slope and force; from sums of products, by Woodbury."""
+def log_marginal(given: Sums, scale: float, precision: Floats) -> Floats:
+    """By a normal of 160 samples whose covariance holds slope and force; from sums of products, by Woodbury.
+
+    For precisions ``(..., 2)``.
+    """
     n = len(given.products[0]) - 1
     prior = np.diag([1.0 / 12.0, *[scale**2] * 3][:n])
     whole = np.tensordot(precision, given.products, axes=1)
-    inner = np.eye(n) + prior @ whole[:n, :n]
-    quadratic = whole[n, n] - whole[n, :n] @ np.linalg.solve(inner, prior @ whole[:n, n])
-    return float(0.5 * (80 * np.sum(np.log(precision)) - quadratic - np.linalg.slogdet(inner)[1]))
+    inner = np.eye(n) + prior @ whole[..., :n, :n]
+    solved = np.linalg.solve(inner, (prior @ whole[..., :n, n, None]))[..., 0]
+    quadratic = whole[..., n, n] - np.sum(whole[..., n, :n] * solved, axis=-1)
+    return np.asarray(0.5 * (80 * np.sum(np.log(precision), axis=-1) - quadratic - np.linalg.slogdet(inner)[1]))
 
 
 @pytest.mark.parametrize("hidden", [0.0, 2.0])
@@ -232,16 +236,11 @@ def test_where_the_force_explains_what_was_taken_for_noise_the_noise_is_smaller(
         floor=np.ones(2),
         present=np.zeros(3),
     )
-    grid = np.linspace(-1.5, 3.0, 61)
+    grid = np.stack(np.meshgrid(*[np.linspace(-1.5, 3.0, 61)] * 2), axis=-1)
+    log_prior = np.sum(grid - np.exp(grid) / np.square(level), axis=-1)
 
     def marginal(scale: float) -> float:
-        values = [
-            log_marginal(own, scale, np.exp([a, b]))
-            + sum(x - np.exp(x) / v for x, v in zip((a, b), np.square(level), strict=True))
-            for a in grid
-            for b in grid
-        ]
-        return float(logsumexp(values))
+        return float(logsumexp(log_marginal(own, scale, np.exp(grid)) + log_prior))
 
     scales = np.linspace(0.05, 6.0, 60)
     density = 2.0 * norm.pdf(scales) * (scales[1] - scales[0])

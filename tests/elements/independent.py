@@ -34,21 +34,21 @@ def storey(
     sticks. [m]
     """
     beside = parallel_force(p, u, v) + q + p["F_dahl"] / p["x_dahl"] * stuck + p["c"] * v
-    stuck_rate = v * (1.0 - stuck / p["x_dahl"] * np.sign(v))
+    stuck_rate = v * (1.0 - stuck / p["x_dahl"] * sign(v))
     q_rate = p["k_m"] * v - q / p["tau"]
-    d_rate = v * min(max((p["b"] - d * np.sign(v)) / p["w"], 0.0), 1.0)
+    d_rate = v * min(max((p["b"] - d * sign(v)) / p["w"], 0.0), 1.0)
     u_turn = {width: math.tanh(u / p[width]) for width in ("u_uv", "u_u")}
     u, v = u - d, v - d_rate
     nu = 1.0 + p["delta_nu"] * eps + p["nu_inf"] * (1.0 - math.exp(-p["p_nu"] * eps))
     eta = 1.0 + p["delta_eta"] * eps + p["eta_inf"] * (1.0 - math.exp(-p["p_eta"] * eps))
-    shape = p["beta"] * np.sign(z * v) + p["gamma"] + p["phi"] * (np.sign(z) + np.sign(v))
-    shape += p["phi_uv"] * u_turn["u_uv"] * np.sign(v) + p["phi_u"] * u_turn["u_u"]
+    shape = p["beta"] * sign(z * v) + p["gamma"] + p["phi"] * (sign(z) + sign(v))
+    shape += p["phi_uv"] * u_turn["u_uv"] * sign(v) + p["phi_u"] * u_turn["u_u"]
     f = (p["A"] - nu * abs(z) ** p["n"] * shape) / eta
     z1 = p["zeta_s"] * (1.0 - math.exp(-p["p"] * eps))
     if z1 != 0.0:
         z2 = (p["psi_0"] + p["delta_psi"] * eps) * (p["lambda_"] + z1)
         z_u = (1.0 / (p["beta"] + p["gamma"])) ** (1.0 / p["n"])
-        f *= 1.0 - z1 * math.exp(-((z * np.sign(v) - p["q"] * z_u) ** 2) / z2**2)
+        f *= 1.0 - z1 * math.exp(-((z * sign(v) - p["q"] * z_u) ** 2) / z2**2)
     slip = p["delta_s"] * eps * math.sqrt(2.0 / math.pi) / p["sigma"] * math.exp(-0.5 * (z / p["sigma"]) ** 2)
     spring = (1.0 - p["alpha"]) * p["k"] * z
     return p["alpha"] * p["k"] * u + spring + beside, f * v / (1.0 + slip * f), spring * v, q_rate, d_rate, stuck_rate
@@ -58,13 +58,28 @@ def parallel_force(p: dict[str, float], u: float, v: float) -> float:
     """What stands beside the springs: hardening, quadratic damping, friction, stops."""
     friction = p["F_c"] * math.tanh(v / p["v0"])
     friction += p["F_ratio"] * v / (abs(v) + p["v_ratio"]) + p["F_root"] * v / math.hypot(v, p["v_root"])
-    stops = p["k_g"] * max(abs(u) - p["g"], 0.0) * np.sign(u)
+    stops = p["k_g"] * max(abs(u) - p["g"], 0.0) * sign(u)
     stops += p["k_gp"] * max(u - p["g_p"], 0.0) - p["k_gn"] * max(-u - p["g_n"], 0.0)
     return float(p["k3"] * u**3 - p["k_geo"] * u + p["c2"] * v * abs(v) + friction + stops)
 
 
+def sign(x: float) -> float:
+    """1, 0 or -1: of single numbers, asked too often for NumPy."""
+    return math.copysign(1.0, x) if x else 0.0
+
+
+def between(heights: np.ndarray, base: float = 0.0) -> np.ndarray:
+    """What each stands above the one below, the first above the base."""
+    found = heights.copy()
+    found[1:] -= heights[:-1]
+    found[0] -= base
+    return found
+
+
 def at(p: dict[str, float], t: float) -> dict[str, float]:
     """Parameters at a time: a ramp of k has gone so far."""
+    if p["k_ramp"] == 0.0:
+        return p
     share = min(max((t - p["k_ramp_time"]) / p["k_ramp_duration"], 0.0), 1.0)
     return {**p, "k": p["k"] + share * p["k_ramp"]}
 
@@ -79,15 +94,16 @@ def respond(
     own = [{**p, **{k: PLAIN[k] + p.get(f"{k}_offset", 0.0) for k in PLAIN if f"{k}_offset" in p}} for p in storeys]
     before = [{**PLAIN, **{k: v for k, v in p.items() if k in PLAIN}} for p in own]
     after = [{k: v + p.get(f"{k}_jump", 0.0) for k, v in b.items()} for b, p in zip(before, storeys, strict=True)]
-    m, n = np.asarray(masses), len(masses)
+    m, n, times = np.asarray(masses), len(masses), dt * np.arange(len(ground))
 
     def rates(t: float, y: np.ndarray, parameters: list[dict[str, float]]) -> tuple[np.ndarray, np.ndarray]:
         x, w, *others = y.reshape(7, n)
-        u, v = np.diff(x, prepend=0.0), np.diff(w, prepend=0.0)
-        parts = [storey(at(p, t), *state) for p, *state in zip(parameters, u, v, *others, strict=True)]
+        rows = (row.tolist() for row in (between(x), between(w), *others))
+        parts = [storey(at(p, t), *state) for p, *state in zip(parameters, *rows, strict=True)]
         force, *inner_rates = (np.array(part) for part in zip(*parts, strict=True))
-        total = (np.append(force[1:], 0.0) - force) / m
-        relative = total - np.interp(t, dt * np.arange(len(ground)), ground)
+        total = -force / m
+        total[:-1] += force[1:] / m[:-1]
+        relative = total - np.interp(t, times, ground)
         return np.concatenate([w, relative, *inner_rates]), total
 
     ends = [p["k_ramp_time"] + share * p["k_ramp_duration"] for p in before if p["k_ramp"] for share in (0.0, 1.0)]

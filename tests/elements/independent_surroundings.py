@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from independent import PLAIN, at, storey
+from independent import PLAIN, at, between, storey
 from scipy.integrate import solve_ivp
 
 NEUTRAL = {
@@ -35,6 +35,10 @@ class Building:
         self.whole = {**NEUTRAL, **whole}
         self.mass = np.array([m * (1.0 + p["e_m"]) for m, p in zip(masses, self.floors, strict=True)])
         self.ground, self.dt = ground, dt
+        self.times = dt * np.arange(len(ground))
+        self.omega = 2.0 * math.pi * np.array([p["f_t"] for p in self.floors])
+        self.damping = 2.0 * np.array([p["zeta_t"] for p in self.floors]) * self.omega
+        self.share = np.array([p["mu_t"] for p in self.floors])
 
     def rates(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates of the states, and the floors' total accelerations."""
@@ -42,18 +46,18 @@ class Building:
         x, w, *inner, mass_x, mass_w = y[:-3].reshape(9, n)
         moves = whole["compliance"] > 0.0 or whole["inv_mu"] > 0.0
         base_x, base_w, mobilised = y[-3:] if moves else (0.0, 0.0, 0.0)
-        a_g = whole["s_g"] * np.interp(t, self.dt * np.arange(len(self.ground)), self.ground)
-        u, v = np.diff(x, prepend=base_x), np.diff(w, prepend=base_w)
-        parts = [storey(at(p, t), *state) for p, *state in zip(self.storeys, u, v, *inner, strict=True)]
+        a_g = whole["s_g"] * np.interp(t, self.times, self.ground)
+        u, v = between(x, base_x), between(w, base_w)
+        states = (row.tolist() for row in (u, v, *inner))
+        parts = [storey(at(p, t), *state) for p, *state in zip(self.storeys, *states, strict=True)]
         force, *inner_rates = (np.array(part) for part in zip(*parts, strict=True))
         for floor in range(n - 1):  # a hinge's moment at each floor, from the difference of the drifts beside it
             moment = whole["k_bend"] * (u[floor + 1] - u[floor])
             force[floor] -= moment
             force[floor + 1] += moment
-        omega = 2.0 * math.pi * np.array([p["f_t"] for p in self.floors])
-        pull = 2.0 * np.array([p["zeta_t"] for p in self.floors]) * omega * mass_w + omega**2 * mass_x
-        share = np.array([p["mu_t"] for p in self.floors])
-        push = np.append(force[1:], 0.0) - force - whole["c_m"] * self.mass * w + share * self.mass * pull
+        pull = self.damping * mass_w + self.omega**2 * mass_x
+        push = self.share * self.mass * pull - force - whole["c_m"] * self.mass * w
+        push[:-1] += force[1:]
         total = push / self.mass
         base_rates = np.zeros(3)
         if whole["compliance"] > 0.0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -52,9 +53,15 @@ def evaluate(law: StoreyLaw, neutral: tuple[Addition, ...]) -> np.ndarray:
     def values(s: sp.Symbol) -> np.ndarray:
         return np.full(N_STATES, held[s.name]) if s.name in held else random_values(s.name)
 
-    symbols = (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *(event.indicator for event in law.events))
-    function = sp.lambdify(symbols, (law.force, *law.rates[:2]), "numpy")
+    symbols, function = compiled(law)
     return np.array([np.broadcast_to(one, N_STATES) for one in function(*(values(s) for s in symbols))])
+
+
+@cache
+def compiled(law: StoreyLaw) -> tuple[tuple[sp.Symbol, ...], Callable[..., tuple[np.ndarray, ...]]]:
+    """What force and rates are functions of, and the function."""
+    symbols = (DRIFT, DRIFT_RATE, *law.states, *law.symbols, *(event.indicator for event in law.events))
+    return symbols, sp.lambdify(symbols, (law.force, *law.rates[:2]), "numpy")
 
 
 def random_values(name: str) -> np.ndarray:
@@ -118,10 +125,11 @@ def test_derivatives_are_those_of_finite_differences(form):
     values = {s: random_values(s.name) for s in symbols}
     for output in (law.force, *law.rates):
         compute = sp.lambdify(symbols, output, "numpy")
-        for variable, exact in zip(variables, derivatives(output, variables), strict=True):
+        # What derivatives share is written once: printing them one by one took most of the test's time.
+        slopes = sp.lambdify(symbols, derivatives(output, variables), "numpy", cse=True)(*values.values())
+        for variable, slope in zip(variables, slopes, strict=True):
             step = 1e-6
             ends = [compute(*(values[s] + side * step * (s == variable) for s in symbols)) for side in (1.0, -1.0)]
-            slope = sp.lambdify(symbols, exact, "numpy")(*values.values())
             difference = (ends[0] - ends[1]) / (2.0 * step)
             # A kink within the step of a random point spoils it there.
             assert np.mean(np.abs(difference - slope) > 1e-5 * (1.0 + np.abs(slope))) < 0.005, (output, variable)

@@ -12,6 +12,7 @@ import pytest
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock
 from bwbn_bayes.engines import scalar
+from bwbn_bayes.engines.children import RUNNING
 from bwbn_bayes.engines.kept_code import remembered
 from bwbn_bayes.engines.kernel import Kernel
 from bwbn_bayes.engines.lane_laws import is_compiled
@@ -125,6 +126,8 @@ def test_a_law_compiled_ahead_needs_no_compiling(tmp_path: Path, monkeypatch: py
     assert compiling is not None
     compiling.join(timeout=300)
     assert not compiling.is_alive()
+    # It aborted, after its work, where a thread still waited for the end of its stdin.
+    assert RUNNING[-1].returncode == 0
     assert is_compiled(law, False)
     assert not is_compiled(law, True)
     assert precompile({law: True}, driven=False) is None

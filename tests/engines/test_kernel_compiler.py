@@ -11,8 +11,8 @@ import pytest
 
 from bwbn_bayes import BoucWen, FolientePinching, PerStorey, ShearBuilding, SlipLock, SuddenDamage, Uniform, el_centro
 from bwbn_bayes.engines import lane_laws, scalar
-from bwbn_bayes.engines.kernel import Kernel
-from bwbn_bayes.engines.kernel_compiler import KINDS, object_code
+from bwbn_bayes.engines.kernel import Kernel, heads_of
+from bwbn_bayes.engines.kernel_compiler import KINDS, object_code, signatures
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.structures.structure import Structure
@@ -210,6 +210,24 @@ def test_a_kernel_comes_to_what_python_makes_of_its_text(model: Structure, monke
         expected = solved()
     forget_kernels()
     agree(compiled, expected)
+
+
+@pytest.mark.parametrize(
+    ("source", "entries"),
+    [(WORDS, ("run",)), (OF_A_LIBRARY, ("qsort", "ldexp", "backwards", "taken", "run"))],
+    ids=["words", "of a library"],
+)
+def test_the_heads_of_a_text_say_what_its_functions_take(source: str, entries: tuple[str, ...]) -> None:
+    assert signatures(heads_of(source), entries) == signatures(source, entries)
+
+
+@pytest.mark.parametrize("single", [False, True])
+def test_the_heads_of_a_law_are_a_small_part_of_it(single: bool) -> None:
+    """The whole was read in every process, for what two of its lines say."""
+    kernel, _ = lane_laws.kernel_of(MODELS["building"].law, False, single)
+    heads, entries = heads_of(kernel.source), ("run", "run_with_tangents")
+    assert signatures(heads, entries) == signatures(kernel.source, entries)
+    assert len(heads) < 0.2 * len(kernel.source)
 
 
 def run_in_python(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -83,23 +83,25 @@ def independent(model: Structure, record: Record) -> np.ndarray:
     low, high = np.array(joints).T
     mass = np.array(model.masses)
     bending = local[0, columns.index("k_bend")] if "k_bend" in columns else 0.0
-    threes = [(low[j - 1], j, upper) for j, upper in joints[:n] if j]
+    # Rows of what a link stretches by, and of curvatures; the ground is no column.
+    stretches = (np.eye(n + 1)[high] - np.eye(n + 1)[low])[:, 1:]
+    curvatures = np.zeros((n, n + 1))
+    for row, (j, upper) in zip(curvatures, joints[:n], strict=True):
+        if j:
+            row[[low[j - 1], j, upper]] = 1.0, -2.0, 1.0
+    curvatures = curvatures[:, 1:]
+    bends = bending * curvatures.T @ curvatures
 
     def rates(t, y):
-        x, w, z = np.append(0.0, y[:n]), np.append(0.0, y[n : 2 * n]), y[2 * n :]
-        u, v = x[high] - x[low], w[high] - w[low]
+        x, w, z = y[:n], y[n : 2 * n], y[2 * n :]
+        u, v = stretches @ x, stretches @ w
         force = alpha * k * u + (1.0 - alpha) * k * z + c * v
         z_rate = (1.0 - np.abs(z) ** sharpness * (beta * np.sign(z * v) + gamma)) * v
-        on_node = np.zeros(n + 1)
-        np.add.at(on_node, low, force)
-        np.subtract.at(on_node, high, force)
-        for below, node, above in threes:
-            curvature = x[below] - 2.0 * x[node] + x[above]
-            on_node[[below, node, above]] += np.array([-1.0, 2.0, -1.0]) * bending * curvature
+        on_node = -(force @ stretches + bends @ x)
         for name, signal in record.forces.items():
-            on_node[int(name[-1])] += np.interp(t, record.times, signal)
-        total = on_node[1:] / mass
-        return np.concatenate([w[1:], total - np.interp(t, record.times, record.excitation), z_rate]), total
+            on_node[int(name[-1]) - 1] += np.interp(t, record.times, signal)
+        total = on_node / mass
+        return np.concatenate([w, total - np.interp(t, record.times, record.excitation), z_rate]), total
 
     y, found = np.zeros(2 * n + len(joints)), []
     for start, end in pairwise([*record.times, record.times[-1] + TIME_STEP]):

@@ -31,10 +31,13 @@ def record_of(stiffness: dict[tuple[int, int], float], bending: float = 0.0) -> 
 
     def rates(t: float, y: Floats) -> Floats:
         x, rate, z = y[0:3], y[3:6], y[6:9]
-        u, v = np.diff(x, prepend=0.0), np.diff(rate, prepend=0.0)
+        u, v = x.copy(), rate.copy()
+        u[1:] -= x[:-1]
+        v[1:] -= rate[:-1]
         force = c * v + alpha * k * u + (1.0 - alpha) * k * z
         force[:2] += bending * (u[0] - u[1]) * np.array([1.0, -1.0])
-        floors = np.append(force[1:], 0.0) - force
+        floors = -force
+        floors[:-1] += force[1:]
         for (lower, upper), own in stiffness.items():
             pull = own * (x[upper - 1] - (x[lower - 1] if lower else 0.0))
             floors[upper - 1] -= pull

@@ -79,9 +79,9 @@ def search(given: Explanation, run: Run) -> Pool:
                 break
             _round(parent, pool, run)
             n_whole += not run.stopped
-        build_alone(pool, run)
         if not run.stopped:
             _change_forms(pool, run)
+        build_alone(pool, run)
         if pool.has_force:
             pool.weigh(last=True)
         elif not given.is_specimen:

@@ -7,6 +7,7 @@ from functools import partial
 from typing import override
 
 import numpy as np
+from scipy.stats import chi2
 
 from bwbn_bayes.inference.by_tmcmc import two_starts
 from bwbn_bayes.inference.curved import curved_mixture
@@ -40,6 +41,9 @@ _CLEAR = 0.6
 """Pareto shape with which drawing ends: below the limit of the check, so that stopping does not decide it."""
 _LEAST_EFFECTIVE = 2000
 """Weighed draws are worth so many at least, whatever was asked for: from fewer, Pareto's k can miss a heavy tail."""
+_RARE, _MOST_HALVINGS = 0.01, 20
+"""Probability of a draw of a normal posterior below which the best of all draws is none of it; and how often a draw is
+brought half as near to the fit."""
 _BATCH = 4000
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it starts with this fraction of the draws asked for: each costs it some hundred solves."""
@@ -63,11 +67,11 @@ class ByImportance(Sampling):
         )
         checks = (_pareto_check(weighted), _size_check(weighted.effective_sample_size, settings.particles))
         evidences = {"importance": (weighted.log_evidence, weighted.log_evidence_se)}
-        if weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and np.isfinite(weighted.pareto_k)):
+        if weighted.pareto_k <= PARETO_LIMIT or (not settings.fallback and _reaches(weighted, given.modes[0])):
             return Sampled("importance", Draws.of_weighted(weighted, rng, settings.particles), evidences, checks)
         if not settings.fallback:
-            history.say("hardly a draw has any weight: taking those of the normal approximation as they are")
-            return Sampled("importance", _unweighted(given, weighted), evidences, checks)
+            history.say("no draw comes near the fit: taking those of the normal approximation back towards it")
+            return Sampled("importance", _taken_back(given, weighted), evidences, checks)
         history.say("the proposal does not cover the posterior: falling back to TMCMC")
         fewest = max(_FEWEST_PARTICLES, fewest_particles(given.target.n_dim))
         fewer = replace(settings, particles=max(fewest, settings.particles // _FALLBACK_SHARE))
@@ -75,19 +79,34 @@ class ByImportance(Sampling):
         return second._replace(evidences={**evidences, **second.evidences}, checks=(*checks, *second.checks))
 
 
-def _unweighted(given: Given, weighted: WeightedDraws) -> Draws:
-    """Draws of the normal approximation at the optima that can be solved, as if they were of the posterior.
+def _reaches(weighted: WeightedDraws, mode: Mode) -> bool:
+    """Whether some draw is as likely as draws of a posterior are: no less than one in a hundred of a normal one."""
+    least = mode.log_likelihood - 0.5 * float(chi2.isf(_RARE, len(mode.point)))
+    return bool(np.isfinite(weighted.pareto_k) and np.max(weighted.log_likelihood) >= least)
 
-    They are said to be worth what ``weighted`` ones are.
+
+def _taken_back(given: Given, weighted: WeightedDraws) -> Draws:
+    """Draws of the normal approximation at the best fit, each so far from it that the record is as likely as it should.
+
+    Where the posterior is bent they spread less than it does. They are said to be worth what ``weighted`` ones are.
     """
-    points = laplace_mixture(given.modes).sample(given.rng, given.settings.particles)
-    value, log_target = log_targets(given.target, points)
-    solved = np.isfinite(log_target)
-    if not np.any(solved):
-        points, solved = given.modes[0].point[None], np.ones(1, dtype=np.bool_)
-        value = given.target.log_likelihood(points)
-    log_weights = np.full(np.sum(solved), -np.log(np.sum(solved)))
-    taken = replace(weighted, points=points[solved], log_likelihood=value[solved], log_weights=log_weights)
+    mode = given.modes[0]
+    steps = laplace_mixture((mode,)).sample(given.rng, given.settings.particles) - mode.point
+    least = mode.log_likelihood - 0.5 * np.einsum("ni,ij,nj->n", steps, mode.information, steps)
+    share = np.ones(len(steps))
+    for _ in range(_MOST_HALVINGS):
+        value, log_target = log_targets(given.target, mode.point + share[:, None] * steps)
+        far = ~(np.isfinite(log_target) & (value >= least))
+        if not np.any(far):
+            break
+        share[far] /= 2.0
+    else:
+        share[far] = 0.0
+    points = mode.point + share[:, None] * steps
+    value = given.target.log_likelihood(points)
+    taken = replace(
+        weighted, points=points, log_likelihood=value, log_weights=np.full(len(points), -np.log(len(points)))
+    )
     draws = Draws.of_weighted(taken, given.rng, given.settings.particles)
     return replace(draws, effective_sample_size=weighted.effective_sample_size)
 

@@ -144,11 +144,9 @@ def _shaping(weak: Sequence[Added]) -> str:
     titles = [one.title for one in weak]
     what = f"{', '.join(titles[:-1])} and {titles[-1]}" if len(titles) > 1 else titles[0]
     largest = probability_in_words(max(one.name_probability for one in weak))
-    none, most = ("none of them has", " at most") if len(titles) > 1 else ("it has not", "")
-    return (
-        f"The improved model also has {what}, with which it predicts better; {none} earned a name "
-        f"(probability {largest}{most})."
-    )
+    none = "none of them has" if len(titles) > 1 else "it has not"
+    sure = f"probability {largest}" if len(titles) == 1 else f"the likeliest with probability {largest}"
+    return f"The improved model also has {what}, with which it predicts better; {none} earned a name ({sure})."
 
 
 def signature_in_words(seen: SignatureFacts) -> str:

@@ -136,7 +136,7 @@ def test_effects_that_predict_without_a_name_are_told_together() -> None:
     assert told[2].startswith("A force of no known law at the specimen")
     assert told[3] == (
         "The improved model also has slip-lock pinching in storey 1 and slip-lock pinching in storey 3, with which it "
-        "predicts better; none of them has earned a name (probability 0.05 at most)."
+        "predicts better; none of them has earned a name (the likeliest with probability 0.05)."
     )
     assert not any(sentence.startswith("Perhaps") for sentence in told)
     (one,) = (s for s in sentences(certain, (weak[0],), force, NOWHERE, gap(0.3, 0.06)) if s.startswith("The improved"))

@@ -84,6 +84,7 @@ def search(given: Explanation, run: Run) -> Pool:
         build_alone(pool, run)
         if pool.has_force:
             pool.weigh(last=True)
+            _tell("Built laws by themselves", pool.ranked()[0].label, pool, run)
         elif not given.is_specimen:
             if not pool.laws.best.is_noise:
                 follow(pool, run)

@@ -146,7 +146,7 @@ def _added(
 
 def _of_names(believed: Beliefs, added: Sequence[Added]) -> dict[str, float]:
     """Probability of each name, best first; of what was added, that it deserves its name, too."""
-    names = {name: p * believed.borne_out.get(name, 1.0) for name, p in believed.names.items()}
+    names = believed.law_probabilities
     for one in sorted(added, key=lambda own: own.name_probability):
         names[one.hypothesis.name] = one.name_probability
     return dict(sorted(names.items(), key=lambda item: -item[1]))

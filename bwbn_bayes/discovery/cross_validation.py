@@ -106,9 +106,9 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
 
 def _later(record: Record) -> list[tuple[int, NDArray[np.int64]]]:
     """The second half of each part's stretches."""
-    found = []
+    every, found = stretches_of(record), []
     for part in range(len(record.parts)):
-        own = [stretch for stretch in stretches_of(record) if stretch[0] == part]
+        own = [stretch for stretch in every if stretch[0] == part]
         found += own[len(own) // 2 :]
     return found
 

@@ -157,7 +157,7 @@ class Beliefs:
             holding = [one for one in plain if self.likely <= one.placed]
             tried = [one for one in holding if not self._absent & one.names] or holding
         else:
-            named = {name for name, p in self.names.items() if p * self.borne_out.get(name, 1.0) >= NAMED}
+            named = {name for name, p in self.law_probabilities.items() if p >= NAMED}
             tried = [one for one in plain if named <= one.names]
         return (tried or plain)[0]
 
@@ -171,6 +171,11 @@ class Beliefs:
         if next(one for one in self.explanations if not one.has_unnamed).is_noise:
             return {}
         return {name: self._agreed_on(name) for name, p in self.names.items() if p > 1.0 - NAMED}
+
+    @property
+    def law_probabilities(self) -> dict[str, float]:
+        """That the law of each name is part of the model, and borne out."""
+        return {name: p * self.borne_out.get(name, 1.0) for name, p in self.names.items()}
 
     def _agreed_on(self, name: str) -> float:
         """That the best with an effect explains further stretches better than the best without any of its mechanism."""

@@ -101,9 +101,8 @@ def _taken_back(given: Given, weighted: WeightedDraws) -> Draws:
             break
         share[far] /= 2.0
     else:
-        share[far] = 0.0
+        share[far], value[far] = 0.0, mode.log_likelihood
     points = mode.point + share[:, None] * steps
-    value = given.target.log_likelihood(points)
     taken = replace(
         weighted, points=points, log_likelihood=value, log_weights=np.full(len(points), -np.log(len(points)))
     )

@@ -42,7 +42,8 @@ def finely_solved(one: Explanation) -> Explanation:
     engine = one.posterior.engine
     if not isinstance(engine, Lanes):
         return one
-    scheme, _ = choose_scheme(without_force(one.posterior), one.best, engine, first=rung_of(engine), accepts=_suffices)
+    view, rung = without_force(one.posterior), rung_of(engine)
+    scheme, _ = choose_scheme(view, one.best, engine, first=rung, substeps=engine.substeps, accepts=_suffices)
     if scheme == engine:
         return one
     posterior = one.posterior.with_engine(scheme)

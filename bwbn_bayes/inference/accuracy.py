@@ -32,6 +32,9 @@ LADDER = (
     Lanes(substeps=16, resolution=0.015),
 )
 """Schemes from coarse to fine."""
+_STEADIER = (LADDER[0], *(replace(LADDER[1], substeps=n) for n in (1, 2, 4, 8)), LADDER[-1])
+"""Those by which a search may begin, the coarsest first: short steps keep what is stiff from running away, whatever is
+sharp beside it."""
 _SEED, _N_TRIED, _STABLE = 1, 64, 0.9
 """Draws of the prior that are tried, and the share of what can be solved that a search must solve."""
 
@@ -91,21 +94,30 @@ class Judge:
     exact: Floats
     jacobian: Floats
     weight: Floats
+    ran_away: bool = False
+    """Whether the slopes of the posterior's own engine did, so that another's are asked for."""
 
     @classmethod
     def at(cls, posterior: Posterior, point: Floats, finest: Engine) -> Judge:
-        """Solve once with the finest engine and take the slopes of the posterior's own at ``point (n_dim,)``."""
+        """Solve once with the finest engine and take the slopes of the posterior's own at ``point (n_dim,)``.
+
+        Where steps are so long that these run away, as they may where the response does not, the finest has to tell.
+        """
         model, record = posterior.model, posterior.record
         values, noise_values = posterior.split(point[None])
         _, slopes = posterior.engine.sensitivities(model, values, record)
         exact = finest.simulate(model, values, record).values[0]
         posterior.solves.add(2)
+        ran_away = not np.all(np.isfinite(slopes))
+        if ran_away:
+            _, slopes = finest.sensitivities(model, values, record)
+            posterior.solves.add(1)
         n_times = counts(record)
         misfit = (n_times * mean_squares(record, record.measured - exact))[None]
         weight = over_time(record, np.sqrt(posterior.noise.precision(misfit, n_times, noise_values)[0]))
         scale = model.space.unit_scale(values)[0]
         jacobian = (slopes[0] * scale[:, None, None] * weight).reshape(model.space.n_dim, -1)
-        return cls(posterior=posterior, values=values, exact=exact, jacobian=jacobian, weight=weight)
+        return cls(posterior=posterior, values=values, exact=exact, jacobian=jacobian, weight=weight, ran_away=ran_away)
 
     def __call__(self, engine: Engine) -> Discretisation:
         """What the engine's error does to the posterior."""
@@ -130,6 +142,14 @@ class Judge:
             log_likelihood_shift=float(-residual @ left - 0.5 * left @ left),
             nrmse=float(np.sqrt(np.mean(missed))),
         )
+
+    def has_slopes(self, engine: Engine) -> bool:
+        """Whether the engine's slopes are finite, too; asked only where those of the posterior's own ran away."""
+        if not self.ran_away:
+            return True
+        self.posterior.solves.add(1)
+        _, slopes = engine.sensitivities(self.posterior.model, self.values, self.posterior.record)
+        return bool(np.all(np.isfinite(slopes)))
 
 
 def in_doubles(posterior: Posterior) -> Posterior:
@@ -163,14 +183,20 @@ def coarsest_stable(posterior: Posterior) -> Posterior:
     if np.mean(solves(LADDER[0])) >= _STABLE:
         return posterior.with_engine(_of_lanes(engine, LADDER[0]))
     every = solves(LADDER[-1])
-    enough = (rung for rung in LADDER if np.sum(solves(rung) & every) >= _STABLE * np.sum(every))
+    enough = (rung for rung in _STEADIER if np.sum(solves(rung) & every) >= _STABLE * np.sum(every))
     return posterior.with_engine(_of_lanes(engine, next(enough)))
 
 
 def rung_of(engine: Lanes) -> int:
-    """The rung of the ladder that an engine's scheme is; the last but one where it is none."""
+    """The rung of the ladder that an engine's scheme is, or is but for shorter steps; the last but one of none."""
     rungs = enumerate(LADDER)
-    return next((number for number, rung in rungs if _of_lanes(engine, rung) == engine), len(LADDER) - 2)
+    same = (number for number, rung in rungs if _of_lanes(engine, _as_short(rung, engine.substeps)) == engine)
+    return next(same, len(LADDER) - 2)
+
+
+def _as_short(rung: Lanes, substeps: int) -> Lanes:
+    """A rung with so many steps per sample at least."""
+    return replace(rung, substeps=max(rung.substeps, substeps))
 
 
 def choose_scheme(
@@ -179,19 +205,21 @@ def choose_scheme(
     engine: Lanes,
     *,
     first: int = 0,
+    substeps: int = 1,
     accepts: Callable[[Discretisation], bool] = lambda facts: facts.acceptable,
 ) -> tuple[Lanes, Discretisation]:
     """The cheapest scheme of the ladder, from its rung ``first`` on, that is fine enough at a point ``(n_dim,)``.
 
-    Where none is, the finest is returned with the figures of the next coarser one, which bound its own; where it is the
-    first, with its own, which no finer one tells.
+    With ``substeps`` steps per sample at least, since longer ones may run away. Where none is, the finest is returned
+    with the figures of the next coarser one, which bound its own; where it is the first, with its own, which no finer
+    one tells.
     """
-    *ladder, finest = (_of_lanes(engine, rung) for rung in LADDER[first:])
+    *ladder, finest = (_of_lanes(engine, _as_short(rung, substeps)) for rung in LADDER[first:])
     judge = Judge.at(posterior, point, finest)
     if not ladder:
         return finest, judge(finest)
     for scheme in ladder:
         facts = judge(scheme)
-        if accepts(facts):
+        if accepts(facts) and judge.has_slopes(scheme):
             return scheme, facts
     return finest, replace(facts, scheme=f"{finest.scheme}; the figures are those of the next coarser one")

@@ -93,16 +93,16 @@ def _taken_back(given: Given, weighted: WeightedDraws) -> Draws:
     mode = given.modes[0]
     steps = laplace_mixture((mode,)).sample(given.rng, given.settings.particles) - mode.point
     least = mode.log_likelihood - 0.5 * np.einsum("ni,ij,nj->n", steps, mode.information, steps)
-    share = np.ones(len(steps))
+    points, value = mode.point + steps, np.full(len(steps), mode.log_likelihood)
+    far = np.arange(len(steps))
     for _ in range(_MOST_HALVINGS):
-        value, log_target = log_targets(given.target, mode.point + share[:, None] * steps)
-        far = ~(np.isfinite(log_target) & (value >= least))
-        if not np.any(far):
+        value[far], log_target = log_targets(given.target, points[far])
+        far = far[~(np.isfinite(log_target) & (value[far] >= least[far]))]
+        if not len(far):
             break
-        share[far] /= 2.0
+        points[far] = mode.point + 0.5 * (points[far] - mode.point)
     else:
-        share[far], value[far] = 0.0, mode.log_likelihood
-    points = mode.point + share[:, None] * steps
+        points[far], value[far] = mode.point, mode.log_likelihood
     taken = replace(
         weighted, points=points, log_likelihood=value, log_weights=np.full(len(points), -np.log(len(points)))
     )

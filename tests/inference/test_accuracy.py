@@ -1,15 +1,17 @@
 """The claimed discretisation error against the reference engine and against a refit."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any, override
 
 import numpy as np
 import pytest
 from inference_cases import climbed, posterior_of, recorded, sdof_model, true_point, with_slip
 
-from bwbn_bayes import BoucWen, PerStorey, ShearBuilding, Uniform, el_centro, simulate
+from bwbn_bayes import BoucWen, PerStorey, Record, ShearBuilding, Specimen, Uniform, el_centro, simulate
+from bwbn_bayes.engines.base import Response
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
-from bwbn_bayes.inference.accuracy import LADDER, LIMIT, Judge, choose_scheme, coarsest_stable
+from bwbn_bayes.inference.accuracy import LADDER, LIMIT, Judge, choose_scheme, coarsest_stable, rung_of
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode, find_modes
 from bwbn_bayes.parameters import Floats
@@ -118,4 +120,49 @@ def test_from_the_finest_rung_on_there_is_nothing_to_choose(pinching: Posterior,
     """Where a search has solved so finely already."""
     chosen, facts = choose_scheme(pinching, fitted.point, FINEST, first=len(LADDER) - 1)
     assert chosen == FINEST
+    assert facts.acceptable
+
+
+def stiff_specimen(u_y: float) -> Posterior:
+    """A loop of 2 m in strides of 0.25 m, under a prior of the yield displacement from 5 mm on."""
+    model = Specimen(storey=BoucWen(k=Uniform(1e4, 1e5), alpha=0.05, u_y=Uniform(0.005, 0.05), rho=0.9, n=3.0))
+    path = np.interp(np.arange(0.0, 24.0, 0.25), np.arange(25.0), [0.0, 1.0, -1.0] * 8 + [0.0])
+    loop = Record(name="loop", time_step=0.25, excitation=path, excitation_kind="displacement")
+    record = simulate(model, loop, {"k": 5e4, "u_y": u_y}, channels=["force"], snr_db=30.0, engine=LADDER[-1])
+    return Posterior(model=model, record=record, engine=replace(LADDER[0], n_threads=1), noise=default_noise(record))
+
+
+def test_steps_that_run_away_are_shortened_and_what_is_sharp_is_not_refined_for_it() -> None:
+    """Of column 380 each solve took four times as long for the slip, which nothing had asked for."""
+    posterior = stiff_specimen(0.008)
+    points = posterior.sample_prior(np.random.default_rng(3), 64)
+    assert np.mean(np.isfinite(posterior.misfit(points))) < 0.9
+    stable = coarsest_stable(posterior)
+    assert isinstance(stable.engine, Lanes)
+    assert np.mean(np.isfinite(stable.misfit(points))) >= 0.9
+    assert stable.engine.substeps > 1
+    assert stable.engine.resolution == LADDER[0].resolution
+    rung = rung_of(stable.engine)
+    assert LADDER[rung].resolution == stable.engine.resolution
+    for accepts in (lambda _: True, lambda _: False):
+        substeps = stable.engine.substeps
+        chosen, _ = choose_scheme(stable, points[0], stable.engine, first=rung, substeps=substeps, accepts=accepts)
+        assert chosen.substeps >= substeps
+
+
+class RunsAway(Lanes):
+    """Lanes of which the slopes run away by one step per sample, where the response does not."""
+
+    @override
+    def sensitivities(self, *args: Any, **kwargs: Any) -> tuple[Response, Floats]:
+        response, slopes = super().sensitivities(*args, **kwargs)
+        return response, slopes if self.substeps > 1 else np.full_like(slopes, np.nan)
+
+
+def test_slopes_that_run_away_are_asked_of_shorter_steps(pinching: Posterior, fitted: Mode) -> None:
+    """Every scheme but the finest was refused for them, on column 380, and that one cost five times as much."""
+    coarse = RunsAway(**{one.name: getattr(LADDER[0], one.name) for one in fields(LADDER[0])})
+    view = pinching.with_engine(coarse)
+    chosen, facts = choose_scheme(view, fitted.point, coarse, accepts=lambda facts: facts.joint_shift_sd < np.inf)
+    assert (chosen.substeps, chosen.resolution) == (2, 0.06)
     assert facts.acceptable

@@ -52,6 +52,15 @@ class Effect:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Kin:
+    """Effects of which an answer says that one or another is there."""
+
+    title: str
+    names: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class Answer:
     """What this benchmark takes from ``discovery.json``.
 
@@ -61,6 +70,7 @@ class Answer:
     probability : float or None
         Of the verdict.
     effects : tuple of Effect
+    families : tuple of Kin
     fit, held_out : float or None
         Errors [%] of the best model; None where there is none, or where the prediction runs away.
     seconds : float
@@ -69,6 +79,7 @@ class Answer:
     verdict: str
     probability: float | None
     effects: tuple[Effect, ...]
+    families: tuple[Kin, ...]
     fit: float | None
     held_out: float | None
     seconds: float
@@ -95,6 +106,10 @@ def read_answer(facts: Mapping[str, Any]) -> Answer:
                 identified=((effect.get("signature") or {}).get("identified") or {}).get("mean"),
             )
             for effect in facts["effects"]
+        ),
+        families=tuple(
+            Kin(title=kin["title"], names=tuple(kin["names"]), probability=kin["probability"])
+            for kin in facts.get("families", ())
         ),
         fit=_per_cent(errors["fit"]),
         held_out=_per_cent(errors["held_out"]),

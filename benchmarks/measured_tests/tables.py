@@ -331,11 +331,13 @@ def verdict_in_words(answer: Answer | None) -> str:
 
 
 def names_in_words(answer: Answer | None) -> str:
-    """Names with their probabilities: those that are named, then those that are possible."""
-    told = () if answer is None else answer.effects
+    """Names with their probabilities: those that are named, families of which none is, then those that are possible."""
+    told, families = ((), ()) if answer is None else (answer.effects, answer.families)
     named = [one for one in told if one.probability is None or one.probability >= SURE]
     possible = [one for one in told if one.probability is not None and POSSIBLE <= one.probability < SURE]
-    words = [*(_named(one) for one in named), *(f"possibly {_named(one)}" for one in possible)]
+    unsplit = [kin for kin in families if kin.probability >= SURE and not {one.name for one in named} & {*kin.names}]
+    kin = [f"{one.title} ({probability(one.probability)})" for one in unsplit]
+    words = [*(_named(one) for one in named), *kin, *(f"possibly {_named(one)}" for one in possible)]
     return ", ".join(words)
 
 

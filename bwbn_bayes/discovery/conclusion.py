@@ -14,7 +14,7 @@ from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.predictive import predictive_interval
-from bwbn_bayes.discovery.probability import NAMED, Beliefs, sides
+from bwbn_bayes.discovery.probability import NAMED, Beliefs, Family, bayes_factor
 from bwbn_bayes.discovery.run import Run, hypotheses_of, score_all
 from bwbn_bayes.discovery.sentences import badly_sampled, sentences
 from bwbn_bayes.discovery.separation import separating_experiment
@@ -79,11 +79,13 @@ def conclude(
     share = (
         0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given.disagreement, present.disagreement)
     )
-    told = sentences(believed, added, unnamed, given.disagreement, gap)
+    families = _deserved(believed.families, added)
+    told = sentences(believed, families, added, unnamed, given.disagreement, gap)
     return Discovery(
         verdict=believed.verdict,
         verdict_probabilities=believed.verdicts,
         probabilities=_of_names(believed, added),
+        families=families,
         sentences=(*told[:1], *run.cut_short, *told[1:], *binding, *run.notes, *badly_sampled(result.facts)),
         unexplained_share=share,
         unnamed=unnamed,
@@ -120,7 +122,7 @@ def _added(
 ) -> Added:
     """An effect of the improved model: how probable, what it competes with, its signature, its sizes."""
     places = believed.of_places(hypothesis.name)
-    factor, error = _bayes_factor(hypothesis.name, believed)
+    factor, error = bayes_factor(believed.explanations, frozenset({hypothesis.name}))
     others = _others(hypothesis, present, believed)
     moments = {p.name: (p.mean, p.sd) for p in result.facts.parameters}
     fits = {fit.hypothesis.name: fit for fit in reversed(run.first_fits)}
@@ -144,19 +146,22 @@ def _added(
     )
 
 
+def _deserved(families: Sequence[Family], added: Sequence[Added]) -> tuple[Family, ...]:
+    """Families with the probability that they deserve their title, too: as much as those of them that were added do."""
+    told = []
+    for family in families:
+        own = [one.signature for one in added if one.hypothesis.name in family.names]
+        share = max((1.0 if seen is None else seen.deserved for seen in own), default=1.0)
+        told.append(replace(family, probability=family.probability * share))
+    return tuple(told)
+
+
 def _of_names(believed: Beliefs, added: Sequence[Added]) -> dict[str, float]:
     """Probability of each name, best first; of what was added, that it deserves its name, too."""
     names = believed.law_probabilities
     for one in sorted(added, key=lambda own: own.name_probability):
         names[one.hypothesis.name] = one.name_probability
     return dict(sorted(names.items(), key=lambda item: -item[1]))
-
-
-def _bayes_factor(name: str, believed: Beliefs) -> tuple[float, float]:
-    """Evidence of the best with an effect over that of the best without it, and its error, in nat."""
-    own = [one.evidence for one in sides(believed.explanations, lambda one: name in one.names)]
-    gained = own[0].log_evidence - own[1].log_evidence if len(own) > 1 else np.inf
-    return gained, float(np.hypot.reduce([one.log_evidence_se for one in own]))
 
 
 def _others(hypothesis: Hypothesis, present: Explanation, believed: Beliefs) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from bwbn_bayes.discovery.cross_validation import CrossValidation
 from bwbn_bayes.discovery.explanation import Explanation, Place
 from bwbn_bayes.discovery.held_out import HeldOut, Prediction
 from bwbn_bayes.discovery.predictive import PredictiveInterval
-from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Verdict
+from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Family, Verdict
 from bwbn_bayes.discovery.where import Disagreement
 from bwbn_bayes.elements.catalogue import title_of
 from bwbn_bayes.inference.unnamed.further_link import Span
@@ -283,6 +283,8 @@ class Discovery:
     verdict_probabilities : mapping of str to float
     probabilities : mapping of str to float
         That each effect is part of the model under its own name, best first.
+    families : tuple of Family
+        That one or another of effects that are alike is part of the model.
     sentences : tuple of str
         The verdict in words, the most important first.
     unexplained_share : float
@@ -320,6 +322,7 @@ class Discovery:
     verdict: Verdict
     verdict_probabilities: Mapping[Verdict, float]
     probabilities: Mapping[str, float]
+    families: tuple[Family, ...]
     sentences: tuple[str, ...]
     unexplained_share: float
     unnamed: UnnamedForce | UnnamedReading | None
@@ -396,6 +399,7 @@ class Discovery:
                 "log_score": self.cross_validated.log_score,
             },
             "probabilities": {name: p for name, p in self.probabilities.items() if p >= LEAST_SHOWN},
+            "families": [one.as_json() for one in self.families if one.probability >= LEAST_SHOWN],
             "unnamed_force": self.unnamed.as_json() if isinstance(self.unnamed, UnnamedForce) else None,
             "unnamed_reading": self.unnamed.as_json() if isinstance(self.unnamed, UnnamedReading) else None,
             "binding_priors": list(self.binding),

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.special import gammaln, logsumexp
@@ -42,6 +42,37 @@ _CLASSES: Mapping[tuple[bool, bool], Verdict] = {
     (False, True): "unexplained",
 }
 """By whether an effect was added, and something without a name is part of it or left by it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Family:
+    """Effects of which one or another is part of the model, whichever it is.
+
+    Attributes
+    ----------
+    title : str
+        What they are, in words.
+    names : frozenset of str
+        Those that explanations have.
+    probability : float
+        That one of them is there, and borne out.
+    log_bayes_factor : float
+        Of the best explanation with one of them against the best without any. [nat]
+    """
+
+    title: str
+    names: frozenset[str]
+    probability: float
+    log_bayes_factor: float
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of ``families`` of ``discovery.json``."""
+        return {
+            "title": self.title,
+            "names": sorted(self.names),
+            "probability": self.probability,
+            "log_bayes_factor": self.log_bayes_factor,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +189,8 @@ class Beliefs:
             tried = [one for one in holding if not self._absent & one.names] or holding
         else:
             named = {name for name, p in self.law_probabilities.items() if p >= NAMED}
-            tried = [one for one in plain if named <= one.names]
+            kin = [family.names for family in self.families if family.probability >= NAMED]
+            tried = [one for one in plain if named <= one.names and all(names & one.names for names in kin)]
         return (tried or plain)[0]
 
     @cached_property
@@ -168,27 +200,70 @@ class Beliefs:
         Which law of its mechanism has it, evidence tells. A building's explanation with an unnamed force has no fit of
         its own: it is not asked.
         """
-        if next(one for one in self.explanations if not one.has_unnamed).is_noise:
+        if self._has_right_law:
             return {}
-        return {name: self._agreed_on(name) for name, p in self.names.items() if p > 1.0 - NAMED}
+        return {name: self._agreed_on(frozenset({name})) for name, p in self.names.items() if p > 1.0 - NAMED}
+
+    @cached_property
+    def families(self) -> tuple[Family, ...]:
+        """Of effects that explanations have and that are of one family, the most probable family first.
+
+        Two that explain much the same share the probability of each explanation, and neither may earn its name, where
+        no explanation goes without both.
+        """
+        kin: dict[str, set[str]] = {}
+        for hypothesis in (one for explanation in self.explanations for one in explanation.added):
+            if hypothesis.effect.family:
+                kin.setdefault(hypothesis.effect.family, set()).add(hypothesis.name)
+        found = [self._family(title, frozenset(names)) for title, names in kin.items() if len(names) > 1]
+        return tuple(sorted(found, key=lambda one: -one.probability))
+
+    def _family(self, title: str, names: frozenset[str]) -> Family:
+        there = self._sum(lambda one: bool(names & one.names))
+        asked = there > 1.0 - NAMED and not self._has_right_law
+        return Family(
+            title=title,
+            names=names,
+            probability=there * (self._agreed_on(names) if asked else 1.0),
+            log_bayes_factor=bayes_factor(self.explanations, names)[0],
+        )
+
+    @cached_property
+    def _has_right_law(self) -> bool:
+        """Whether the best law by itself leaves noise, so that the evidence says it all."""
+        return next(one for one in self.explanations if not one.has_unnamed).is_noise
 
     @property
     def law_probabilities(self) -> dict[str, float]:
         """That the law of each name is part of the model, and borne out."""
         return {name: p * self.borne_out.get(name, 1.0) for name, p in self.names.items()}
 
-    def _agreed_on(self, name: str) -> float:
-        """That the best with an effect explains further stretches better than the best without any of its mechanism."""
+    def _agreed_on(self, names: frozenset[str]) -> float:
+        """That the best with one of some effects explains further stretches better than the best without all of them.
+
+        Another law of a mechanism of theirs is no rival.
+        """
         asked = [one for one in self.explanations if one.estimate is None]
         mechanisms = {h.name: h.effect.mechanism for one in asked for h in one.added}
-        alike = {other for other, mechanism in mechanisms.items() if mechanism == mechanisms[name]}
-        compared = [one for one in asked if name in one.names or not alike & one.names]
-        own = [one.evidence for one in sides(compared, lambda one: name in one.names)]
+        own_mechanisms = {mechanisms[name] for name in names if name in mechanisms}
+        alike = {other for other, mechanism in mechanisms.items() if mechanism in own_mechanisms}
+        compared = [one for one in asked if names & one.names or not alike & one.names]
+        own = [one.evidence for one in sides(compared, lambda one: bool(names & one.names))]
         return probability_of_being_better(*own) if len(own) > 1 else 1.0
 
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
         own = [p for one, p in self._pairs if wanted(one)]
         return float(min(sum(own), 1.0))
+
+
+def bayes_factor(explanations: Iterable[Explanation], names: frozenset[str]) -> tuple[float, float]:
+    """Evidence of the best with one of some effects over that of the best without all of them, and its error, in nat.
+
+    Infinite where none goes without. Explanations come in the order of their probability.
+    """
+    own = [one.evidence for one in sides(explanations, lambda one: bool(names & one.names))]
+    gained = own[0].log_evidence - own[1].log_evidence if len(own) > 1 else np.inf
+    return gained, float(np.hypot.reduce([one.log_evidence_se for one in own]))
 
 
 def sides(explanations: Iterable[Explanation], has: Callable[[Explanation], bool]) -> list[Explanation]:

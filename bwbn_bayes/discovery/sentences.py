@@ -9,7 +9,7 @@ import numpy as np
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce, UnnamedReading
-from bwbn_bayes.discovery.probability import NAMED, Beliefs
+from bwbn_bayes.discovery.probability import NAMED, Beliefs, Family
 from bwbn_bayes.discovery.where import Disagreement
 from bwbn_bayes.elements.catalogue import title_of
 from bwbn_bayes.inference.unnamed.further_link import Span
@@ -29,6 +29,7 @@ def evidence_in_words(log_bayes_factor: float) -> str:
 
 def sentences(
     believed: Beliefs,
+    families: tuple[Family, ...],
     added: tuple[Added, ...],
     unnamed: UnnamedForce | UnnamedReading | None,
     before: Disagreement,
@@ -40,6 +41,8 @@ def sentences(
     ----------
     believed : Beliefs
         The posterior over all explanations.
+    families : tuple of Family
+        Told where none of a family's effects has earned its own name.
     added : tuple of Added
         Effects of the improved model.
     unnamed : UnnamedForce, UnnamedReading or None
@@ -49,12 +52,18 @@ def sentences(
     gap : Gap
         Before and after.
     """
-    first = [_first(believed, added)]
+    certain = [one for one in added if one.grade == "named" or (one.grade == "shape" and one.law_probability >= NAMED)]
+    unsplit = [
+        one
+        for one in families
+        if one.probability >= NAMED and not any(own.hypothesis.name in one.names for own in certain)
+    ]
+    first = [_first(believed, certain, unsplit)]
     if not added and unnamed is None:
         return (*first, *_runner_up(believed), *_gap(gap, changed=False))
     # Beside a force of no known law effects that hardly differ from it have no name, and predict all the same.
     shaping = [one for one in added if one.grade == "weak"] if unnamed is not None else []
-    own = [_effect(one) for one in added if one not in shaping]
+    own = [*map(_either, unsplit), *(_effect(one) for one in added if one not in shaping)]
     if unnamed is not None:
         own.append(_unnamed(unnamed, gap))
     if shaping:
@@ -89,16 +98,16 @@ def _parts(gap: Gap) -> list[tuple[str, Gap]]:
     return [("fitted record", gap), *([("held-out data", gap.held_out)] if gap.held_out is not None else [])]
 
 
-def _first(believed: Beliefs, added: tuple[Added, ...]) -> str:
+def _first(believed: Beliefs, certain: Sequence[Added], unsplit: Sequence[Family]) -> str:
     sure = f"probability {probability_in_words(believed.verdicts[believed.verdict])}"
-    certain = [one for one in added if one.grade == "named" or (one.grade == "shape" and one.law_probability >= NAMED)]
-    titles = " and ".join(one.title for one in certain)
+    titles = " and ".join([*(one.title for one in certain), *(one.title for one in unsplit)])
     if believed.verdict == "no_missing_effect":
         return f"The model as given explains the record: nothing is missing ({sure})."
     if believed.verdict == "effects_found":
         if not titles:
             return f"Something is missing that the catalogue can hold, but no single effect is certain ({sure})."
-        meaning = f": {certain[0].hypothesis.effect.summary}" if [one.grade for one in certain] == ["named"] else ""
+        alone = [one.grade for one in certain] == ["named"] and not unsplit
+        meaning = f": {certain[0].hypothesis.effect.summary}" if alone else ""
         return f"The model lacks {titles}{meaning} ({sure})."
     if believed.verdict == "partly_explained":
         what = f"The model lacks {titles}, and more" if titles else "What the model lacks is only partly known"
@@ -137,6 +146,15 @@ def _effect(one: Added) -> str:
     if one.signature is not None:
         text += f"; {signature_in_words(one.signature)}"
     return f"{text[:1].upper()}{text[1:]}."
+
+
+def _either(family: Family) -> str:
+    """That one of a family's effects is there, which none of them may claim for itself."""
+    sure = evidence_in_words(family.log_bayes_factor)
+    words = f"{nats_in_words(family.log_bayes_factor)}, probability {probability_in_words(family.probability)}"
+    names = " and ".join(title_of(name) for name in sorted(family.names))
+    title = f"{family.title[:1].upper()}{family.title[1:]}"
+    return f"{title}: {sure} evidence ({words}); which of {names} it is, the record does not tell."
 
 
 def _shaping(weak: Sequence[Added]) -> str:

@@ -31,6 +31,8 @@ from bwbn_bayes.elements.signature import PlaceResponse
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
+DEGRADATION = "a loss of strength or stiffness"
+"""What both are; loops that lose the one look much like loops that lose the other."""
 LINEAR_SOURCE = "Baber and Wen 1981"
 SATURATING_SOURCE = "Foliente 1995 (the work's function in the depth of the pinch)"
 STRETCHED_SOURCE = "Weibull 1951 (the stretched exponential)"

@@ -217,6 +217,9 @@ class Effect(Addition, Protocol):
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen", "linear", "friction_pendulum")
     """Names of the elements that it can act on, where it acts on a link."""
+    family: ClassVar[str] = ""
+    """What it and its kin are, in words, such as "a loss of strength or stiffness": that one of them is there may be
+    certain where which one is not."""
     makes: ClassVar[str] = ""
     """Name of the element that a link is once it has the effect, where it becomes another."""
 

@@ -23,6 +23,7 @@ from benchmarks.measured_tests.tables import (
     in_words,
     label_row,
     label_sums,
+    names_in_words,
     repeat_row,
     repeat_sums,
     row,
@@ -163,7 +164,7 @@ def test_an_answer_without_probabilities_is_read():
     answer = read_answer(SCHEMA_1)
     assert answer == Answer(
         verdict="effects_found", probability=None, fit=pytest.approx(10.0), held_out=pytest.approx(20.0), seconds=3.0,
-        effects=(Effect(name="slip_lock", storeys=(1,), probability=None, identified=None),),
+        effects=(Effect(name="slip_lock", storeys=(1,), probability=None, identified=None),), families=(),
     )  # fmt: skip
     assert read_answer({**SCHEMA_1, "gap": {"fit": {"before": 0.3, "after": None}}}).fit is None
 
@@ -175,6 +176,18 @@ def test_an_answer_with_probabilities_is_read():
     assert [(one.probability, one.identified) for one in answer.effects] == [(0.95, 0.3), (0.6, None)]
     assert in_words(answer) == "partly_explained 0.80: slip_lock 0.95, strength_degradation 0.60"
     assert in_words(read_answer(SCHEMA_1)) == "effects_found: slip_lock[1]"
+
+
+def test_a_family_is_told_where_none_of_it_is_named():
+    loss = {
+        "title": "a loss of strength or stiffness", "probability": 0.98, "log_bayes_factor": 208.0,
+        "names": ["stiffness_degradation", "strength_degradation"],
+    }  # fmt: skip
+    told = names_in_words(read_answer({**SCHEMA_2, "families": [loss]}))
+    assert told == "slip_lock (0.95), a loss of strength or stiffness (0.98), possibly strength_degradation (0.60)"
+    kin = {**loss, "names": ["slip_lock", "strength_degradation"]}
+    assert "loss" not in names_in_words(read_answer({**SCHEMA_2, "families": [kin]}))
+    assert "loss" not in names_in_words(read_answer({**SCHEMA_2, "families": [{**loss, "probability": 0.8}]}))
 
 
 @pytest.mark.parametrize(
@@ -190,7 +203,9 @@ def test_an_answer_with_probabilities_is_read():
 )
 def test_what_counts_as_pinched(name, probability, signature, loop, said):
     effect = Effect(name=name, storeys=(), probability=probability, identified=signature)
-    answer = Answer(verdict="effects_found", probability=None, effects=(effect,), fit=1.0, held_out=1.0, seconds=1.0)
+    answer = Answer(
+        verdict="effects_found", probability=None, effects=(effect,), families=(), fit=1.0, held_out=1.0, seconds=1.0
+    )
     assert says_pinched(answer, loop) is said
 
 

@@ -9,13 +9,17 @@ import pytest
 from bwbn_bayes.discovery import conclusion, probability
 from bwbn_bayes.discovery.probability import Beliefs
 
-MECHANISMS = {"a": "wear", "b": "play", "c": "wear"}
+MECHANISMS = {"a": "wear", "b": "play", "c": "wear", "d": "rust"}
+FAMILIES = {"a": "a loss", "b": "", "c": "", "d": "a loss"}
 
 
 def explanation(names: str, log_evidence: float, *, estimate: Any = None) -> Any:
     return SimpleNamespace(
         names=frozenset(names),
-        added=tuple(SimpleNamespace(name=name, effect=SimpleNamespace(mechanism=MECHANISMS[name])) for name in names),
+        added=tuple(
+            SimpleNamespace(name=name, effect=SimpleNamespace(mechanism=MECHANISMS[name], family=FAMILIES[name]))
+            for name in names
+        ),
         evidence=SimpleNamespace(log_evidence=log_evidence, log_evidence_se=0.1 * len(names)),
         estimate=estimate,
         has_unnamed=estimate is not None,
@@ -81,7 +85,37 @@ def test_each_name_has_one_probability_wherever_it_is_told() -> None:
 
 
 def test_a_bayes_factor_is_that_of_the_best_with_and_without_the_effect() -> None:
-    every = believed(explanation("ab", 50.0), explanation("a", 40.0), explanation("b", 35.0), explanation("", 0.0))
-    factor, error = conclusion._bayes_factor("a", every)
+    every = explanation("ab", 50.0), explanation("a", 40.0), explanation("b", 35.0), explanation("", 0.0)
+    factor, error = probability.bayes_factor(every, frozenset("a"))
     assert (factor, error) == (pytest.approx(15.0), pytest.approx(np.hypot(0.2, 0.1)))
-    assert conclusion._bayes_factor("a", believed(explanation("a", 40.0)))[0] == np.inf
+    assert probability.bayes_factor([explanation("a", 40.0)], frozenset("a"))[0] == np.inf
+
+
+def test_one_of_two_that_are_alike_may_be_certain_where_neither_is(compared: list[tuple[float, float]]) -> None:
+    """On a brace's test one of two losses was worth 208 nats, and neither had a name for the other's sake."""
+    every = believed(explanation("ab", 50.0), explanation("bd", 49.9), explanation("b", 10.0), explanation("", 0.0))
+    assert every.names["a"] < 0.6
+    assert every.names["d"] < 0.6
+    (loss,) = every.families
+    assert (loss.title, loss.names) == ("a loss", frozenset("ad"))
+    assert loss.probability == pytest.approx(0.7)  # as far as it is borne out
+    assert loss.log_bayes_factor == pytest.approx(40.0)
+    assert (50.0, 10.0) in compared
+    right = explanation("ab", 50.0)
+    right.is_noise = True
+    (loss,) = believed(right, explanation("bd", 49.9), explanation("b", 10.0)).families
+    assert loss.probability == pytest.approx(1.0)
+
+
+def test_one_effect_alone_is_no_family() -> None:
+    assert believed(explanation("ab", 50.0), explanation("b", 10.0)).families == ()
+
+
+def test_a_family_deserves_its_title_as_far_as_what_was_added_of_it_does() -> None:
+    family = probability.Family(title="a loss", names=frozenset("ad"), probability=0.98, log_bayes_factor=40.0)
+    seen = SimpleNamespace(deserved=0.5)
+    added = [SimpleNamespace(hypothesis=SimpleNamespace(name=name), signature=seen) for name in "ab"]
+    (told,) = conclusion._deserved((family,), cast(Any, added))
+    assert told.probability == pytest.approx(0.49)
+    (told,) = conclusion._deserved((family,), ())
+    assert told == family

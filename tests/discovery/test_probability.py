@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.explanation import Explanation
-from bwbn_bayes.discovery.probability import ANOTHER, NOTHING_MISSING, UNNAMED, beliefs, log_prior
+from bwbn_bayes.discovery.probability import ANOTHER, NOTHING_MISSING, UNNAMED, Beliefs, beliefs, log_prior
 from bwbn_bayes.inference.unnamed.further_link import Span
 
-VARIANTS = {"slip_lock": 4, "cubic_stiffness": 8}
+VARIANTS = {"slip_lock": 4, "cubic_stiffness": 8, "strength_degradation": 4, "stiffness_degradation": 4}
+FAMILIES = dict.fromkeys(("strength_degradation", "stiffness_degradation"), "a loss of strength or stiffness")
 N_EFFECTS = 20
 
 
 def hypothesis(name: str, *storeys: int, n_brought: int = 1) -> Any:
-    return SimpleNamespace(name=name, symbols=(name,), storeys=storeys, n_brought=n_brought)
+    effect = SimpleNamespace(family=FAMILIES.get(name, ""))
+    return SimpleNamespace(name=name, symbols=(name,), storeys=storeys, n_brought=n_brought, effect=effect)
 
 
 def explanation(
@@ -29,7 +31,7 @@ def explanation(
         added=added,
         posterior=cast(Any, None),
         modes=(),
-        evidence=cast(Any, SimpleNamespace(log_evidence=log_evidence)),
+        evidence=cast(Any, SimpleNamespace(log_evidence=log_evidence, log_evidence_se=0.1)),
         unnamed=unnamed,
         n_places=3,
     )
@@ -142,6 +144,18 @@ def test_where_no_law_leaves_noise_whatever_predicts_best_is_delivered_that_has_
     doubted = beliefs((forced, *wrong, without), N_EFFECTS, VARIANTS)
     doubted.__dict__["borne_out"] = {"slip_lock": 0.8}
     assert doubted.predictive is without
+
+
+def test_the_law_that_is_delivered_has_one_of_a_family_that_is_certain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither loss is certain beside the other; without any the law would contradict what is said."""
+    monkeypatch.setattr(Beliefs, "_agreed_on", lambda *_: 1.0)
+    strength, stiffness = (hypothesis(f"{what}_degradation", 1) for what in ("strength", "stiffness"))
+    forced = [explanation(90.0, one, unnamed=(1,), is_noise=False) for one in (strength, stiffness)]
+    alone = [explanation(v, one, is_noise=False) for v, one in ((60.0, CUBIC), (40.0, strength), (30.0, stiffness))]
+    found = beliefs((*forced, *alone), N_EFFECTS, VARIANTS)
+    assert max(found.names.values()) < 0.9
+    assert [one.probability for one in found.families] == [pytest.approx(1.0, abs=1e-6)]
+    assert found.predictive is alone[1]
 
 
 def test_what_is_left_must_be_noise() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce, UnnamedReading
+from bwbn_bayes.discovery.probability import Family
 from bwbn_bayes.discovery.sentences import evidence_in_words, probability_in_words, sentences
 
 NOWHERE: Any = SimpleNamespace(spots=())
@@ -91,7 +92,7 @@ def test_how_sure_in_words(nats: float, words: str) -> None:
 def test_a_prediction_that_runs_away_has_no_number() -> None:
     """A held-out error once read 1.3e14 %."""
     apart = Gap(noise_floor=0.02, before=prediction(0.3), after=prediction(1.3e12, "cycle 9"))
-    told = sentences(believed("effects_found", 0.99), (added(),), None, NOWHERE, gap(0.2, 0.03, apart))
+    told = sentences(believed("effects_found", 0.99), (), (added(),), None, NOWHERE, gap(0.2, 0.03, apart))
     assert (
         "On the held-out data, as given, the error is 30.0 %; improved, the prediction runs away after cycle 9; "
         "noise alone leaves 2.0 %."
@@ -111,7 +112,7 @@ def test_what_is_missing_how_sure_and_what_it_does_come_first() -> None:
     spot = SimpleNamespace(channel="acceleration_2", sentence="floor 2 from 8 to 14 s")
     other = SimpleNamespace(channel="acceleration_1", sentence="floor 1 from 1 to 2 s")
     where: Any = SimpleNamespace(spots=(other, spot))
-    told = sentences(believed("effects_found", 0.97, runner_up=13.2), (added(),), None, where, gap(0.18, 0.021))
+    told = sentences(believed("effects_found", 0.97, runner_up=13.2), (), (added(),), None, where, gap(0.18, 0.021))
     assert told == (
         "The model lacks slip-lock pinching in storey 2: the joint slips (probability 0.97).",
         (
@@ -131,7 +132,7 @@ def test_effects_that_predict_without_a_name_are_told_together() -> None:
     )
     weak = [replace(added(p, storeys=(s,)), log_bayes_factor=-3.0) for s, p in ((1, 0.02), (3, 0.05))]
     certain = believed("partly_explained", 0.999, has_unnamed=True)
-    told = sentences(certain, (added(), *weak), force, NOWHERE, gap(0.3, 0.06))
+    told = sentences(certain, (), (added(), *weak), force, NOWHERE, gap(0.3, 0.06))
     assert told[1].startswith("Slip-lock pinching in storey 2: overwhelming")
     assert told[2].startswith("A force of no known law at the specimen")
     assert told[3] == (
@@ -139,14 +140,16 @@ def test_effects_that_predict_without_a_name_are_told_together() -> None:
         "predicts better; none of them has earned a name (the likeliest with probability 0.05)."
     )
     assert not any(sentence.startswith("Perhaps") for sentence in told)
-    (one,) = (s for s in sentences(certain, (weak[0],), force, NOWHERE, gap(0.3, 0.06)) if s.startswith("The improved"))
+    (one,) = (
+        s for s in sentences(certain, (), (weak[0],), force, NOWHERE, gap(0.3, 0.06)) if s.startswith("The improved")
+    )
     assert one.endswith(", with which it predicts better; it has not earned a name (probability 0.02).")
-    alone = sentences(believed("effects_found", 0.9), (added(), *weak), None, NOWHERE, gap(0.3, 0.06))
+    alone = sentences(believed("effects_found", 0.9), (), (added(), *weak), None, NOWHERE, gap(0.3, 0.06))
     assert sum(sentence.startswith("Perhaps") for sentence in alone) == 2
 
 
 def test_nothing_missing_is_told_with_the_error() -> None:
-    told = sentences(believed("no_missing_effect", 0.9999999, runner_up=4.6), (), None, NOWHERE, gap(0.02, 0.02))
+    told = sentences(believed("no_missing_effect", 0.9999999, runner_up=4.6), (), (), None, NOWHERE, gap(0.02, 0.02))
     assert told == (
         "The model as given explains the record: nothing is missing (probability above 0.999).",
         "The runner-up, backlash in storey 2, is 4.6 nats behind.",
@@ -156,7 +159,7 @@ def test_nothing_missing_is_told_with_the_error() -> None:
 
 def test_a_law_without_its_signature_goes_by_its_plain_name() -> None:
     """Evidence says that a law helps; it does not say that the loop is pinched."""
-    told = sentences(believed("effects_found", 0.95), (added(deserved=0.02),), None, NOWHERE, gap(0.2, 0.1))
+    told = sentences(believed("effects_found", 0.95), (), (added(deserved=0.02),), None, NOWHERE, gap(0.2, 0.1))
     assert told[0] == "The model lacks the shape of the reloading branch in storey 2 (probability 0.95)."
     assert told[1].startswith("The shape of the reloading branch in storey 2: overwhelming evidence")
     assert "; the law helps, but not by what its name, slip-lock pinching, says; pinching index" in told[1]
@@ -168,7 +171,7 @@ def test_a_law_without_its_signature_goes_by_its_plain_name() -> None:
 )
 def test_what_is_not_certain_is_said_to_be_so(probability: float, word: str) -> None:
     one = added(probability, equivalent=("backlash",), equivalent_places=((1,),))
-    told = sentences(believed("effects_found", 0.95), (one,), None, NOWHERE, gap(0.2, 0.1))
+    told = sentences(believed("effects_found", 0.95), (), (one,), None, NOWHERE, gap(0.2, 0.1))
     assert told[0].startswith("Something is missing that the catalogue can hold, but no single effect is certain")
     assert told[1].startswith(word)
     assert "the record cannot tell it from backlash or the same at storey 1" in told[1]
@@ -202,7 +205,7 @@ def test_what_has_no_name_is_told_first(verdict: str, effects: tuple[Added, ...]
     """What an explanation leaves may be a force of the states, or what no force of them is."""
     force = UnnamedForce(storey=1, place="storey 1", probability=0.93, share=0.12, state=np.zeros(2), force=np.zeros(2))
     told = sentences(
-        believed(verdict, 0.93, has_unnamed=is_force), effects, force if is_force else None, NOWHERE, gap(0.2, 0.1)
+        believed(verdict, 0.93, has_unnamed=is_force), (), effects, force if is_force else None, NOWHERE, gap(0.2, 0.1)
     )
     assert told[0].startswith(first)
     share = "at storey 1 takes up what the model does not: 12 % of the force (probability 0.93)"
@@ -217,7 +220,7 @@ def test_an_error_of_a_sensor_is_told_with_what_is_left_beside_it() -> None:
     seen = replace(gap(0.2, 0.2, replace(gap(0.3, 0.3), nameless=prediction(0.05))), nameless=prediction(0.02))
     best = believed("unexplained", 0.97, has_unnamed=True)
     best.best.unnamed = "acceleration_2"
-    told = sentences(best, (), error, NOWHERE, seen)
+    told = sentences(best, (), (), error, NOWHERE, seen)
     assert told[0].endswith("no catalogued effect explains it better than an error of a sensor (probability 0.97).")
     assert told[1] == (
         "An error of no known kind in acceleration_2 takes up what the model does not: 20 % of the reading "
@@ -228,7 +231,7 @@ def test_an_error_of_a_sensor_is_told_with_what_is_left_beside_it() -> None:
 
 def test_a_gain_that_not_all_of_the_record_bears_out_is_told() -> None:
     def told(one: Added) -> str:
-        return sentences(believed("partly_explained", 0.99, runner_up=4.6), (one,), None, NOWHERE, gap(0.2, 0.1))[1]
+        return sentences(believed("partly_explained", 0.99, runner_up=4.6), (), (one,), None, NOWHERE, gap(0.2, 0.1))[1]
 
     doubted = told(added(borne_out=0.6))
     assert doubted.startswith("Possibly slip-lock pinching in storey 2: overwhelming evidence")
@@ -238,7 +241,7 @@ def test_a_gain_that_not_all_of_the_record_bears_out_is_told() -> None:
 
 def test_a_shape_that_not_all_of_the_record_bears_out_is_not_what_the_model_lacks() -> None:
     doubted = added(deserved=0.02, borne_out=0.6)
-    told = sentences(believed("partly_explained", 0.99), (doubted,), None, NOWHERE, gap(0.2, 0.1))
+    told = sentences(believed("partly_explained", 0.99), (), (doubted,), None, NOWHERE, gap(0.2, 0.1))
     assert told[0].startswith("What the model lacks is only partly known")
     assert told[1].startswith("The shape of the reloading branch in storey 2")
 
@@ -247,5 +250,23 @@ def test_a_small_force_without_a_name_has_a_share_all_the_same() -> None:
     force = UnnamedForce(
         storey=1, place="storey 1", probability=1.0, share=0.0013, state=np.zeros(2), force=np.zeros(2)
     )
-    told = sentences(believed("unexplained", 1.0, has_unnamed=True), (), force, NOWHERE, gap(0.2, 0.1))
+    told = sentences(believed("unexplained", 1.0, has_unnamed=True), (), (), force, NOWHERE, gap(0.2, 0.1))
     assert "takes up what the model does not: 0.1 % of the force" in told[1]
+
+
+def test_what_is_certain_of_a_family_is_said_where_none_of_its_effects_has_a_name() -> None:
+    names = frozenset({"strength_degradation", "stiffness_degradation"})
+    loss = Family(title="a loss of strength or stiffness", names=names, probability=0.97, log_bayes_factor=208.0)
+    told = sentences(believed("partly_explained", 0.99), (loss,), (added(),), None, NOWHERE, gap(0.2, 0.1))
+    assert told[0].startswith("The model lacks slip-lock pinching in storey 2 and a loss of strength or stiffness, and")
+    assert told[1] == (
+        "A loss of strength or stiffness: overwhelming evidence (208 nats, probability 0.97); which of stiffness "
+        "degradation and strength degradation it is, the record does not tell."
+    )
+    doubtful = replace(loss, probability=0.89)
+    assert not any("A loss" in s for s in sentences(
+        believed("partly_explained", 0.99), (doubtful,), (added(),), None, NOWHERE, gap(0.2, 0.1)
+    ))  # fmt: skip
+    own = replace(loss, names=frozenset({"slip_lock", "stiffness_degradation"}))
+    named = sentences(believed("partly_explained", 0.99), (own,), (added(),), None, NOWHERE, gap(0.2, 0.1))
+    assert not any("loss" in sentence for sentence in named)

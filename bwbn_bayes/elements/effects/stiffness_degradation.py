@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.degradation import (
+    DEGRADATION,
     LINEAR_SOURCE,
     SATURATING_SOURCE,
     LinearLoss,
@@ -76,6 +77,7 @@ class StiffnessDegradation(Effect):
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "stiffness_degradation"
+    family: ClassVar[str] = DEGRADATION
     summary: ClassVar[str] = "stiffness falls with the work done on the hysteretic spring"
     source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}"
     residual: ClassVar[str] = "the period grows with the work done"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.degradation import (
+    DEGRADATION,
     LINEAR_SOURCE,
     SATURATING_SOURCE,
     LinearLoss,
@@ -76,6 +77,7 @@ class StrengthDegradation(Effect):
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "strength_degradation"
+    family: ClassVar[str] = DEGRADATION
     summary: ClassVar[str] = "strength falls with the work done on the hysteretic spring"
     source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}"
     residual: ClassVar[str] = "peaks are clipped more as work is done"

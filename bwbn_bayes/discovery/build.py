@@ -13,7 +13,7 @@ from bwbn_bayes.discovery.explanation import Explanation, Key, key_of
 from bwbn_bayes.discovery.probability import cost_of_another
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import Run, all_but, hypotheses_of, on_one_thread, on_threads, score_all
-from bwbn_bayes.discovery.second_look import rescanned, searched, widened
+from bwbn_bayes.discovery.second_look import crossed, rescanned, searched, widened
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
@@ -86,7 +86,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     fits = widened(fits, n_threads=n_workers, pace=pace)
     run.say("looking closer at the leading hypotheses")
     if not parent.is_quiet:
-        fits = rescanned(fits, n_threads=n_workers, pace=pace)
+        fits = crossed(posterior, rescanned(fits, n_threads=n_workers, pace=pace), pace=pace)
     if first and parent.is_specimen:
         fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
     return fits

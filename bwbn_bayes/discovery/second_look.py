@@ -14,10 +14,11 @@ import numpy as np
 
 from bwbn_bayes.discovery.known_slopes import suited
 from bwbn_bayes.discovery.pace import UNHURRIED, Pace
-from bwbn_bayes.discovery.race import Fit, in_reach
+from bwbn_bayes.discovery.race import Fit, in_reach, race
 from bwbn_bayes.discovery.run import on_threads
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import climb, find_modes, polish
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.unnamed.any_scale import without_force
@@ -26,6 +27,8 @@ from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
 _LEADING, _SEARCHED = 6, 3
 """Forms of effects that are looked at again, and from draws of their whole priors, each at its best place, the first
 at every place."""
+_LENDING, _N_LENT = 3, 2
+"""Forms of effects that lend the rest of their model to other forms of theirs, and how many of their optima."""
 _BEYOND = 1e-2
 """Prior probability beyond a size so far out that the prior, not the record, may hold it there."""
 _WIDER, _MOST_TIMES = 4.0, 3
@@ -75,6 +78,35 @@ def rescanned(fits: Sequence[Fit], *, n_threads: int, pace: Pace = UNHURRIED) ->
         Those that there is no time for stay as they are.
     """
     return _again(fits, leading(in_reach(fits)), partial(_rescanned, n_threads=n_threads), pace)
+
+
+def crossed(present: Posterior, fits: Sequence[Fit], *, pace: Pace = UNHURRIED) -> tuple[Fit, ...]:
+    """Fits again, best first, after the leading ones have lent the rest of their model to other forms of their effects.
+
+    A form's starts stand beside a fit without the effect, which is bent by the lack of it; where another form of the
+    effect stands at the same place, the rest of the model is bent less. Once one leaves noise there is nothing to mend.
+
+    Parameters
+    ----------
+    present : Posterior
+        Of the model without the effects; its engine should use one thread.
+    fits : sequence of Fit
+        Best first.
+    pace : Pace
+        Those that there is no time for stay as they are.
+    """
+    found = {fit.hypothesis: fit for fit in fits}
+    if fits and fits[0].leaves_noise:
+        return tuple(fits)
+    for lender in leading(fits, _LENDING):
+        own = lender.hypothesis
+        others = [h for h in found if (h.name, h.storeys) == (own.name, own.storeys) and h.symbols != own.symbols]
+        names = lender.posterior.space.names
+        shared = [names.index(name) for name in present.space.names]
+        for fit in race(present, others, lender.distinct(_N_LENT)[:, shared], pace=pace) if others else ():
+            if fit.log_likelihood > found[fit.hypothesis].log_likelihood:
+                found[fit.hypothesis] = fit
+    return tuple(sorted(found.values(), key=lambda fit: -fit.log_likelihood))
 
 
 def searched(

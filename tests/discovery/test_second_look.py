@@ -11,7 +11,7 @@ from scipy import stats
 from bwbn_bayes.discovery import second_look
 from bwbn_bayes.discovery.candidates import Hypothesis, scales_of
 from bwbn_bayes.discovery.race import Fit, race
-from bwbn_bayes.discovery.second_look import leading, rescanned, searched, widened
+from bwbn_bayes.discovery.second_look import crossed, leading, rescanned, searched, widened
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, StoreyParameter, SuddenDamage
 from bwbn_bayes.elements.law import Effect
@@ -201,3 +201,33 @@ def test_a_time_between_two_starts_is_found(base_points: Floats) -> None:
     # Before 4.1 s the storey stands still for a while: a jump at 3.93 s does the same.
     times = posterior.space.from_unit(found.best(2))[:, posterior.space.names.index("k_time[1]")]
     assert np.min(np.abs(times - 4.1)) < 0.05
+
+
+def test_a_form_starts_beside_what_another_form_of_its_effect_makes_of_the_rest() -> None:
+    """A step in time was fitted five seconds late beside a fit bent by its lack; a ramp had found the place already."""
+    hidden = MODEL.with_effect(SuddenDamage(parameter="k", jump=-25.0, time=2.6), storeys=[2])
+    clean = Reference().simulate(hidden, hidden.draws(TRUTH), GROUND, CHANNELS).values[0]
+    measured = clean + SD * np.random.default_rng(2).standard_normal(clean.shape)
+    record = GROUND.with_channels(dict(zip(CHANNELS, measured, strict=True)))
+    present = Posterior(model=MODEL, record=record, engine=Lanes(n_threads=1), noise=default_noise(record))
+    points = polish(present, MODEL.space.to_unit(np.array([[60.0, 0.4, 0.15, 2.0]])), n_iterations=30)[0]
+    scales = scales_of(present, points[0])[1]
+    step, ramp = (
+        Hypothesis(base=MODEL, effect=effect, storeys=(2,), scales=scales)
+        for effect in SuddenDamage.default_prior(scales)
+    )
+    (leads,) = race(present, [ramp], points)
+    under = present.with_model(step.model)
+    late = under.space.to_unit(np.append(under.space.from_unit(step.starts(points))[0][:-1], 6.5)[None])
+    found, local = polish(under, late, n_iterations=1)
+    stuck = Fit(hypothesis=step, posterior=under, points=found, local=local)
+    truth = log_likelihood_of_truth(present, clean)
+    assert leads.log_likelihood < truth - 20.0
+    assert stuck.log_likelihood < leads.log_likelihood - 20.0
+    leads.__dict__["leaves_noise"] = False
+    best, other = crossed(present, [leads, stuck])
+    assert best.hypothesis.symbols == step.symbols
+    assert best.log_likelihood > leads.log_likelihood + 50.0
+    assert other.log_likelihood == pytest.approx(leads.log_likelihood, abs=0.01)
+    best.__dict__["leaves_noise"] = True
+    assert crossed(present, [best, stuck]) == (best, stuck)  # then there is nothing to gain

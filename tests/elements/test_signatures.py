@@ -185,6 +185,21 @@ def test_friction_that_turns_slowly_is_not_dry(smoothing, share, dry):
     assert form.signature.is_engineering(response(form, values)) == dry
 
 
+STOPS = [form for form in FORMS if form.name == "gap_impact"]
+
+
+@pytest.mark.parametrize("form", STOPS, ids=label)
+@pytest.mark.parametrize(("share", "stop"), [(0.12, True), (0.08, False)])
+def test_a_stop_that_is_met_at_once_is_none(form, share, stop):
+    """Within a tenth of the largest drift on its side it is a spring that stiffens."""
+    stiffness, gap = (p.symbol for p in form.parameters[:2])
+    still = response(form, {})
+    reach = float(np.max((-1.0 if form.side == "negative" else 1.0) * still.histories["drift"]))
+    at = response(form, {**NUISANCES, stiffness: 1.0, gap: share * reach})
+    assert form.signature.size(at) > form.signature.least
+    assert form.signature.is_engineering(at) == stop
+
+
 def test_sizes_against_hand_calculations():
     """Damping at the first mode, play, a lengthened period, a stop, tuned peaks."""
     by_name = {form.name: form for form in reversed(FORMS)}

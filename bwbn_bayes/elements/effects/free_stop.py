@@ -30,14 +30,34 @@ _OPEN = 1e-9
 """Closure of a stop that is not met, over ``u``: a power of zero has no logarithm."""
 
 
-def stop_signature(contact: Measure) -> Signature:
-    """What a stop of any law is judged by: its largest force over the storey's."""
+_FREE_TRAVEL = 0.1
+"""Share of the largest drift that a stop leaves free at least: a spring that is met at once is a stiffening."""
+
+
+def stop_signature(contact: Measure, gap: str, side: str) -> Signature:
+    """What a stop of any law is judged by: its largest force over the storey's, and that there is a gap before it.
+
+    Parameters
+    ----------
+    contact : callable
+        Its largest force over the storey's.
+    gap : str
+        Symbol of the drift at which it is met.
+    side : {"both", "positive", "negative"}
+        Where it stands.
+    """
+
+    def has_gap(at: PlaceResponse) -> bool:
+        reach = max(float(np.max(sign * at.histories["drift"])) for sign in _SIGNS[side])
+        return at[gap] >= _FREE_TRAVEL * reach
+
     return Signature(
         measure="force of the stop over the storey's peak force",
         plain_name="a stiffening at large drift (a spring behind a gap)",
-        reason="a hundredth of the peak force: a lighter touch moves nothing",
+        reason="a hundredth of the peak force, since less moves nothing, met beyond a tenth of the largest drift",
         size=contact,
         least=0.01,
+        is_genuine=has_gap,
     )
 
 
@@ -111,7 +131,7 @@ class FreeStop(Effect):
             closure = np.max([sign * drift - gap for sign in _SIGNS[self.side]])
             return float(at[k] * at[u] * (max(closure, 0.0) / at[u]) ** at[p] / at.peak("restoring_force"))
 
-        return stop_signature(contact)
+        return stop_signature(contact, g, self.side)
 
     @property
     def _symbols(self) -> tuple[str, ...]:

@@ -75,7 +75,7 @@ class GapImpact(Effect):
             reach = float(np.max(sign * drift if sign else np.abs(drift)))
             return at[stiffness] * max(reach - at[gap], 0.0) / at.peak("restoring_force")
 
-        return stop_signature(contact)
+        return stop_signature(contact, gap, self.side)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

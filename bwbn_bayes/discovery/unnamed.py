@@ -11,6 +11,7 @@ import numpy as np
 from bwbn_bayes.discovery.evidence import autoregressive, autoregressive_bound, laplace
 from bwbn_bayes.discovery.explanation import Explanation, Key
 from bwbn_bayes.discovery.pool import Pool
+from bwbn_bayes.discovery.probability import Beliefs
 from bwbn_bayes.discovery.run import Run, all_but, on_one_thread, on_threads
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.inference.unnamed import N_KINDS, UNNAMED_SCALE
@@ -40,13 +41,13 @@ class _Asked(NamedTuple):
 
 
 def follow(pool: Pool, run: Run) -> None:
-    """Look beside the best laws, the model as given, and what lacks one effect of the best, for what has no name.
+    """Look beside the best laws, the model as given, and what lacks an effect of the best, for what has no name.
 
     Errors of sensors and links between floors cost least, then forces to first order, then those of one state; of each,
     beside the model as given first.
     """
     whole = pool.laws.best.effects_key
-    keys = dict.fromkeys([whole, *(whole - {one} for one in whole)])
+    keys = dict.fromkeys([whole, *(whole - {one} for one in whole), *_rivals(pool.laws)])
     for kind in _KINDS:
         if kind is not _with_reading_errors or len(pool.laws.best.posterior.record.parts) == 1:
             _ask(kind, [frozenset()], pool, run)
@@ -54,7 +55,7 @@ def follow(pool: Pool, run: Run) -> None:
 
 
 def weigh_to_first_order(pool: Pool, run: Run, reach: float) -> None:
-    """The best explanations, those so many nats behind, what has less, and the model as given, beside a force.
+    """The best explanations, those so many nats behind, what has less or lacks a name of the best, beside a force.
 
     Parameters
     ----------
@@ -70,8 +71,19 @@ def weigh_to_first_order(pool: Pool, run: Run, reach: float) -> None:
     wanted = [
         *(one.effects_key for one in near[:_N_UNNAMED]),
         *(key for key in pool.plain if key < near[0].effects_key),
+        *_rivals(best),
     ]
     _ask(_to_first_order, wanted, pool, run)
+
+
+def _rivals(laws: Beliefs) -> list[Key]:
+    """For each name of the best laws the best ones without it: a name may be had only for want of a force beside them.
+
+    They may have another form of one of the best's effects, whose error the name stands in for.
+    """
+    best = laws.best
+    without = (next((one for one in laws.explanations if name not in one.names), None) for name in sorted(best.names))
+    return [one.effects_key for one in without if one is not None]
 
 
 def _ask(kind: Callable[[_Asked], list[Explanation]], keys: Iterable[Key], pool: Pool, run: Run) -> None:

@@ -108,3 +108,17 @@ def test_a_better_fit_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
 
     found = asked_by(act, monkeypatch)
     assert found[len(KINDS) * len(ALL) :] == [(kind, "a") for kind in KINDS]
+
+
+def test_for_each_name_the_best_without_it_is_asked_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A softened stop with cubic stiffness beside it was compared, beside a force, with a hard stop alone."""
+    soft = letter("a")
+    soft.symbols, soft.label = ("soft",), "soft a"
+
+    def act(pool: Pool, run: Run) -> None:
+        pool.add([explanation(90.0, soft)])
+        unnamed.weigh_to_first_order(pool, run, 6.0)
+
+    found = asked_by(act, monkeypatch)
+    assert ("to first order", "soft a") in found  # the best without b, 10 nats behind
+    assert {label for _, label in found} == {*ALL, "soft a"}

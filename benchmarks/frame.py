@@ -168,21 +168,25 @@ def sliding(seed: int, workers: int, particles: int) -> dict[str, Any]:
     posterior = found.result.tree["posterior"]
     line = {"model": "found from a linear chain on a fixed base", **told(found), **clock.as_json()}
     if "inv_mu" in found.improved.space.names:
-        line["friction"], line["period_s"] = _sliders(found.improved, posterior)
+        line |= _sliders(found.improved, posterior)
     return line
 
 
-def _sliders(model: Structure, posterior: Any) -> tuple[list[float], list[float]]:
-    """Coefficient of friction and isolated period [s], medians with 90 % intervals, for the weight that slides.
+def _sliders(model: Structure, posterior: Any) -> dict[str, list[float]]:
+    """Friction at speed and near rest, isolated period [s], for the weight that slides; medians with 90 % intervals.
 
     The effect takes the weight on the sliders for known; here it is that of the floors and of the slab as identified.
     """
     weight = next(one.effect for one in model.effects if one.effect.name == "sliding_base").values["W_s"]
-    slides = GRAVITY * (sum(model.masses) + posterior["m_s"].values.ravel())
-    friction = weight / posterior["inv_mu"].values.ravel() / slides
-    period = 2.0 * np.pi * np.sqrt(posterior["R_s"].values.ravel() / weight * slides / GRAVITY)
-    shares = [0.5, 0.05, 0.95]
-    return np.quantile(friction, shares).tolist(), np.quantile(period, shares).tolist()
+    own = {name: posterior[name].values.ravel() for name in ("m_s", "inv_mu", "R_s", "r_mu")}
+    slides = GRAVITY * (sum(model.masses) + own["m_s"])
+    friction = weight / own["inv_mu"] / slides
+    found = {
+        "friction_at_speed": friction,
+        "friction_near_rest": friction * (1.0 - own["r_mu"]),
+        "period_s": 2.0 * np.pi * np.sqrt(own["R_s"] / weight * slides / GRAVITY),
+    }
+    return {name: np.quantile(one, [0.5, 0.05, 0.95]).tolist() for name, one in found.items()}
 
 
 def main() -> None:

@@ -53,11 +53,13 @@ def test_drifts_add_up_to_the_floors() -> None:
 def test_friction_and_period_are_those_of_the_weight_that_slides() -> None:
     """A slab of twice the mass that the known weight holds: the same force, a smaller coefficient, a longer period."""
     known = frame.GRAVITY * 4.0
-    slides = SlidingBase(inv_mu=LogNormal(20, 1), R_s=LogNormal(1, 1), m_s=Uniform(0.1, 9), W_s=known, Y_s=0.001)
+    priors = {"inv_mu": LogNormal(20, 1), "R_s": LogNormal(1, 1), "m_s": Uniform(0.1, 9), "r_mu": Uniform(0, 0.9)}
+    slides = SlidingBase(**priors, W_s=known, Y_s=0.001, a_s=30.0)
     model = frame.LINEAR.with_effect(slides)
-    draws = {"inv_mu": 20.0, "R_s": 0.5, "m_s": 5.0}
+    draws = {"inv_mu": 20.0, "R_s": 0.5, "m_s": 5.0, "r_mu": 0.4}
     posterior = xr.Dataset({name: (("chain", "draw"), np.full((1, 4), value)) for name, value in draws.items()})
-    friction, period = frame._sliders(model, posterior)
-    assert friction == pytest.approx([0.05 * 4.0 / 8.0] * 3)
+    found = frame._sliders(model, posterior)
+    assert found["friction_at_speed"] == pytest.approx([0.05 * 4.0 / 8.0] * 3)
+    assert found["friction_near_rest"] == pytest.approx([0.6 * 0.05 * 4.0 / 8.0] * 3)
     # 8 kg on a pendulum stiffness of W_s / R_s.
-    assert period == pytest.approx([2.0 * np.pi * np.sqrt(8.0 / (known / 0.5))] * 3)
+    assert found["period_s"] == pytest.approx([2.0 * np.pi * np.sqrt(8.0 / (known / 0.5))] * 3)

@@ -83,6 +83,9 @@ def building_of(structure: Exportable) -> Building:
         nodes.append(Node(number=n + 1, mass=first["m_b"], says="base"))
         joined("Between ground and base", (0, n + 1), 1.0 / first["compliance"], first["c_b"])
     if slides:
+        if first.get("r_mu", 0.0) > 0.0:
+            share = f"{100.0 * first['r_mu']:.0f} %"
+            notes = (*notes, f"Sliders have their friction at speed at every speed; ours have {share} less near rest.")
         number = len(elements) + 1
         nodes.append(Node(number=n + 1, mass=first["m_s"], says="slab on sliders"))
         materials = in_parallel(TAGS * number, [sliding_base(first)])

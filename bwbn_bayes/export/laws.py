@@ -93,7 +93,7 @@ _SIZES_OF_NO_LAW = (
     "v_root",
 )
 _AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g", "k_bend")
-_SLIDER = ("inv_mu", "R_s", "m_s", "W_s", "Y_s", "n_s")
+_SLIDER = ("inv_mu", "R_s", "m_s", "W_s", "Y_s", "n_s", "r_mu", "a_s")
 """Of floors, base and ground: the script has them."""
 _SIZES_OF_CHANGES = ("_time", "_ramp_duration")
 _KNOWN = {*_NO_LAW, *_TRANSLATED, *_SIZES_OF_NO_LAW, *_AROUND, *_SLIDER}
@@ -195,7 +195,7 @@ def _slider(weight: float, radius: float, friction: float, drift: float, n: floa
 
 
 def sliding_base(parameters: Mapping[str, float]) -> Material:
-    """The sliders below a building."""
+    """The sliders below a building, with their friction at speed at every speed."""
     n = parameters["n_s"]
     p = _slider(parameters["W_s"], parameters["R_s"], 1.0 / parameters["inv_mu"], parameters["Y_s"], n)
     newton = (NEWTON_TOLERANCE * parameters["Y_s"], NEWTON_ITERATIONS)

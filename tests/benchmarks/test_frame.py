@@ -1,4 +1,4 @@
-"""The shake-table frame's runs as they are read, and what its sliders are worth; nothing is fitted here."""
+"""The shake-table frame's runs as they are read, what its sliders are worth, how stiff in bending a made-up one is."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from benchmarks import frame
-from bwbn_bayes import Record, SlidingBase
+from bwbn_bayes import Record, SlidingBase, el_centro, simulate
 from bwbn_bayes.parameters import LogNormal, Uniform
 
 
@@ -53,11 +53,26 @@ def test_drifts_add_up_to_the_floors() -> None:
 def test_friction_and_period_are_those_of_the_weight_that_slides() -> None:
     """A slab of twice the mass that the known weight holds: the same force, a smaller coefficient, a longer period."""
     known = frame.GRAVITY * 4.0
-    slides = SlidingBase(inv_mu=LogNormal(20, 1), R_s=LogNormal(1, 1), m_s=Uniform(0.1, 9), W_s=known, Y_s=0.001)
+    priors = {"inv_mu": LogNormal(20, 1), "R_s": LogNormal(1, 1), "m_s": Uniform(0.1, 9), "r_mu": Uniform(0, 0.9)}
+    slides = SlidingBase(**priors, W_s=known, Y_s=0.001, a_s=30.0)
     model = frame.LINEAR.with_effect(slides)
-    draws = {"inv_mu": 20.0, "R_s": 0.5, "m_s": 5.0}
+    draws = {"inv_mu": 20.0, "R_s": 0.5, "m_s": 5.0, "r_mu": 0.4}
     posterior = xr.Dataset({name: (("chain", "draw"), np.full((1, 4), value)) for name, value in draws.items()})
-    friction, period = frame._sliders(model, posterior)
-    assert friction == pytest.approx([0.05 * 4.0 / 8.0] * 3)
+    found = frame._sliders(model, posterior)
+    assert found["friction_at_speed"] == pytest.approx([0.05 * 4.0 / 8.0] * 3)
+    assert found["friction_near_rest"] == pytest.approx([0.6 * 0.05 * 4.0 / 8.0] * 3)
     # 8 kg on a pendulum stiffness of W_s / R_s.
-    assert period == pytest.approx([2.0 * np.pi * np.sqrt(8.0 / (known / 0.5))] * 3)
+    assert found["period_s"] == pytest.approx([2.0 * np.pi * np.sqrt(8.0 / (known / 0.5))] * 3)
+
+
+def test_bending_is_that_of_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = {**{f"k[{i}]": 400.0 for i in (1, 2, 3)}, **{f"c[{i}]": 2.0 for i in (1, 2, 3)}, "k_bend": 150.0}
+    floors = [f"displacement_{i}" for i in (1, 2, 3)]
+    model = frame.LINEAR.with_effect(frame.BENDING)
+    shaken = simulate(model, el_centro("chopra", duration=8.0), truth, channels=floors, snr_db=40.0)
+    monkeypatch.setattr(frame, "run_of", lambda _: shaken)
+    line = frame.bent(frame.SMALL, seed=1)
+    without, with_it = line["missed_percent"]
+    assert line["k_bend"] == pytest.approx(150.0, rel=0.05)
+    assert line["gained_nats"] > 100.0
+    assert with_it < 0.5 * without

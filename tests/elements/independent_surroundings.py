@@ -15,11 +15,14 @@ from independent import PLAIN, at, between, storey
 from scipy.integrate import solve_ivp
 
 NEUTRAL = {
-    "k_bend": 0.0, "inv_mu": 0.0, "R_s": 1.0, "m_s": 1.0, "W_s": 1.0, "Y_s": 1.0, "n_s": 2.0,
+    "k_bend": 0.0, "inv_mu": 0.0, "R_s": 1.0, "m_s": 1.0, "W_s": 1.0, "Y_s": 1.0, "n_s": 2.0, "r_mu": 0.0,
+    "a_s": 0.0,
     "c_m": 0.0, "compliance": 0.0, "m_b": 1.0, "c_b": 0.0, "s_g": 1.0,
     "e_m": 0.0, "mu_t": 0.0, "f_t": 1.0, "zeta_t": 0.05, "gain": 1.0, "bias": 0.0, "lag": 0.0,
 }  # fmt: skip
-OF_THE_BUILDING = ("k_bend", "inv_mu", "R_s", "m_s", "W_s", "Y_s", "n_s", "c_m", "compliance", "m_b", "c_b", "s_g")
+OF_THE_BUILDING = (
+    "k_bend", "inv_mu", "R_s", "m_s", "W_s", "Y_s", "n_s", "r_mu", "a_s", "c_m", "compliance", "m_b", "c_b", "s_g"
+)  # fmt: skip
 
 
 class Building:
@@ -65,7 +68,9 @@ class Building:
             base_rates[:2] = base_w, (force[0] - spring) / whole["m_b"] - a_g
         if whole["inv_mu"] > 0.0:  # a dish, and a contact that is an elastic spring until friction is reached
             stuck = 1.0 - abs(mobilised) ** whole["n_s"] if mobilised * base_w > 0.0 else 1.0
-            held = whole["W_s"] * (base_x / whole["R_s"] + mobilised / whole["inv_mu"])
+            slow, fast = (1.0 - whole["r_mu"]) / whole["inv_mu"], 1.0 / whole["inv_mu"]
+            friction = fast - (fast - slow) * math.exp(-whole["a_s"] * abs(base_w))
+            held = whole["W_s"] * (base_x / whole["R_s"] + friction * mobilised)
             base_rates[:] = base_w, (force[0] - held) / whole["m_s"] - a_g, stuck * base_w / whole["Y_s"]
         return np.concatenate([w, total - a_g, *inner_rates, mass_w, -pull - total, base_rates]), total
 

@@ -23,13 +23,15 @@ SIZES: dict[str, dict[str, float]] = {
     "mass_damping": {"c_m": 0.3},
     "appendage": {"mu_t": 0.08, "f_t": 0.7, "zeta_t": 0.03},
     "base_flexibility": {"compliance": 0.02, "m_b": 1.3, "c_b": 0.4},
-    "sliding_base": {"inv_mu": 12.0, "R_s": 1.8, "m_s": 1.3, "W_s": 24.0, "Y_s": 0.02, "n_s": 3.5},
+    "sliding_base": {
+        "inv_mu": 12.0, "R_s": 1.8, "m_s": 1.3, "W_s": 24.0, "Y_s": 0.02, "n_s": 3.5, "r_mu": 0.4, "a_s": 3.0
+    },
     "storey_coupling": {"k_bend": 3.0},
     "input_scale": {"s_g": 1.2},
     "sensor_gain": {"gain": 0.8},
     "sensor_bias": {"bias": 0.3},
     "sensor_lag": {"lag": 0.113},
-}
+}  # fmt: skip
 """Sizes that change the response by much more than the tolerances."""
 
 OTHERS = {"delta_nu": 0.2, "delta_eta": 0.2, "delta_s": 0.05, "sigma": 0.1}

@@ -31,7 +31,7 @@ KINDS = ("drift", "drift_rate", "hysteretic_displacement", "hysteretic_energy", 
 NUISANCES = {
     "sigma": 0.02, "p": 5.0, "q": 0.1, "psi_0": 0.1, "delta_psi": 0.0, "lambda_": 0.3, "v0": 0.05, "v_ratio": 0.05,
     "v_root": 0.05, "x_dahl": 0.02, "g": 0.5, "g_p": 0.5, "g_n": 0.5, "tau": 0.3, "w": 0.004, "f_t": 0.6, "m_b": 1.0,
-    "R_s": 1.0, "m_s": 1.0, "W_s": 30.0, "Y_s": 0.01, "n_s": 2.0,
+    "R_s": 1.0, "m_s": 1.0, "W_s": 30.0, "Y_s": 0.01, "n_s": 2.0, "r_mu": 0.0, "a_s": 0.0,
     "k_time": 5.0, "u_uv": 0.03, "u_u": 0.03, "p_eta": 0.1, "p_nu": 0.1,
     "b_eta": 0.1, "m_eta": 0.7, "E_eta": 8.0, "b_nu": 0.1, "m_nu": 1.6, "E_nu": 8.0,
     "beta_h": 2.0, "gamma_h": 0.5, "n_h": 1.5, "x_h": 1.1,

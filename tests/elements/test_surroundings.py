@@ -50,6 +50,8 @@ FREE: dict[str, dict[str, Prior | PerStorey]] = {
         "W_s": Uniform(20.0, 30.0),
         "Y_s": Uniform(0.02, 0.05),
         "n_s": Uniform(1.5, 6.0),
+        "r_mu": Uniform(0.2, 0.7),
+        "a_s": Uniform(1.0, 6.0),
     },
     "storey_coupling": {"k_bend": Uniform(1.0, 6.0)},
     "input_scale": {"s_g": Uniform(0.7, 1.4)},

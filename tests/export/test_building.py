@@ -117,6 +117,16 @@ def test_a_building_slides_and_tilts_as_in_opensees(tmp_path: Path) -> None:
     assert error(by_reference(plain, record), expected) > 0.5
 
 
+def test_friction_by_speed_is_said_to_be_left_out() -> None:
+    """The script was exact without it: sliders whose friction grows with speed would have been exported in silence."""
+    fast = SlidingBase(inv_mu=15.0, R_s=1.5, m_s=2e5, W_s=9.81 * 5.5e5, Y_s=0.002)
+    slower = replace(fast, r_mu=0.4, a_s=30.0)
+    model = ShearBuilding(masses=[2e5, 1.5e5], storey=Linear(k=9e7, c=3e5))
+    plain, said = (script_of(of_model(model.with_effect(own), SHAKEN, {}, name="x")) for own in (fast, slower))
+    assert plain.notes == ()
+    assert said.notes == ("Sliders have their friction at speed at every speed; ours have 40 % less near rest.",)
+
+
 def test_bending_couples_storeys_as_in_opensees(tmp_path: Path) -> None:
     """By springs of its own, one of them negative and past a floor, so that the links' forces are without it."""
     model = ShearBuilding(masses=[2e5, 1.5e5], storey=Linear(k=PerStorey([9e7, 7e7]), c=3e5))

@@ -49,12 +49,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hints
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.records.hdf5 import require_hdf5
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SCHEMA = 1
 DOUBTS = ("quiet residual", "within the prior", "alternatives")
@@ -231,6 +231,11 @@ class Result:
         UserError
             If there is no such file, or another than a saved result.
         """
+        # Here: facts are also read where no arrays are.
+        import xarray as xr
+
+        from bwbn_bayes.records.hdf5 import require_hdf5
+
         try:
             require_hdf5(path)
             tree = xr.open_datatree(path, engine="h5netcdf").load()

@@ -440,13 +440,13 @@ def test_a_checkpoint_that_cannot_be_kept_is_found_before_the_search(
 def test_a_run_that_fails_leaves_the_old_files_whole(
     run: Run, simulated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(_result: Result, directory: Path) -> None:
+    def fail(_page: str, _drawings: object, directory: Path) -> None:
         (directory / "report.html").write_text("half", encoding="utf-8")
         raise OSError(28, "No space left on device")
 
     old = tmp_path / "report.html"
     old.write_text("whole", encoding="utf-8")
-    monkeypatch.setattr("bwbn_bayes.cli.files.write_report", fail)
+    monkeypatch.setattr("bwbn_bayes.cli.files.write_page", fail)
     arguments = ("identify", SDOF, "--record", simulated, "--particles", "100", "--out", tmp_path)
     _is_one_sentence(run(*arguments), "No space left on device", after_steps=True)
     assert old.read_text(encoding="utf-8") == "whole"

@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 DISCOVERY_PARTICLES = "2000"
 """What help says of the default in DiscoverySettings, which is loaded with all of discovery."""
 
+_LONG = 5_000
+"""Measured numbers from which a second process has loaded what it draws with, half a second, before it is asked."""
+
 UNFINISHED_SEARCH = ".unfinished"
 """Checkpoint of a discovery, in the directory that it writes to."""
 
@@ -157,6 +160,7 @@ def identify(
     from bwbn_bayes.cli.files import writable, write_result
     from bwbn_bayes.engines.available import engine as engine_by_name
     from bwbn_bayes.identification import identify as identify_model
+    from bwbn_bayes.report.second_process import second_process
 
     require_library(method, sampler)
     if scheduler is not None:
@@ -168,28 +172,29 @@ def identify(
     goes_on = partial(_goes_on, directory, checkpoint)
     with stopped_with(goes_on), progress(notes, particles) as listener:
         measured = _record(file, record or (), seed, listener, in_sequence=sequence)
-        result = identify_model(
-            file.model,
-            measured,
-            settings=Settings(
-                method=method,
-                engine=engine,
-                seed=seed,
-                particles=particles,
-                variant=variant,
-                sampler=sampler,
-                alternatives=alternatives,
-                checkpoint=checkpoint,
-                workers=workers,
-                scheduler=scheduler,
-            ),
-            unnamed_force=unnamed_force,
-            name=file.name,
-            assumptions=file.assumptions,
-            listener=listener,
-        )
-        listener("writing the report", None)
-        write_result(result, directory)
+        with second_process(wanted=_draws_beside(measured)) as hand:
+            result = identify_model(
+                file.model,
+                measured,
+                settings=Settings(
+                    method=method,
+                    engine=engine,
+                    seed=seed,
+                    particles=particles,
+                    variant=variant,
+                    sampler=sampler,
+                    alternatives=alternatives,
+                    checkpoint=checkpoint,
+                    workers=workers,
+                    scheduler=scheduler,
+                ),
+                unnamed_force=unnamed_force,
+                name=file.name,
+                assumptions=file.assumptions,
+                listener=listener,
+            )
+            listener("writing the report", None)
+            write_result(result, directory, hand)
     _warn(file.model, notes)
     summarise(result, directory)
 
@@ -545,6 +550,13 @@ def _goes_on(directory: Path, checkpoint: Path | None = None) -> str:
     if has_begun(checkpoint):
         return f"stopped: what was solved is in checkpoint {checkpoint}, and the same command goes on from there"
     return f"stopped: nothing was solved, checkpoint {checkpoint} holds nothing yet"
+
+
+def _draws_beside(record: Record) -> bool:
+    """Whether a run is long enough, and has a processor to spare, for a second process to draw its figures."""
+    from bwbn_bayes.engines.lanes import usable_processors
+
+    return record.n_times * len(record.channels) >= _LONG and usable_processors() > 1
 
 
 def _warn(model: Structure, notes: Console) -> None:

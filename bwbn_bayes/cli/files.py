@@ -19,8 +19,9 @@ from bwbn_bayes.discovery.unfinished import Unfinished
 from bwbn_bayes.errors import UserError, writing
 from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.report import write_discovery, write_report
-from bwbn_bayes.report.canvas import is_ours
+from bwbn_bayes.report.content import gather
+from bwbn_bayes.report.html import render, write_page
+from bwbn_bayes.report.second_process import SecondProcess, all_drawn
 from bwbn_bayes.results import Result
 from bwbn_bayes.structures.examples import example_files
 from bwbn_bayes.structures.starting_source import starting_source
@@ -57,10 +58,18 @@ def replacing(directory: Path, *, report: bool = False) -> Iterator[Path]:
             yield Path(name)
             with COMMITTING:
                 made = _take_names(Path(name), directory)
-            for place in {path.parent for path in made} if report else ():
-                for old in set(place.glob("*.png")) - set(made):
-                    if is_ours(old):
-                        old.unlink()
+            if report:
+                _sweep_figures(made)
+
+
+def _sweep_figures(made: list[Path]) -> None:
+    """Remove an earlier report's figures that the new one does not have."""
+    from bwbn_bayes.report.canvas import is_ours  # with Matplotlib, once something was drawn
+
+    for place in {path.parent for path in made}:
+        for old in set(place.glob("*.png")) - set(made):
+            if is_ours(old):
+                old.unlink()
 
 
 def _take_names(fresh: Path, directory: Path) -> list[Path]:
@@ -93,11 +102,14 @@ def _sweep(directory: Path) -> None:
                 shutil.rmtree(path)
 
 
-def write_result(result: Result, directory: Path) -> None:
-    """Page, figures, ``result.json`` and ``result.nc``."""
+def write_result(result: Result, directory: Path, hand: SecondProcess | None = None) -> None:
+    """Page, figures, ``result.json`` and ``result.nc``; a second process, where there is one, draws meanwhile."""
     with replacing(directory, report=True) as partial:
+        content = gather(result)
+        begun = {} if hand is None else hand.begin(content)
         save_result(result, partial)
-        write_report(result, partial)
+        drawings = all_drawn(content, begun)
+        write_page(render(content, drawings), drawings, partial)
 
 
 def save_result(result: Result, directory: Path) -> None:
@@ -109,6 +121,8 @@ def save_result(result: Result, directory: Path) -> None:
 
 def write_discovery_files(discovery: Discovery, directory: Path, model: Path) -> None:
     """Page, numbers, record and improved model; ``identify/`` holds what ``bwbn identify`` writes of the latter."""
+    from bwbn_bayes.report import write_discovery
+
     with replacing(directory, report=True) as partial:
         write_discovery(discovery, partial)
         save_result(discovery.result, partial / "identify")

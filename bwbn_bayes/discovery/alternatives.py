@@ -11,6 +11,8 @@ import numpy as np
 from bwbn_bayes.discovery.candidates import hypotheses, scales_of
 from bwbn_bayes.discovery.run import on_one_thread
 from bwbn_bayes.discovery.score import scores
+from bwbn_bayes.discovery.workers import ONE_THREAD, Threads, Workers
+from bwbn_bayes.engines.lanes import ALONE, Lanes
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.residuals import heard_rests
 from bwbn_bayes.parameters import Floats
@@ -56,7 +58,8 @@ def alternatives_check(posterior: Posterior, point: Floats) -> tuple[Check, ...]
     )
     limit = float(np.log(max(len(found), 1) / _CHANCE))
     heard = found if heard_rests(posterior, point) else ()
-    scored = scores(on_one_thread(posterior), heard, point) if heard else ()
+    view, workers = _asking(posterior)
+    scored = scores(view, heard, point, workers=workers) if heard else ()
     ranked = sorted(zip(scored, heard, strict=True), key=lambda pair: -pair[0].nats)
     if not ranked:
         return _check(0.0, limit, "Nothing is left that an effect of the catalogue could explain.")
@@ -71,6 +74,16 @@ def alternatives_check(posterior: Posterior, point: Floats) -> tuple[Check, ...]
     if other is not None and other[0].nats > best.nats - _AS_WELL:
         sentence += f" So would {other[1].label}."
     return _check(best.nats, limit, sentence)
+
+
+def _asking(posterior: Posterior) -> tuple[Posterior, Workers]:
+    """Who solves for the scores: most families fill a block of lanes, so that threads take families, not blocks."""
+    engine = posterior.engine
+    if not isinstance(engine, Lanes):
+        return posterior, ONE_THREAD
+    # An engine that spreads or keeps what it solves is asked one thing at a time.
+    together = type(engine) is Lanes and not ALONE.get()
+    return on_one_thread(posterior), Threads(engine.n_threads) if together else ONE_THREAD
 
 
 def _check(nats: float, limit: float, sentence: str) -> tuple[Check, ...]:

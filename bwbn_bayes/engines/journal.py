@@ -375,17 +375,24 @@ def _code() -> str:
 def about(engine: Any, model: Structure, record: Record) -> str:
     """Hash of all that shapes an answer, but for the draws; threads do not."""
     threaded = any(one.name == "n_threads" for one in fields(engine))
-    table = model.table
     words = (
         _code(),
         # Who solves does not matter: one process, several, or a cluster.
         re.sub("^(Kept|Spread)*", "", repr(replace(engine, n_threads=1) if threaded else engine)),
+        *model_in_words(model),
+        record.content_hash,
+    )
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()
+
+
+def model_in_words(model: Structure) -> tuple[str, ...]:
+    """All of a model that shapes an answer, but for its parameters' values."""
+    table = model.table
+    return (
         type(model).__name__,
         repr(model),
         _law_in_words(model.law),
         table.fixed.tobytes().hex(),
         table.index.tobytes().hex(),
         masses(model).tobytes().hex(),
-        record.content_hash,
     )
-    return hashlib.sha256("\n".join(words).encode()).hexdigest()

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bwbn_bayes.engines.base import Engine, Status
-from bwbn_bayes.engines.reference import Reference
+from bwbn_bayes.engines.exact import exact_response
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.noise import add_noise
 from bwbn_bayes.records.record import Record
@@ -57,7 +57,11 @@ def simulate(
         floors = range(1, model.n_floors + 1)
         driven = model.excitation_kind == "displacement"
         channels = ["force"] if driven else [f"acceleration_{floor}" for floor in floors]
-    response = (engine or Reference()).simulate(model, model.draws(truth), excitation, channels)
+    draws = model.draws(truth)
+    if engine is None:
+        response = exact_response(model, draws, excitation, channels)
+    else:
+        response = engine.simulate(model, draws, excitation, channels)
     if response.status[0] != Status.OK:
         reason = Status(response.status[0]).name.lower()
         raise UserError(f"the model cannot be solved at the given parameters ({reason})")

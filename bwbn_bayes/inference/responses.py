@@ -13,7 +13,8 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from bwbn_bayes.engines.base import BASE_DISPLACEMENT, OBSERVED_KINDS, Engine
+from bwbn_bayes.engines.base import Engine
+from bwbn_bayes.engines.exact import observable
 from bwbn_bayes.engines.lane_source import LANES
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
@@ -79,15 +80,6 @@ def batches(n_draws: int, numbers: int) -> Iterator[slice]:
     """Draws to solve in one call, for each of which so many numbers are stored."""
     size = max(1, _SOLVED // (numbers * LANES)) * LANES
     return (slice(start, min(start + size, n_draws)) for start in range(0, n_draws, size))
-
-
-def observable(model: Structure) -> dict[str, tuple[str, ...]]:
-    """Channels of every history that a model has, by kind."""
-    counts = {"acceleration": model.n_floors or 1}
-    kinds = {
-        kind: tuple(f"{kind}_{i}" for i in range(1, counts.get(kind, model.n_links) + 1)) for kind in OBSERVED_KINDS
-    }
-    return kinds | ({BASE_DISPLACEMENT: (BASE_DISPLACEMENT,)} if model.law.base_states else {})
 
 
 def summarised(

@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 
 from bwbn_bayes.engines.base import Engine, channel_map
+from bwbn_bayes.engines.exact import exact_response, observable
 from bwbn_bayes.inference.accuracy import Discretisation
 from bwbn_bayes.inference.arrays import posterior_tree
 from bwbn_bayes.inference.identifiability import describe, flag
@@ -20,7 +21,7 @@ from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.registry import title_of
-from bwbn_bayes.inference.responses import N_DRAWS, Singles, evenly, observable, summarised
+from bwbn_bayes.inference.responses import N_DRAWS, Singles, evenly, summarised
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import labels, mean_squares
@@ -161,10 +162,18 @@ def build_result(
 
 def observe(engine: Engine, model: Structure, values: Floats, record: Record) -> dict[str, Floats]:
     """Every observable history ``(n_draws, n_storeys, n_times)`` by kind; of a base that can move, one row."""
+    return _by_kind(model, engine.simulate(model, values, record, _histories(model)).values)
+
+
+def _histories(model: Structure) -> list[str]:
+    return [name for names in observable(model).values() for name in names]
+
+
+def _by_kind(model: Structure, values: Floats) -> dict[str, Floats]:
+    """Histories ``(n_draws, n_histories, n_times)`` parted into their kinds."""
     kinds = observable(model)
-    response = engine.simulate(model, values, record, [name for names in kinds.values() for name in names]).values
     ends = np.cumsum([len(names) for names in kinds.values()])
-    return dict(zip(kinds, np.split(response, ends[:-1], axis=1), strict=True))
+    return dict(zip(kinds, np.split(values, ends[:-1], axis=1), strict=True))
 
 
 def predicted_channels(model: Structure, record: Record, rows: Mapping[str, Floats]) -> Floats:
@@ -185,10 +194,8 @@ def true_histories(model: Structure, record: Record) -> dict[str, Floats] | None
     """
     if not record.truth or set(record.truth) != set(model.space.names):
         return None
-    from bwbn_bayes.engines.reference import Reference
-
     draws = model.draws({name: record.truth[name] for name in model.space.names})
-    return observe(Reference(), model, draws, record)
+    return _by_kind(model, exact_response(model, draws, record, _histories(model)).values)
 
 
 def _parameter_facts(posterior: Posterior, draws: Draws) -> tuple[ParameterFacts, ...]:

@@ -20,6 +20,9 @@ DOTS_PER_INCH = 190
 N_COLOURS = 96
 """Colours of a PNG's palette: enough for shades of one blue and grey, a third of the bytes."""
 
+_WHITE = 253
+"""Levels from here on are drawn white: an octree rounds the paper's colour down."""
+
 INK, MEASURED, IDENTIFIED, PRIOR = "#222222", "#9b9b9b", "#0b62a4", "#d9d6cf"
 SERIES = ("#0b62a4", "#d1731c", "#3f8f5b", "#8a4f9e", "#b03a48", "#5f6b76")
 """Colours that tell storeys or chains apart."""
@@ -78,7 +81,9 @@ def finished(figure: Figure, name: str, caption: str, alt: str) -> Drawing:
     # Straight from the canvas: a PNG in between took a tenth of a report's time.
     pixels = agg.buffer_rgba()  # type: ignore[no-untyped-call]
     drawn = Image.frombuffer("RGBA", agg.get_width_height(), pixels, "raw", "RGBA", 0, 1)
-    image = drawn.convert("RGB").quantize(N_COLOURS, dither=Image.Dither.NONE)
+    # By octree: a median cut takes six times as long, a seventh of a report's time.
+    image = drawn.convert("RGB").quantize(N_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    image.putpalette([255 if value >= _WHITE else value for value in image.getpalette() or ()])
     buffer = BytesIO()
     mark = PngInfo()
     mark.add_text(*_MARK)

@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.report.canvas import IDENTIFIED, INK, SERIES, Drawing, canvas, finished, legend, mark_parts
 from bwbn_bayes.report.comparison import CycleErrors, CycleLoop, Part, errors_by_cycle, loops_by_cycle
-from bwbn_bayes.report.content import strongest_window, thinned
 from bwbn_bayes.report.numbers import Scale, display_scale
+from bwbn_bayes.report.pieces import strongest_window, thinned
 
 MEASURED, AS_GIVEN = "#b5b2ab", SERIES[1]
 """Grey below, orange, and the improved model's blue on top."""

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -17,6 +15,18 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.inference.responses import STATISTICS, evenly
+from bwbn_bayes.report.pieces import (
+    Band,
+    ChannelTrace,
+    Content,
+    Marginal,
+    Pair,
+    Period,
+    Quantity,
+    StoreyHistory,
+    StoreyLoop,
+    strongest_window,
+)
 from bwbn_bayes.results import Facts, ParameterFacts, Result
 
 Floats = NDArray[np.float64]
@@ -24,14 +34,10 @@ Indices = NDArray[np.intp]
 
 MAX_PANELS = 6
 """Most floors or storeys drawn in one figure; taller buildings show evenly chosen ones."""
-MAX_POINTS = 3000
-"""Most points of a drawn history; extremes are kept."""
 MAX_LOOP_DRAWS = 25
 MAX_LOOP_POINTS = 20_000
 """Most samples of drawn loops; of a longer record the strongest part is drawn."""
 MAX_PAIRS = 4
-ZOOM_S = 5.0
-"""Length of the enlarged part: the strongest 5 s."""
 BAND_PERCENT = (5.0, 95.0)
 
 _QUANTITIES = {
@@ -42,127 +48,6 @@ _QUANTITIES = {
     "drift": ("drift", "m", "Storey"),
     "force": ("force", "N", "Storey"),
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class Band:
-    """A middle value with its 90 % band, each ``(n_points,)``."""
-
-    lower: Floats
-    middle: Floats
-    upper: Floats
-
-    def at(self, index: Indices) -> Band:
-        """The band at chosen points."""
-        return Band(lower=self.lower[index], middle=self.middle[index], upper=self.upper[index])
-
-    def times(self, factor: float) -> Band:
-        """The band in another unit."""
-        return Band(lower=factor * self.lower, middle=factor * self.middle, upper=factor * self.upper)
-
-
-@dataclass(frozen=True, kw_only=True)
-class ChannelTrace:
-    """One measured channel against its posterior prediction, ``(n_time,)`` each; units as named."""
-
-    channel: str
-    title: str
-    quantity: str
-    unit: str
-    time: Floats
-    measured: Floats
-    predicted: Band
-    noise_sd: float
-    nrmse: float
-
-    @property
-    def residual(self) -> Floats:
-        """Measured minus posterior mean."""
-        return self.measured - self.predicted.middle
-
-
-@dataclass(frozen=True, kw_only=True)
-class StoreyLoop:
-    """Storey force against drift: measured, identified (mean and draws), true where known; in N and m."""
-
-    place: str
-    drift: Floats
-    force: Floats
-    drift_draws: Floats
-    force_draws: Floats
-    measured_force: Floats | None
-    true_drift: Floats | None
-    true_force: Floats | None
-    part: tuple[float, float] | None = None
-    """Beginning and end [s] of what is shown, where it is not the whole record."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class StoreyHistory:
-    """Drift [m] and work on the hysteretic spring [J] of a storey against time [s]."""
-
-    place: str
-    time: Floats
-    drift: Band
-    energy: Band
-    true_drift: Floats | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Marginal:
-    """One parameter's posterior and prior draws."""
-
-    parameter: ParameterFacts
-    posterior: Floats
-    prior: Floats
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pair:
-    """Two strongly correlated parameters and their draws."""
-
-    first: Marginal
-    second: Marginal
-    correlation: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Quantity:
-    """An engineering quantity with its band per storey or mode: ``lower, middle, upper`` of ``(n_places,)``."""
-
-    name: str
-    unit: str
-    band: Band
-
-
-@dataclass(frozen=True, kw_only=True)
-class Period:
-    """First period of the damaged building against time, in s."""
-
-    time: Floats
-    band: Band
-
-
-@dataclass(frozen=True, kw_only=True)
-class Content:
-    """Everything the report draws and prints."""
-
-    facts: Facts
-    traces: tuple[ChannelTrace, ...]
-    n_channels: int
-    loops: tuple[StoreyLoop, ...]
-    histories: tuple[StoreyHistory, ...]
-    marginals: tuple[Marginal, ...]
-    pairs: tuple[Pair, ...]
-    storeys: tuple[int, ...]
-    storey_quantities: tuple[Quantity, ...]
-    modal_quantities: tuple[Quantity, ...]
-    period: Period | None
-    specimen: bool
-    """Whether a machine gave the displacement, and there is no building."""
-    n_chains: int
-    has_bands: bool
-    """Whether there are posterior draws; a point estimate has no bands and no intervals."""
 
 
 def gather(result: Result) -> Content:
@@ -196,30 +81,6 @@ def gather(result: Result) -> Content:
         n_chains=_group(tree, "posterior").sizes.get("chain", 1),
         has_bands="posterior" in tree.children,
     )
-
-
-def thinned(values: Floats, n_points: int = MAX_POINTS) -> Indices:
-    """Indices of at most ``n_points`` points of a history that keep every bin's smallest and largest value."""
-    if values.size <= n_points:
-        return np.arange(values.size)
-    edges = np.linspace(0, values.size, n_points // 2 + 1).astype(np.intp)
-    ends = [(a + np.argmin(values[a:b]), a + np.argmax(values[a:b])) for a, b in pairwise(edges)]
-    return np.unique(np.asarray(ends, dtype=np.intp))
-
-
-def strongest_window(time: Floats, signals: Sequence[Floats], length_s: float = ZOOM_S) -> tuple[float, float]:
-    """Start and end [s] of the part of a record with the most signal energy, channels weighted alike.
-
-    What was not measured is not a number, and adds nothing.
-    """
-    signals = [np.nan_to_num(signal) for signal in signals]
-    if time[-1] - time[0] <= length_s:
-        return float(time[0]), float(time[-1])
-    energy = sum((signal / max(float(np.std(signal)), 1e-300)) ** 2 for signal in signals)
-    n_window = max(1, round(length_s / float(time[1] - time[0])))
-    sums = np.convolve(np.asarray(energy), np.ones(n_window), mode="valid")
-    start = int(np.argmax(sums))
-    return float(time[start]), float(time[min(start + n_window, time.size - 1)])
 
 
 def shown(labels: Sequence[int], n_shown: int = MAX_PANELS) -> tuple[int, ...]:

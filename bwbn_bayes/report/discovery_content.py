@@ -17,7 +17,8 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.cycles import path_length
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report.comparison import Part, begins_of, parts_of
-from bwbn_bayes.report.content import DRIFT_RATIO, Marginal, Quantity, gather, shown
+from bwbn_bayes.report.content import DRIFT_RATIO, gather, shown
+from bwbn_bayes.report.pieces import Marginal, Quantity
 from bwbn_bayes.results import Equation
 from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.structure import Structure

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
@@ -23,7 +24,16 @@ from bwbn_bayes.report.canvas import (
     finished,
     legend,
 )
-from bwbn_bayes.report.content import (
+from bwbn_bayes.report.marginals import (
+    draw_chains,
+    draw_learned,
+    draw_pairs,
+    draw_posterior,
+)
+from bwbn_bayes.report.numbers import Scale, display_scale, math_unit
+from bwbn_bayes.report.pieces import (
+    N_FIGURES,
+    POSTERIOR,
     Band,
     ChannelTrace,
     Content,
@@ -32,14 +42,9 @@ from bwbn_bayes.report.content import (
     strongest_window,
     thinned,
 )
-from bwbn_bayes.report.marginals import (
-    draw_chains,
-    draw_learned,
-    draw_pairs,
-    draw_posterior,
-)
-from bwbn_bayes.report.numbers import Scale, display_scale, math_unit
-from bwbn_bayes.results import StageFacts
+
+if TYPE_CHECKING:
+    from bwbn_bayes.results import StageFacts
 
 Floats = NDArray[np.float64]
 
@@ -56,19 +61,14 @@ def draw_all(content: Content) -> tuple[Drawing, ...]:
     -------
     tuple of Drawing
     """
-    with mpl.rc_context(STYLE):
-        drawings = [
-            *_acceleration_drawings(content.traces, with_bands=content.has_bands),
-            _hysteresis(content.loops, specimen=content.specimen, with_bands=content.has_bands),
-            _drift(content.histories, with_bands=content.has_bands),
-            _quantities(content),
-            draw_posterior(content.marginals),
-            draw_learned(content.marginals),
-            draw_pairs(content.pairs),
-            draw_chains(content),
-            _stages(content.facts.stages),
-        ]
+    drawings = (draw(content, number) for number in range(N_FIGURES))
     return tuple(drawing for drawing in drawings if drawing is not None)
+
+
+def draw(content: Content, number: int) -> Drawing | None:
+    """Draw one figure by its number on the page; None where there is nothing to draw."""
+    with mpl.rc_context(STYLE):
+        return _FIGURES[number](content)
 
 
 def _draw_band(axis: Axes, x: Floats, band: Band, colour: str, *, mean: str, label: str = "") -> None:
@@ -77,36 +77,45 @@ def _draw_band(axis: Axes, x: Floats, band: Band, colour: str, *, mean: str, lab
     axis.plot(x, band.middle, color=colour, linewidth=1.1, label=mean)
 
 
-def _acceleration_drawings(traces: tuple[ChannelTrace, ...], *, with_bands: bool) -> list[Drawing]:
+def _acceleration(content: Content) -> Drawing | None:
+    if not content.traces:
+        return None
+    predicted = "the posterior mean with its 90 % predictive band" if content.has_bands else "the identified response"
+    return finished(
+        _panels(content.traces, _whole_record),
+        "acceleration.png",
+        f"The whole record: measured, and {predicted}.",
+        f"Measured and predicted response against time, whole record: {_places(content)}.",
+    )
+
+
+def _acceleration_zoom(content: Content) -> Drawing | None:
+    traces = content.traces
     if not traces:
-        return []
+        return None
     start, end = strongest_window(traces[0].time, [trace.measured for trace in traces])
-    whole = _panels(traces, _whole_record)
-    zoom = _panels(traces, lambda axis, trace: _zoomed(axis, trace, start, end))
-    residual = _panels(traces, _residual)
-    places = ", ".join(trace.title.lower() for trace in traces)
-    predicted = "the posterior mean with its 90 % predictive band" if with_bands else "the identified response"
-    estimate = "posterior mean" if with_bands else "identified"
-    return [
-        finished(
-            whole,
-            "acceleration.png",
-            f"The whole record: measured, and {predicted}.",
-            f"Measured and predicted response against time, whole record: {places}.",
-        ),
-        finished(
-            zoom,
-            "acceleration_zoom.png",
-            f"The strongest part, {start:.3g} to {end:.3g} s. Dots are samples.",
-            f"Measured samples and predicted response from {start:.3g} to {end:.3g} s: {places}.",
-        ),
-        finished(
-            residual,
-            "residual.png",
-            f"Measured minus {estimate}. The band is 1.64 identified noise sd: nine points in ten belong inside.",
-            f"Residuals against time with the band of the noise: {places}.",
-        ),
-    ]
+    return finished(
+        _panels(traces, lambda axis, trace: _zoomed(axis, trace, start, end)),
+        "acceleration_zoom.png",
+        f"The strongest part, {start:.3g} to {end:.3g} s. Dots are samples.",
+        f"Measured samples and predicted response from {start:.3g} to {end:.3g} s: {_places(content)}.",
+    )
+
+
+def _residuals(content: Content) -> Drawing | None:
+    if not content.traces:
+        return None
+    estimate = "posterior mean" if content.has_bands else "identified"
+    return finished(
+        _panels(content.traces, _residual),
+        "residual.png",
+        f"Measured minus {estimate}. The band is 1.64 identified noise sd: nine points in ten belong inside.",
+        f"Residuals against time with the band of the noise: {_places(content)}.",
+    )
+
+
+def _places(content: Content) -> str:
+    return ", ".join(trace.title.lower() for trace in content.traces)
 
 
 def _panels(traces: tuple[ChannelTrace, ...], draw: Callable[[Axes, ChannelTrace], None]) -> Figure:
@@ -275,3 +284,25 @@ def _stages(stages: tuple[StageFacts, ...]) -> Drawing | None:
     axes[-1].set_xlabel("stage")
     titles = " and ".join(title.lower() for title, _ in panels)
     return finished(figure, "stages.png", f"Stage by stage: {titles}.", f"{titles} against stage.".capitalize())
+
+
+def _posterior(content: Content) -> Drawing | None:
+    return draw_posterior(content.marginals)
+
+
+_FIGURES: tuple[Callable[[Content], Drawing | None], ...] = (
+    _acceleration,
+    _acceleration_zoom,
+    _residuals,
+    lambda content: _hysteresis(content.loops, specimen=content.specimen, with_bands=content.has_bands),
+    lambda content: _drift(content.histories, with_bands=content.has_bands),
+    _quantities,
+    _posterior,
+    lambda content: draw_learned(content.marginals),
+    lambda content: draw_pairs(content.pairs),
+    draw_chains,
+    lambda content: _stages(content.facts.stages),
+)
+"""In the page's order."""
+assert len(_FIGURES) == N_FIGURES
+assert _FIGURES[POSTERIOR] is _posterior

@@ -5,16 +5,19 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from bwbn_bayes.inference.registry import title_of
 from bwbn_bayes.report import tables
-from bwbn_bayes.report.canvas import Drawing
-from bwbn_bayes.report.content import Content, gather
-from bwbn_bayes.report.figures import draw_all
+from bwbn_bayes.report.content import gather
+from bwbn_bayes.report.pieces import Content
 from bwbn_bayes.results import Equation, Result
+
+if TYPE_CHECKING:
+    from bwbn_bayes.report.canvas import Drawing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +42,8 @@ def write_report(result: Result, directory: Path) -> ReportFiles:
     -------
     ReportFiles
     """
+    from bwbn_bayes.report.figures import draw_all  # with Matplotlib, which a page alone does not need
+
     content = gather(result)
     drawings = draw_all(content)
     return write_page(render(content, drawings), drawings, directory)

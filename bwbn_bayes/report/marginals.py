@@ -20,8 +20,8 @@ from bwbn_bayes.report.canvas import (
     finished,
     legend,
 )
-from bwbn_bayes.report.content import Content, Marginal, Pair
 from bwbn_bayes.report.numbers import math_symbol, math_unit
+from bwbn_bayes.report.pieces import Content, Marginal, Pair
 
 Floats = NDArray[np.float64]
 

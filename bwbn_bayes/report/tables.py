@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from bwbn_bayes.report.content import Content, Quantity, place_in_words
+from bwbn_bayes.report.content import place_in_words
 from bwbn_bayes.report.numbers import (
     NOTHING,
     Scale,
@@ -19,6 +19,7 @@ from bwbn_bayes.report.numbers import (
     significant,
     with_uncertainty,
 )
+from bwbn_bayes.report.pieces import Content, Quantity
 from bwbn_bayes.results import Check, Facts, ParameterFacts
 
 _NORMAL_95 = 1.645

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from inference_cases import SDOF, posterior_of, recorded, sdof_model, true_point
@@ -9,6 +11,7 @@ from inference_cases import SDOF, posterior_of, recorded, sdof_model, true_point
 from bwbn_bayes import CubicStiffness, SensorLag, Settings, Uniform, identify, simulate
 from bwbn_bayes.discovery.alternatives import alternatives_check
 from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.inference.doubts import LARGEST_GAIN, doubts
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, polish
@@ -58,6 +61,27 @@ def test_a_right_model_is_not_doubted(seed: int) -> None:
     mode = fitted(posterior, true_point(sdof_model(), record))
     found = (*doubts(posterior, mode), *alternatives_check(posterior, mode.point))
     assert all(check.passed for check in found), [check.sentence for check in found if not check.passed]
+
+
+def test_the_catalogue_is_asked_whatever_the_engine() -> None:
+    """A model that another engine than the lanes had solved ended in a TypeError."""
+    record = recorded(1, snr_db=SNR_DB)
+    posterior = posterior_of(sdof_model(), record)
+    mode = fitted(posterior, true_point(sdof_model(), record))
+    (asked,) = alternatives_check(posterior, mode.point)
+    (other,) = alternatives_check(posterior.with_engine(ScalarRk4(substeps=4)), mode.point)
+    assert other.value == pytest.approx(asked.value, abs=1.0)
+    assert (other.limit, other.passed) == (asked.limit, asked.passed)
+
+
+def test_the_catalogue_answers_the_same_on_any_number_of_threads() -> None:
+    record = recorded(1, snr_db=SNR_DB)
+    posterior = posterior_of(sdof_model(), record)
+    point = true_point(sdof_model(), record)
+    one, three = (
+        alternatives_check(posterior.with_engine(replace(posterior.engine, n_threads=n)), point) for n in (1, 3)
+    )
+    assert one == three
 
 
 def test_a_bound_is_worth_what_the_likelihood_gains_beyond_it() -> None:

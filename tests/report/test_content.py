@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from bwbn_bayes.report.content import gather, shown, strongest_window, thinned
+from bwbn_bayes.report.content import gather, shown
+from bwbn_bayes.report.pieces import strongest_window, thinned
 
 
 @pytest.fixture(scope="module")

@@ -77,7 +77,7 @@ def identified(found):
 def case(request, found, identified, tmp_path_factory):
     name, discovery = list(variants(found).items())[request.param]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bwbn_bayes.report.html.draw_all", lambda _: identified)
+        patch.setattr("bwbn_bayes.report.figures.draw_all", lambda _: identified)
         files = write_discovery(discovery, tmp_path_factory.mktemp("page") / "new")
     return name, discovery, files, files.html.read_text(encoding="utf-8")
 

@@ -51,7 +51,7 @@ def parsed(page):
 def written(result, drawings, tmp_path_factory):
     """The whole page, with the figures that ``test_figures`` looks at."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bwbn_bayes.report.html.draw_all", lambda _: drawings)
+        patch.setattr("bwbn_bayes.report.figures.draw_all", lambda _: drawings)
         return write_report(result, tmp_path_factory.mktemp("report"))
 
 

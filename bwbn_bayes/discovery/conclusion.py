@@ -14,7 +14,7 @@ from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.predictive import predictive_interval
-from bwbn_bayes.discovery.probability import NAMED, Beliefs, Family, bayes_factor
+from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Beliefs, Family, bayes_factor
 from bwbn_bayes.discovery.run import Run, hypotheses_of, score_all
 from bwbn_bayes.discovery.sentences import badly_sampled, sentences
 from bwbn_bayes.discovery.separation import separating_experiment
@@ -79,7 +79,7 @@ def conclude(
     share = (
         0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given.disagreement, present.disagreement)
     )
-    families = _deserved(believed.families, added)
+    families = _families(believed, added)
     told = sentences(believed, families, added, unnamed, given.disagreement, gap)
     return Discovery(
         verdict=believed.verdict,
@@ -146,13 +146,19 @@ def _added(
     )
 
 
-def _deserved(families: Sequence[Family], added: Sequence[Added]) -> tuple[Family, ...]:
-    """Families with the probability that they deserve their title, too: as much as those of them that were added do."""
+def _families(believed: Beliefs, added: Sequence[Added]) -> tuple[Family, ...]:
+    """Families of the effects that may have their names: a law that helps without its signature says nothing of it.
+
+    Their title is deserved as much as it is by that one of what was added which deserves its own name most.
+    """
     told = []
-    for family in families:
-        own = [one.signature for one in added if one.hypothesis.name in family.names]
-        share = max((1.0 if seen is None else seen.deserved for seen in own), default=1.0)
-        told.append(replace(family, probability=family.probability * share))
+    for family in believed.families:
+        share = {one.hypothesis.name: one.deserved for one in added if one.hypothesis.name in family.names}
+        names = family.names - {name for name, deserved in share.items() if deserved < POSSIBLE}
+        if len(names) > 1:
+            own = believed.family(family.title, names)
+            deserved = max((share[name] for name in names if name in share), default=1.0)
+            told.append(replace(own, probability=own.probability * deserved))
     return tuple(told)
 
 

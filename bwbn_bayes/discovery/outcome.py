@@ -112,7 +112,12 @@ class Added:
     @property
     def name_probability(self) -> float:
         """That the effect is there and deserves its name."""
-        return self.law_probability * (1.0 if self.signature is None else self.signature.deserved)
+        return self.law_probability * self.deserved
+
+    @property
+    def deserved(self) -> float:
+        """Probability that what the law does deserves the effect's name."""
+        return 1.0 if self.signature is None else self.signature.deserved
 
     @property
     def grade(self) -> Grade:

@@ -215,10 +215,11 @@ class Beliefs:
         for hypothesis in (one for explanation in self.explanations for one in explanation.added):
             if hypothesis.effect.family:
                 kin.setdefault(hypothesis.effect.family, set()).add(hypothesis.name)
-        found = [self._family(title, frozenset(names)) for title, names in kin.items() if len(names) > 1]
+        found = [self.family(title, frozenset(names)) for title, names in kin.items() if len(names) > 1]
         return tuple(sorted(found, key=lambda one: -one.probability))
 
-    def _family(self, title: str, names: frozenset[str]) -> Family:
+    def family(self, title: str, names: frozenset[str]) -> Family:
+        """Some effects as one family."""
         there = self._sum(lambda one: bool(names & one.names))
         asked = there > 1.0 - NAMED and not self._has_right_law
         return Family(

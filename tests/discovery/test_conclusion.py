@@ -112,10 +112,13 @@ def test_one_effect_alone_is_no_family() -> None:
 
 
 def test_a_family_deserves_its_title_as_far_as_what_was_added_of_it_does() -> None:
-    family = probability.Family(title="a loss", names=frozenset("ad"), probability=0.98, log_bayes_factor=40.0)
-    seen = SimpleNamespace(deserved=0.5)
-    added = [SimpleNamespace(hypothesis=SimpleNamespace(name=name), signature=seen) for name in "ab"]
-    (told,) = conclusion._deserved((family,), cast(Any, added))
-    assert told.probability == pytest.approx(0.49)
-    (told,) = conclusion._deserved((family,), ())
-    assert told == family
+    every = believed(explanation("ab", 50.0), explanation("bd", 49.9), explanation("b", 10.0))
+
+    def told(**deserved: float) -> Any:
+        added = [SimpleNamespace(hypothesis=SimpleNamespace(name=k), deserved=v) for k, v in deserved.items()]
+        return conclusion._families(every, cast(Any, added))
+
+    assert [one.probability for one in told()] == [pytest.approx(0.7)]
+    assert [one.probability for one in told(a=0.6, b=0.1, d=0.8)] == [pytest.approx(0.56)]
+    # One that goes by a plain name says nothing of a loss, and the other is no family by itself.
+    assert told(a=0.1) == ()

@@ -106,9 +106,10 @@ def write_result(result: Result, directory: Path, hand: SecondProcess | None = N
     """Page, figures, ``result.json`` and ``result.nc``; a second process, where there is one, draws meanwhile."""
     with replacing(directory, report=True) as partial:
         content = gather(result)
-        begun = {} if hand is None else hand.begin(content)
+        if hand is not None:
+            hand.begin(content)
         save_result(result, partial)
-        drawings = all_drawn(content, begun)
+        drawings = all_drawn(content, hand)
         write_page(render(content, drawings), drawings, partial)
 
 

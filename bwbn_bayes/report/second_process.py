@@ -6,49 +6,90 @@ Threads would not do: Matplotlib and HDF5 both hold the interpreter.
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
+import os
+import pickle
+import subprocess
+import sys
+import threading
 from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, BinaryIO
 
-from bwbn_bayes.engines.children import end_with_parent
+from bwbn_bayes.engines.children import RUNNING
 from bwbn_bayes.report.pieces import N_FIGURES, POSTERIOR, Content
 
 if TYPE_CHECKING:
     from bwbn_bayes.report.canvas import Drawing
 
-_CONTENT: list[Content] = []
-"""What the second process draws: sent once, not with each figure."""
+_SERVE = "from bwbn_bayes.report.second_process import serve; serve()"
+_NUMBERS = tuple(number for number in range(N_FIGURES) if number != POSTERIOR)
+"""Of the figures that the second process draws, in this order."""
 
 
 class SecondProcess:
-    """A process that draws."""
+    """A process that draws, by pipes: it ends with them, and so with this one. It is not for Ctrl-C in a terminal."""
 
     def __init__(self) -> None:
-        spawned = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, mp_context=spawned, initializer=end_with_parent)
-        # Ctrl-C is for this process, which ends the other: that one, while it loads, would answer with a traceback.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            self._pool.submit(_load)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        command = [sys.executable, "-P", "-c", _SERVE]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, process_group=0
+        )
+        RUNNING.append(self._process)
+        self._found: dict[int, Drawing | None] = {}
+        self._ended = True
+        self._news = threading.Condition()
 
-    def begin(self, content: Content) -> dict[int, Future[Drawing | None]]:
-        """Have figures drawn, by their numbers on the page, one after the other; none where the process has died."""
-        try:
-            self._pool.submit(_keep, content)
-            numbers = (number for number in range(N_FIGURES) if number != POSTERIOR)
-            return {number: self._pool.submit(_draw_kept, number) for number in numbers}
-        except BrokenProcessPool:
-            return {}
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def begin(self, content: Content) -> None:
+        """Have figures drawn, one after the other."""
+        self._ended = False
+        threading.Thread(target=self._exchange, args=(content,), name="figures", daemon=True).start()
+
+    def drawn(self, content: Content) -> dict[int, Drawing | None]:
+        """Every figure by its number on the page; what the other process has not come to is drawn here, last first."""
+        from bwbn_bayes.report.figures import draw  # with Matplotlib
+
+        here = {POSTERIOR: draw(content, POSTERIOR)}
+        while True:
+            with self._news:
+                missing = [number for number in _NUMBERS if number not in here and number not in self._found]
+                # The first of them is what the other process is at.
+                if len(missing) == 1 and not self._ended:
+                    self._news.wait()
+                    continue
+            if not missing:
+                return {**self._found, **here}
+            here[missing[-1]] = draw(content, missing[-1])
 
     def close(self) -> None:
         """End the process."""
-        self._pool.shutdown(cancel_futures=True)
+        self._process.kill()
+        self._process.wait()
+        RUNNING.remove(self._process)
+        for pipe in (self._process.stdin, self._process.stdout):
+            with suppress(OSError):  # what was not sent any more
+                _open(pipe).close()
+
+    def _exchange(self, content: Content) -> None:
+        try:
+            pipe = _open(self._process.stdin)
+            pickle.dump(content, pipe)
+            pipe.flush()
+            for number in _NUMBERS:
+                drawing = pickle.load(_open(self._process.stdout))  # of a process of our own
+                with self._news:
+                    self._found[number] = drawing
+                    self._news.notify()
+        except (OSError, EOFError, ValueError, pickle.UnpicklingError):  # it has died, or was ended
+            pass
+        finally:
+            with self._news:
+                self._ended = True
+                self._news.notify()
 
 
 @contextmanager
@@ -64,40 +105,29 @@ def second_process(*, wanted: bool) -> Iterator[SecondProcess | None]:
         hand.close()
 
 
-def all_drawn(content: Content, begun: dict[int, Future[Drawing | None]]) -> tuple[Drawing, ...]:
-    """Every figure that the content allows, in the page's order: what the other process has not begun is drawn here.
+def all_drawn(content: Content, hand: SecondProcess | None) -> tuple[Drawing, ...]:
+    """Every figure that the content allows, in the page's order, with the help of a process that has begun."""
+    from bwbn_bayes.report.figures import draw_all
 
-    Parameters
-    ----------
-    content : Content
-    begun : mapping of int to Future
-        What :meth:`SecondProcess.begin` has sent.
-    """
-    from bwbn_bayes.report.figures import draw  # with Matplotlib
-
-    here = [number for number in reversed(range(N_FIGURES)) if number not in begun]
-    found = {number: draw(content, number) for number in here}
-    for number, future in reversed(begun.items()):
-        if future.cancel():
-            found[number] = draw(content, number)
-    for number in begun.keys() - found.keys():
-        try:
-            found[number] = begun[number].result()
-        except BrokenProcessPool:
-            found[number] = draw(content, number)
+    if hand is None:
+        return draw_all(content)
+    found = hand.drawn(content)
     drawings = (found[number] for number in range(N_FIGURES))
     return tuple(drawing for drawing in drawings if drawing is not None)
 
 
-def _load() -> None:
-    import bwbn_bayes.report.figures  # noqa: F401
-
-
-def _keep(content: Content) -> None:
-    _CONTENT[:] = [content]
-
-
-def _draw_kept(number: int) -> Drawing | None:
+def serve() -> None:
+    """Draw what comes in by stdin, each figure out by stdout: what the second process runs."""
     from bwbn_bayes.report.figures import draw
 
-    return draw(_CONTENT[0], number)
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is none of the answers
+    content = pickle.load(sys.stdin.buffer)  # of the process that started this one
+    for number in _NUMBERS:
+        pickle.dump(draw(content, number), out)
+        out.flush()
+
+
+def _open(pipe: BinaryIO | object) -> BinaryIO:
+    assert pipe is not None
+    return pipe  # type: ignore[return-value]

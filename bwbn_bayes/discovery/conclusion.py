@@ -14,7 +14,7 @@ from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.predictive import predictive_interval
-from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Beliefs, Family, bayes_factor
+from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Beliefs, Family
 from bwbn_bayes.discovery.run import Run, hypotheses_of, score_all
 from bwbn_bayes.discovery.sentences import badly_sampled, sentences
 from bwbn_bayes.discovery.separation import separating_experiment
@@ -122,7 +122,7 @@ def _added(
 ) -> Added:
     """An effect of the improved model: how probable, what it competes with, its signature, its sizes."""
     places = believed.of_places(hypothesis.name)
-    factor, error = bayes_factor(believed.explanations, frozenset({hypothesis.name}))
+    factor, error = believed.bayes_factor(frozenset({hypothesis.name}))
     others = _others(hypothesis, present, believed)
     moments = {p.name: (p.mean, p.sd) for p in result.facts.parameters}
     fits = {fit.hypothesis.name: fit for fit in reversed(run.first_fits)}

@@ -28,6 +28,7 @@ from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, find_modes, settled
 from bwbn_bayes.inference.residuals import has_past
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.specimen import fitted_basis
+from bwbn_bayes.records.blocks import counts
 
 _MOST_COLOURED, _COLOURED_REACH = 4, 400.0
 """Explanations that are refitted under autoregressive errors in each round, and how far below the best: a law has been
@@ -148,7 +149,17 @@ class Pool:
     @property
     def beliefs(self) -> Beliefs:
         """The posterior over all of them."""
-        return self._beliefs((*self.plain.values(), *self.unnamed.values()))
+        n_samples = int(np.sum(counts(next(iter(self.plain.values())).posterior.record)))
+        return self._beliefs(self._every, n_samples)
+
+    @property
+    def compared(self) -> Beliefs:
+        """All of them by what they explain, for a search."""
+        return self._beliefs(self._every)
+
+    @property
+    def _every(self) -> tuple[Explanation, ...]:
+        return (*self.plain.values(), *self.unnamed.values())
 
     @property
     def alone(self) -> list[Explanation]:
@@ -160,13 +171,13 @@ class Pool:
         """The posterior over what the search builds upon: a building's laws alone, a specimen's beside a force."""
         return self._beliefs(tuple(self.searched.values()))
 
-    def _beliefs(self, explanations: Sequence[Explanation]) -> Beliefs:
+    def _beliefs(self, explanations: Sequence[Explanation], n_samples: int = 0) -> Beliefs:
         variants = self.run.variants
-        return beliefs(explanations, len(variants) or 1, variants)
+        return beliefs(explanations, len(variants) or 1, variants, n_samples=n_samples)
 
     def ranked(self) -> list[Explanation]:
         """One of each set of effects, as it is searched, the most probable sets first."""
-        seen, searched = dict.fromkeys(one.effects_key for one in self.beliefs.explanations), self.searched
+        seen, searched = dict.fromkeys(one.effects_key for one in self.compared.explanations), self.searched
         return [searched[key] for key in seen if key in searched]
 
     def weigh(self, *, last: bool = False) -> None:

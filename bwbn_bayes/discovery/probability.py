@@ -26,11 +26,16 @@ UNNAMED = 0.2
 of a sensor): the catalogue holds most of what structures and sensors do."""
 ANOTHER = 0.2
 """Prior probability of each further effect once there is one: structures that lack two are rarer."""
+LAW_ERROR = 0.01
+"""By how much a law errs about an effect, over what the effect does: no structure follows a formula more closely, and
+what a law errs by is no further effect."""
 NAMED = 0.9
 """Probability from which an effect is named: of ten names one may be wrong."""
 POSSIBLE = 0.5
 """Probability from which an effect is said to be possible: it is more likely there than not."""
 
+_MOST = 100.0
+"""Exponents at most, so that nothing overflows."""
 _NEGLIGIBLE = 1e-3
 """Probability of an explanation below which it moves no verdict."""
 
@@ -85,10 +90,17 @@ class Beliefs:
         Best first.
     log_prior : (n,) array
         Of each.
+    law_error : (n,) array
+        By how much its laws would have to err for all that others with the same effects explain beyond it, over what
+        they do; zero where that is not asked, and where nobody explains more.
+    forgiven : (n,) array
+        Evidence that it has by such an error. [nat]
     """
 
     explanations: tuple[Explanation, ...]
     log_prior: Floats
+    law_error: Floats
+    forgiven: Floats
 
     @cached_property
     def probabilities(self) -> Floats:
@@ -100,7 +112,11 @@ class Beliefs:
     @cached_property
     def log_joint(self) -> Floats:
         """Log prior and log evidence of each, ``(n,)``, in nat."""
-        return np.asarray(self.log_prior + np.array([one.evidence.log_evidence for one in self.explanations]))
+        return np.asarray(self.log_prior + self._log_evidence)
+
+    @property
+    def _log_evidence(self) -> Floats:
+        return np.asarray(_log_evidences(self.explanations) + self.forgiven)
 
     @property
     def best(self) -> Explanation:
@@ -226,7 +242,7 @@ class Beliefs:
             title=title,
             names=names,
             probability=there * (self._agreed_on(names) if asked else 1.0),
-            log_bayes_factor=bayes_factor(self.explanations, names)[0],
+            log_bayes_factor=self.bayes_factor(names)[0],
         )
 
     @cached_property
@@ -252,19 +268,20 @@ class Beliefs:
         own = [one.evidence for one in sides(compared, lambda one: bool(names & one.names))]
         return probability_of_being_better(*own) if len(own) > 1 else 1.0
 
+    def bayes_factor(self, names: frozenset[str]) -> tuple[float, float]:
+        """Evidence of the best with one of some effects over that of the best without all of them, and its error [nat].
+
+        Infinite where none goes without.
+        """
+        there = np.array([bool(names & one.names) for one in self.explanations])
+        numbers = [int(np.flatnonzero(there == own)[0]) for own in (True, False) if np.any(there == own)]
+        found = self._log_evidence[numbers]
+        errors = [self.explanations[number].evidence.log_evidence_se for number in numbers]
+        return float(found[0] - found[1]) if len(found) > 1 else np.inf, float(np.hypot.reduce(errors))
+
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
         own = [p for one, p in self._pairs if wanted(one)]
         return float(min(sum(own), 1.0))
-
-
-def bayes_factor(explanations: Iterable[Explanation], names: frozenset[str]) -> tuple[float, float]:
-    """Evidence of the best with one of some effects over that of the best without all of them, and its error, in nat.
-
-    Infinite where none goes without. Explanations come in the order of their probability.
-    """
-    own = [one.evidence for one in sides(explanations, lambda one: bool(names & one.names))]
-    gained = own[0].log_evidence - own[1].log_evidence if len(own) > 1 else np.inf
-    return gained, float(np.hypot.reduce([one.log_evidence_se for one in own]))
 
 
 def sides(explanations: Iterable[Explanation], has: Callable[[Explanation], bool]) -> list[Explanation]:
@@ -275,7 +292,9 @@ def sides(explanations: Iterable[Explanation], has: Callable[[Explanation], bool
     return [found[own] for own in (True, False) if own in found]
 
 
-def beliefs(explanations: Sequence[Explanation], n_effects: int, variants: Mapping[str, int]) -> Beliefs:
+def beliefs(
+    explanations: Sequence[Explanation], n_effects: int, variants: Mapping[str, int], *, n_samples: int = 0
+) -> Beliefs:
     """Weigh explanations against each other.
 
     Parameters
@@ -286,10 +305,58 @@ def beliefs(explanations: Sequence[Explanation], n_effects: int, variants: Mappi
         Effects that were considered, over which a prior is split.
     variants : mapping of str to int
         Forms and places of each, over which its share is split again.
+    n_samples : int
+        Measured numbers that they explain, where laws may err; a search asks what explains more, whatever the reason.
     """
     prior = np.array([log_prior(one, n_effects, variants) for one in explanations])
-    order = np.argsort(-(prior + np.array([one.evidence.log_evidence for one in explanations])), kind="stable")
-    return Beliefs(explanations=tuple(explanations[i] for i in order), log_prior=prior[order])
+    errors = np.zeros((2, len(explanations)))
+    law_error, forgiven = law_errors(explanations, n_samples) if n_samples else errors
+    order = np.argsort(-(prior + _log_evidences(explanations) + forgiven), kind="stable")
+    return Beliefs(
+        explanations=tuple(explanations[i] for i in order),
+        log_prior=prior[order],
+        law_error=law_error[order],
+        forgiven=forgiven[order],
+    )
+
+
+def law_errors(explanations: Sequence[Explanation], n_samples: int) -> tuple[Floats, Floats]:
+    """By how much laws would have to err to do without what others add to them, and the evidence that they have so.
+
+    Without its laws an explanation would leave squares larger by ``exp(2 N / n)``, where they gain N nats of n samples
+    whose level of noise is unknown; in units of the noise they explain ``Q = n (exp(2 N / n) - 1) / 2``. Where they err
+    by a share r of what they do, they leave ``r^2 Q``: so many nats may be had by further effects that are not there.
+    With r half-normal of scale s = :data:`LAW_ERROR`, an error that explains g nats costs ``r^2 / (2 s^2)`` of them,
+    ``r^2 = g / Q``. It is taken to explain whatever other explanations with the same effects do, which is the most that
+    it could.
+
+    Parameters
+    ----------
+    explanations : sequence of Explanation
+    n_samples : int
+
+    Returns
+    -------
+    law_error, forgiven : (n,) array
+        The share, and what it is worth [nat].
+    """
+    log_evidence = _log_evidences(explanations)
+    bare = {one.unnamed: value for one, value in zip(explanations, log_evidence, strict=True) if not one.added}
+    law_error, forgiven = np.zeros((2, len(explanations)))
+    for number, one in enumerate(explanations):
+        gained_by_laws = log_evidence[number] - bare.get(one.unnamed, bare.get(None, np.inf))
+        if not one.added or gained_by_laws <= 0.0:
+            continue
+        explained = 0.5 * n_samples * np.expm1(min(2.0 * gained_by_laws / n_samples, _MOST))
+        alike = [one.placed <= other.placed and one.unnamed in (None, other.unnamed) for other in explanations]
+        gained = float(np.max(log_evidence[alike]) - log_evidence[number])
+        law_error[number] = np.sqrt(gained / explained)
+        forgiven[number] = max(gained - 0.5 * (law_error[number] / LAW_ERROR) ** 2, 0.0)
+    return law_error, forgiven
+
+
+def _log_evidences(explanations: Sequence[Explanation]) -> Floats:
+    return np.array([one.evidence.log_evidence for one in explanations])
 
 
 def log_prior(one: Explanation, n_effects: int, variants: Mapping[str, int]) -> float:

@@ -143,7 +143,7 @@ def _next(pool: Pool, run: Run) -> Explanation | None:
     A force of no known law beside them counts: where one explains what laws do not, none is sought in its place.
     """
     done = Counter(len(key) for key in pool.expanded)
-    compared = pool.beliefs
+    compared = pool.compared
     for one, log_joint in zip(compared.explanations, compared.log_joint, strict=True):
         if log_joint < compared.log_joint[0] - REACH:
             return None

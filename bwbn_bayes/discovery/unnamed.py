@@ -91,7 +91,7 @@ def _ask(kind: Callable[[_Asked], list[Explanation]], keys: Iterable[Key], pool:
 
     Where the model as given with something unnamed is the best and leaves noise, nothing speaks for another.
     """
-    if (most := pool.beliefs.best).has_unnamed and not most.added and most.is_noise:
+    if (most := pool.compared.best).has_unnamed and not most.added and most.is_noise:
         return
     what, best = _KINDS[kind], pool.laws
     behind = dict(zip((one.effects_key for one in best.explanations), best.log_joint[0] - best.log_joint, strict=True))

@@ -27,7 +27,7 @@ ALPHABET = {name: letter(name) for name in "abcdef"}
 
 def explanation(script: Script, names: str, *, unnamed: Any = None, is_noise: bool = False) -> Explanation:
     evidence: Any = SimpleNamespace(log_evidence=script.get("".join(sorted(names)), -1000.0), method="importance")
-    nothing: Any = SimpleNamespace(record=SimpleNamespace(excitation_kind="displacement"))
+    nothing: Any = SimpleNamespace(record=SimpleNamespace(excitation_kind="displacement", blocks=()))
     added = tuple(ALPHABET[name] for name in names)
     result = Explanation(added=added, posterior=nothing, modes=(), evidence=evidence, unnamed=unnamed)
     result.__dict__["is_noise"] = is_noise

@@ -41,7 +41,8 @@ def compared(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, float]]:
 
 
 def believed(*explanations: Any) -> Beliefs:
-    return Beliefs(explanations=cast(Any, explanations), log_prior=np.zeros(len(explanations)))
+    nothing = np.zeros(len(explanations))
+    return Beliefs(explanations=cast(Any, explanations), log_prior=nothing, law_error=nothing, forgiven=nothing)
 
 
 def test_the_best_with_an_effect_is_compared_with_the_best_without_it(compared: list[tuple[float, float]]) -> None:
@@ -86,9 +87,9 @@ def test_each_name_has_one_probability_wherever_it_is_told() -> None:
 
 def test_a_bayes_factor_is_that_of_the_best_with_and_without_the_effect() -> None:
     every = explanation("ab", 50.0), explanation("a", 40.0), explanation("b", 35.0), explanation("", 0.0)
-    factor, error = probability.bayes_factor(every, frozenset("a"))
+    factor, error = believed(*every).bayes_factor(frozenset("a"))
     assert (factor, error) == (pytest.approx(15.0), pytest.approx(np.hypot(0.2, 0.1)))
-    assert probability.bayes_factor([explanation("a", 40.0)], frozenset("a"))[0] == np.inf
+    assert believed(explanation("a", 40.0)).bayes_factor(frozenset("a"))[0] == np.inf
 
 
 def test_one_of_two_that_are_alike_may_be_certain_where_neither_is(compared: list[tuple[float, float]]) -> None:

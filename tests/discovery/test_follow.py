@@ -13,8 +13,8 @@ from bwbn_bayes.discovery.explanation import Explanation, Place
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
 
-ONE: Any = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(object(),))
-TWO: Any = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(object(), object()))
+ONE: Any = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(object(),), blocks=())
+TWO: Any = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(object(), object()), blocks=())
 KINDS = ("errors", "links", "to first order", "of a state")
 
 

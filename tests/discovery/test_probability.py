@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.explanation import Explanation
-from bwbn_bayes.discovery.probability import ANOTHER, NOTHING_MISSING, UNNAMED, Beliefs, beliefs, log_prior
+from bwbn_bayes.discovery.probability import (
+    ANOTHER,
+    LAW_ERROR,
+    NOTHING_MISSING,
+    UNNAMED,
+    Beliefs,
+    beliefs,
+    law_errors,
+    log_prior,
+)
 from bwbn_bayes.inference.unnamed.further_link import Span
 
 VARIANTS = {"slip_lock": 4, "cubic_stiffness": 8, "strength_degradation": 4, "stiffness_degradation": 4}
@@ -156,6 +165,63 @@ def test_the_law_that_is_delivered_has_one_of_a_family_that_is_certain(monkeypat
     assert max(found.names.values()) < 0.9
     assert [one.probability for one in found.families] == [pytest.approx(1.0, abs=1e-6)]
     assert found.predictive is alone[1]
+
+
+def evidence_of(squares: float, n: int) -> float:
+    """Of n samples with an unknown level of noise, of which an explanation leaves these squares."""
+    return -0.5 * n * float(np.log(squares / n))
+
+
+@pytest.mark.parametrize("error", [0.005, 0.02, 0.1])
+@pytest.mark.parametrize("size", [5.0, 30.0])
+def test_by_how_much_a_law_must_err_is_told_from_the_squares_that_are_left(error: float, size: float) -> None:
+    """A law that does 5 or 30 times the noise, and what it errs by taken up by a second effect that is not there."""
+    n = 4000
+    given, right = explanation(evidence_of(n * (1.0 + size**2), n)), n * 1.0
+    alone = explanation(evidence_of(right * (1.0 + (error * size) ** 2), n), SLIP)
+    both = explanation(evidence_of(right, n), SLIP, CUBIC)
+    found, forgiven = law_errors((given, alone, both), n)
+    assert found[1] == pytest.approx(error, rel=0.02 + (error * size) ** 2)  # of first order
+    gained = both.evidence.log_evidence - alone.evidence.log_evidence
+    assert forgiven[1] == pytest.approx(max(gained - 0.5 * (found[1] / LAW_ERROR) ** 2, 0.0))
+    assert found[[0, 2]].tolist() == forgiven[[0, 2]].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(("error", "named"), [(0.015, False), (0.1, True)])
+def test_what_a_law_errs_by_is_no_further_effect(error: float, named: bool) -> None:
+    """A softened stop was a hard one with cubic stiffness beside it, by a hundred nats of the eighty thousand."""
+    n, size = 4000, 30.0
+    given = explanation(evidence_of(n * (1.0 + size**2), n))
+    alone = explanation(evidence_of(n * (1.0 + (error * size) ** 2), n), SLIP)
+    both = explanation(evidence_of(n, n), SLIP, CUBIC)
+    found = beliefs((given, alone, both), N_EFFECTS, VARIANTS, n_samples=n)
+    assert (found.names["cubic_stiffness"] > 0.9) == named
+    assert found.names["slip_lock"] > 0.99
+    assert beliefs((given, alone, both), N_EFFECTS, VARIANTS).names["cubic_stiffness"] > 0.9  # a law without error
+
+
+def test_in_much_noise_no_error_of_a_law_is_seen() -> None:
+    """An effect as large as the noise: a second one, of a third of it, is worth what it is worth."""
+    n = 600
+    given, alone = explanation(evidence_of(2.0 * n, n)), explanation(evidence_of(1.1 * n, n), SLIP)
+    _, forgiven = law_errors((given, alone, explanation(evidence_of(n, n), SLIP, CUBIC)), n)
+    assert np.all(forgiven == 0.0)
+
+
+def test_a_law_in_another_form_has_the_name_too() -> None:
+    """What a hard stop with cubic stiffness explains is what a softened one may err by, though its form is another."""
+    soft = hypothesis("slip_lock", 2)
+    soft.symbols = ("soft",)
+    n = 4000
+    every = (
+        explanation(evidence_of(900.0 * n, n)),
+        explanation(evidence_of(1.05 * n, n), soft),
+        explanation(evidence_of(1.2 * n, n), SLIP),
+        explanation(evidence_of(n, n), SLIP, CUBIC),
+    )
+    found = beliefs(every, N_EFFECTS, VARIANTS, n_samples=n)
+    assert found.best is every[1]
+    assert found.names["cubic_stiffness"] < 0.1
 
 
 def test_what_is_left_must_be_noise() -> None:

@@ -32,7 +32,7 @@ from bwbn_bayes.structures.specimen import Specimen
 
 Script = Mapping[str, float]
 """Log evidence by the effects' letters, in the order of the alphabet; what is not listed has -100 nats."""
-TEST: Any = SimpleNamespace(excitation_kind="displacement", has_time=True, parts=(None, None))
+TEST: Any = SimpleNamespace(excitation_kind="displacement", has_time=True, parts=(None, None), blocks=())
 """Two tests of a specimen: no unnamed force is asked for."""
 
 
@@ -117,7 +117,7 @@ def test_a_building_is_looked_at_deeper_where_one_effect_leaves_more_than_noise(
         looked.append(len(run.steps))
         pool.add([explanation({"d": 180.0}, ALPHABET[3])])
 
-    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(None,))
+    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(None,), blocks=())
     monkeypatch.setattr(searching, "_look_deeper", look_deeper)
     monkeypatch.setattr(searching, "follow", lambda *_: None)
     monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)
@@ -140,7 +140,7 @@ def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch
             bare = pool.plain[frozenset()]
             pool.add_unnamed(replace(bare, unnamed=(1,), evidence=cast(Any, SimpleNamespace(log_evidence=500.0))))
 
-    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(None,))
+    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(None,), blocks=())
     monkeypatch.setattr(searching, "follow", follow)
     monkeypatch.setattr(searching, "_look_deeper", lambda *_: None)
     monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)

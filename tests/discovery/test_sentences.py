@@ -28,6 +28,7 @@ def believed(verdict: str, probability: float, *, has_unnamed: bool = False, run
         verdicts={verdict: probability},
         best=best,
         explanations=explanations,
+        forgiven=np.zeros(len(explanations)),
         log_joint=np.array([40.0, 39.0, 40.0 - (runner_up or 0.0)])[: len(explanations)],
     )
 

@@ -21,11 +21,10 @@ from bwbn_bayes.parameters import Floats
 
 NOTHING_MISSING = 0.5
 """Prior probability that the model as given is all there is."""
-UNNAMED = 0.2
-"""Prior probability, where something is missing, that something without a name is part of it (a force, a link, an error
-of a sensor): the catalogue holds most of what structures and sensors do."""
 ANOTHER = 0.2
-"""Prior probability of each further effect once there is one: structures that lack two are rarer."""
+"""Prior probability, where something is missing, of each further effect, and that something without a name is part of
+it (a force, a link, an error of a sensor): models that lack two things are rarer, and the catalogue holds most of what
+structures and sensors do."""
 LAW_ERROR = 0.01
 """By how much a law errs about an effect, over what the effect does: no structure follows a formula more closely, and
 what a law errs by is no further effect."""
@@ -367,7 +366,7 @@ def log_prior(one: Explanation, n_effects: int, variants: Mapping[str, int]) -> 
     # With an unnamed force there may be no effect at all; without, there is one at least.
     count = n_added * np.log(ANOTHER) if one.has_unnamed else (n_added - 1) * np.log(ANOTHER)
     result = np.log1p(-NOTHING_MISSING) + count + np.log1p(-ANOTHER) + gammaln(n_added + 1)
-    result += np.log(UNNAMED) - np.log(one.n_places) if one.has_unnamed else np.log1p(-UNNAMED)
+    result += np.log(ANOTHER) - np.log(one.n_places) if one.has_unnamed else np.log1p(-ANOTHER)
     # What the model as given has no place for can still act on what another effect makes of it.
     return float(result - sum(np.log(n_effects * max(variants[hypothesis.name], 1)) for hypothesis in one.added))
 

@@ -12,7 +12,6 @@ from bwbn_bayes.discovery.probability import (
     ANOTHER,
     LAW_ERROR,
     NOTHING_MISSING,
-    UNNAMED,
     Beliefs,
     beliefs,
     law_errors,
@@ -58,10 +57,10 @@ def test_half_of_the_prior_says_that_nothing_is_missing() -> None:
 def test_the_prior_is_shared_by_effects_their_variants_and_the_unnamed_force() -> None:
     """All explanations of one effect, without unnamed force, have together what the table gives to one effect."""
     one = log_prior(explanation(0.0, SLIP), N_EFFECTS, VARIANTS)
-    expected = (1.0 - NOTHING_MISSING) * (1.0 - UNNAMED) * (1.0 - ANOTHER) / (N_EFFECTS * 4)
+    expected = (1.0 - NOTHING_MISSING) * (1.0 - ANOTHER) ** 2 / (N_EFFECTS * 4)
     assert np.exp(one) == pytest.approx(expected)
     with_it = log_prior(explanation(0.0, SLIP, unnamed=(2,)), N_EFFECTS, VARIANTS)
-    assert np.exp(with_it - one) == pytest.approx(ANOTHER * UNNAMED / ((1.0 - UNNAMED) * 3))
+    assert np.exp(with_it - one) == pytest.approx(ANOTHER**2 / ((1.0 - ANOTHER) * 3))
     # Two effects in either order are one explanation.
     both = log_prior(explanation(0.0, SLIP, CUBIC), N_EFFECTS, VARIANTS)
     assert np.exp(both - one) == pytest.approx(ANOTHER * 2.0 / (N_EFFECTS * 8))
@@ -75,7 +74,7 @@ def test_an_unnamed_force_alone_or_with_any_number_of_effects_has_the_whole_of_i
         np.exp(log_prior(explanation(0.0, *many[:k], unnamed=(1,)), 40, variants)) * 3 * 40.0**k for k in range(30)
     ]
     orders = np.cumprod([1.0, *range(1, 30)])
-    assert np.sum(of_each / orders) == pytest.approx((1.0 - NOTHING_MISSING) * UNNAMED)
+    assert np.sum(of_each / orders) == pytest.approx((1.0 - NOTHING_MISSING) * ANOTHER)
 
 
 def test_probabilities_are_sums_over_explanations() -> None:

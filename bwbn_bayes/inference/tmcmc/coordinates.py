@@ -45,7 +45,9 @@ class Coordinates:
         """The map that takes the quantiles of each marginal of ``positions (n, d)`` to those of a Gaussian."""
         knots = np.quantile(positions, ndtr(_SCORES), axis=0).T
         gaps = np.diff(knots, axis=1)
-        gaps = np.maximum(gaps, _SMALLEST_GAP * gaps.sum(axis=1, keepdims=True) + 1e-300)
+        # A marginal may be one value: its knots must be numbers that differ all the same.
+        apart = 4.0 * np.spacing(np.max(np.abs(knots), axis=1, keepdims=True))
+        gaps = np.maximum(gaps, _SMALLEST_GAP * gaps.sum(axis=1, keepdims=True) + apart)
         knots = np.concatenate([knots[:, :1], knots[:, :1] + np.cumsum(gaps, axis=1)], axis=1)
         return cls(knots, np.tile(_SCORES, (len(knots), 1)))
 

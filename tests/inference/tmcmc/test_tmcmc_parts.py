@@ -140,3 +140,14 @@ def test_history_is_complete() -> None:
     assert seen[-1].log_evidence == result.log_evidence
     assert result.particles.shape == (500, 2)
     assert result.log_likelihood == pytest.approx(ORACLE.log_likelihood(result.particles))
+
+
+def test_a_marginal_of_one_value_has_coordinates() -> None:
+    """Draws of which one alone has any weight: knots were equal, and a fit to them ended in NaN."""
+    positions = np.column_stack([np.full(50, 1.7), np.linspace(-1.0, 1.0, 50)])
+    coordinates = Coordinates.straightening(positions)
+    mapped, log_slope = coordinates.forward(positions)
+    assert np.all(np.isfinite(mapped))
+    assert np.all(np.isfinite(log_slope))
+    points, _ = coordinates.inverse(mapped)
+    assert to_probit(points) == pytest.approx(positions, abs=1e-9)

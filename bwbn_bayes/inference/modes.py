@@ -279,12 +279,18 @@ def _free(held: Booleans | None, points: Floats) -> Booleans | None:
 
 
 def steps(points: Floats, local: Linearisation, damping: Floats, allowed: Booleans | None) -> Floats:
-    """One damped Gauss-Newton step of every candidate inside the cube, coordinates held at bounds they press on."""
+    """One damped Gauss-Newton step of every candidate inside the cube, coordinates held at bounds they press on.
+
+    A candidate whose derivatives ran away stays where it is.
+    """
     trials = points.copy()
     free = ~_pressing(points, local.gradient) & (True if allowed is None else allowed)
     diagonal = np.einsum("npp->np", local.information)
-    ridge = damping[:, None] * np.maximum(diagonal, 1.0) + 1e-9
-    waiting = np.flatnonzero(np.any(free, axis=1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        ridge = damping[:, None] * np.maximum(diagonal, 1.0) + 1e-9
+    known = np.isfinite(local.gradient).all(axis=1) & np.isfinite(local.information).all(axis=(1, 2))
+    known &= np.isfinite(ridge).all(axis=1)
+    waiting = np.flatnonzero(np.any(free, axis=1) & known)
     for _ in range(3):
         if len(waiting) == 0:
             break

@@ -8,8 +8,8 @@ import pytest
 from inference_cases import ENGINE, posterior_of, sdof_model, true_point
 
 from bwbn_bayes import Uniform, UserError
-from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.modes import Mode, WindowFacts, distinct, find_modes, first_window, polish, windows
+from bwbn_bayes.inference.likelihood import Linearisation, Posterior
+from bwbn_bayes.inference.modes import Mode, WindowFacts, distinct, find_modes, first_window, polish, steps, windows
 from bwbn_bayes.parameters import Floats
 
 
@@ -127,3 +127,18 @@ def test_modes_closer_than_a_posterior_sd_are_one(posterior: Posterior, mode: Mo
     kept = distinct(points, posterior.linearise(points))
     assert len(kept) == 2
     assert kept[0].log_likelihood >= kept[1].log_likelihood
+
+
+@pytest.mark.parametrize("worst", [np.inf, np.nan, 1e305])
+def test_a_candidate_whose_derivatives_ran_away_stays_where_it_is(worst: float) -> None:
+    """It ended a search in a LinAlgError, and every other candidate's with it."""
+    information = np.tile(100.0 * np.eye(2), (2, 1, 1))
+    information[1] = [[worst, 1.0], [1.0, 1.0]]
+    local = Linearisation(
+        log_likelihood=np.zeros(2), gradient=np.tile([1.0, -1.0], (2, 1)), information=information
+    )  # fmt: skip
+    points = np.full((2, 2), 0.5)
+    for allowed in (None, np.array([[True, True], [True, False]])):
+        moved = steps(points, local, np.full(2, 1e4), allowed)
+        assert moved[1].tolist() == [0.5, 0.5]
+        assert moved[0] - points[0] == pytest.approx([1e-6, -1e-6], rel=0.01)

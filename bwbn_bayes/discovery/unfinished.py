@@ -72,6 +72,7 @@ class Unfinished:
                 "cross_validated": best.cross_validation.nrmse,
             },
             "probabilities": {name: p for name, p in self.believed.names.items() if p >= LEAST_SHOWN},
+            "families": [],
             "unnamed_force": None,
             "unnamed_reading": None,
             "binding_priors": list(self.binding),

@@ -272,20 +272,19 @@ class Beliefs:
 
         Infinite where none goes without.
         """
-        there = np.array([bool(names & one.names) for one in self.explanations])
-        numbers = [int(np.flatnonzero(there == own)[0]) for own in (True, False) if np.any(there == own)]
-        found = self._log_evidence[numbers]
-        errors = [self.explanations[number].evidence.log_evidence_se for number in numbers]
-        return float(found[0] - found[1]) if len(found) > 1 else np.inf, float(np.hypot.reduce(errors))
+        weighed = zip(self.explanations, self._log_evidence.tolist(), strict=True)
+        own = sides(weighed, lambda pair: bool(names & pair[0].names))
+        gained = own[0][1] - own[1][1] if len(own) > 1 else np.inf
+        return gained, float(np.hypot.reduce([one.evidence.log_evidence_se for one, _ in own]))
 
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
         own = [p for one, p in self._pairs if wanted(one)]
         return float(min(sum(own), 1.0))
 
 
-def sides(explanations: Iterable[Explanation], has: Callable[[Explanation], bool]) -> list[Explanation]:
+def sides[T](explanations: Iterable[T], has: Callable[[T], bool]) -> list[T]:
     """The first that has something and the first that has not, of explanations in the order of their probability."""
-    found: dict[bool, Explanation] = {}
+    found: dict[bool, T] = {}
     for one in explanations:
         found.setdefault(has(one), one)
     return [found[own] for own in (True, False) if own in found]

@@ -13,7 +13,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 from bwbn_bayes.engines.children import RUNNING
 from bwbn_bayes.report.pieces import N_FIGURES, POSTERIOR, Content
@@ -34,6 +34,9 @@ class SecondProcess:
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, process_group=0
         )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._to, self._from = self._process.stdin, self._process.stdout
         RUNNING.append(self._process)
         self._found: dict[int, Drawing | None] = {}
         self._ended = True
@@ -70,17 +73,16 @@ class SecondProcess:
         self._process.kill()
         self._process.wait()
         RUNNING.remove(self._process)
-        for pipe in (self._process.stdin, self._process.stdout):
+        for pipe in (self._to, self._from):
             with suppress(OSError):  # what was not sent any more
-                _open(pipe).close()
+                pipe.close()
 
     def _exchange(self, content: Content) -> None:
         try:
-            pipe = _open(self._process.stdin)
-            pickle.dump(content, pipe)
-            pipe.flush()
+            pickle.dump(content, self._to)
+            self._to.flush()
             for number in _NUMBERS:
-                drawing = pickle.load(_open(self._process.stdout))  # of a process of our own
+                drawing = pickle.load(self._from)  # of a process of our own
                 with self._news:
                     self._found[number] = drawing
                     self._news.notify()
@@ -126,8 +128,3 @@ def serve() -> None:
     for number in _NUMBERS:
         pickle.dump(draw(content, number), out)
         out.flush()
-
-
-def _open(pipe: BinaryIO | object) -> BinaryIO:
-    assert pipe is not None
-    return pipe  # type: ignore[return-value]

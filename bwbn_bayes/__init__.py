@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         StoreyParameter,
         StrengthDegradation,
         SuddenDamage,
+        ViscousDamper,
     )
     from bwbn_bayes.elements.effects.cubic_stiffness import PowerSpring
     from bwbn_bayes.elements.effects.foliente_pinching import FreePinch
@@ -125,6 +126,7 @@ __all__ = [
     "SuddenDamage",
     "Uniform",
     "UserError",
+    "ViscousDamper",
     "add_noise",
     "as_dataframe",
     "as_dataset",
@@ -187,6 +189,7 @@ _on_first_use = importer(
             "StoreyParameter",
             "StrengthDegradation",
             "SuddenDamage",
+            "ViscousDamper",
         ),
         "bwbn_bayes.elements.effects.cubic_stiffness": ("PowerSpring",),
         "bwbn_bayes.elements.effects.free_friction": ("FreeFriction",),

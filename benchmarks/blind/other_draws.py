@@ -82,8 +82,12 @@ def _softening_damping(here: Place) -> Hidden:
 
 
 def _root_damping(here: Place) -> Hidden:
-    return at_storey(
-        "root_damping", here.storey, {"c_root": here.dice.size(0.1, 0.5) * here.at.force / math.sqrt(here.at.rate)}, {}
+    """A law that the catalogue, which later came to hold dampers of a power below one, has its name for."""
+    return Hidden(
+        name="root_damping",
+        storeys=(here.storey,),
+        accepted=("root_damping", "viscous_damper"),
+        storey_values={"c_root": here.dice.size(0.1, 0.5) * here.at.force / math.sqrt(here.at.rate)},
     )
 
 

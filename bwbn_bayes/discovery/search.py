@@ -68,10 +68,10 @@ def search(given: Explanation, run: Run) -> Pool:
     n_whole, followed = 0, given.is_specimen  # a specimen's laws never leave noise
     with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
         for number in range(run.settings.most_rounds):
-            if number == 1 and not (given.is_specimen or pool.laws.best.is_noise):
+            if number == 1 and not (given.is_specimen or pool.laws.best.is_quiet):
                 _look_deeper(given, pool, run)
             parent = _next(pool, run)
-            if not followed and (parent is None or number == _FOLLOWED_AFTER) and not pool.laws.best.is_noise:
+            if not followed and (parent is None or number == _FOLLOWED_AFTER) and not pool.laws.best.is_quiet:
                 followed = True
                 follow(pool, run)
                 parent = _next(pool, run)
@@ -86,7 +86,7 @@ def search(given: Explanation, run: Run) -> Pool:
             pool.weigh(last=True)
             _tell("Built laws by themselves", pool.ranked()[0].label, pool, run)
         elif not given.is_specimen:
-            if not pool.laws.best.is_noise:
+            if not pool.laws.best.is_quiet:
                 follow(pool, run)
             weigh_to_first_order(pool, run, REACH)
             _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
@@ -187,7 +187,7 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
     if best.is_specimen and len(pool.expanded) > _MOST_RESHAPED:
         return []
     considered = {one.name for one in run.considered_first}
-    wanted = [] if best.is_noise else [(best, one) for one in best.added]
+    wanted = [] if best.is_quiet else [(best, one) for one in best.added]
     alone = [searched[key_of([one])] for one in best.added if key_of([one]) in searched]
     if len(best.added) > 1 and alone:
         first = max(alone, key=lambda one: one.evidence.log_evidence)
@@ -211,7 +211,7 @@ def _rivals(best: Explanation, pool: Pool) -> list[tuple[Explanation, Hypothesis
 
     Where the best leaves noise, those that are not far behind it.
     """
-    least = best.evidence.log_evidence - FAR if best.is_noise else -np.inf
+    least = best.evidence.log_evidence - FAR if best.is_quiet else -np.inf
     found: dict[str, tuple[Explanation, Hypothesis]] = {}
     for one in pool.laws.explanations:
         others = [own for own in one.added if not key_of([own]) <= best.effects_key]

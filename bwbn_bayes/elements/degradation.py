@@ -1,4 +1,4 @@
-"""A loss that grows with the work on the hysteretic spring: without end, up to a limit, or in a free shape.
+"""A loss that grows with the work on the hysteretic spring, without end, up to a limit or freely, or with the path.
 
 What degradation of stiffness and of strength share; each adds the loss to a factor of its own, ``eta`` or ``nu``.
 
@@ -14,6 +14,9 @@ References
    with a damage index, in another form than ours (known from the manual of its OpenSees material, not consulted).
 .. [4] W. Weibull, "A Statistical Distribution Function of Wide Applicability", J. Appl. Mech. 18, 1951: the stretched
    exponential ``1 - exp(-(x/x_0)^m)`` (cited from memory, not consulted); that wear follows it is our use.
+.. [5] M.-L. Wang and S. P. Shah, "Reinforced Concrete Hysteresis Model Based on the Damage Concept", Earthquake Eng.
+   Struct. Dyn. 15(8), 1987: damage by the displacement that has been gone through (cited from memory, not consulted);
+   the linear loss is our use.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from typing import ClassVar
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import ENERGY, symbol
+from bwbn_bayes.elements.law import DRIFT_RATE, ENERGY, AddedState, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import PlaceResponse
 from bwbn_bayes.errors import UserError
@@ -36,6 +39,7 @@ DEGRADATION = "a loss of strength or stiffness"
 LINEAR_SOURCE = "Baber and Wen 1981"
 SATURATING_SOURCE = "Foliente 1995 (the work's function in the depth of the pinch)"
 STRETCHED_SOURCE = "Weibull 1951 (the stretched exponential)"
+PATH_SOURCE = "Wang and Shah 1987 (damage by the displacement gone through)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +57,7 @@ class LinearLoss:
     what: str
     delta: str
     form: ClassVar[str] = "linear"
+    states: ClassVar[tuple[AddedState, ...]] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -96,6 +101,7 @@ class SaturatingLoss:
     limit: str
     rate: str
     form: ClassVar[str] = "saturating"
+    states: ClassVar[tuple[AddedState, ...]] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -158,6 +164,7 @@ class StretchedLoss:
     power: str
     work: str
     form: ClassVar[str] = "free shape"
+    states: ClassVar[tuple[AddedState, ...]] = ()
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -205,7 +212,53 @@ class StretchedLoss:
         return {self.loss: (0.15, 0.8), self.bend: (0.05, 5.0), self.power: (0.6, 1.0, 1.7)}
 
 
-Loss = LinearLoss | SaturatingLoss | StretchedLoss
+@dataclass(frozen=True, kw_only=True)
+class PathLoss:
+    """``delta s`` with ``ds/dt = |v|``: with every cycle, whether the spring yields in it or not.
+
+    Attributes
+    ----------
+    what : str
+        What is lost.
+    delta, path : str
+        Symbols of the loss per unit of path [1/m], and of the path s [m], a state.
+    """
+
+    what: str
+    delta: str
+    path: str
+    form: ClassVar[str] = "with the path"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The loss per unit of path."""
+        told = f"loss of {self.what} per unit of path"
+        return (Parameter(symbol=self.delta, unit="1/m", neutral=0.0, lower=0.0, description=told, source=PATH_SOURCE),)
+
+    @property
+    def states(self) -> tuple[AddedState, ...]:
+        """The path."""
+        return (AddedState(state=symbol(self.path), rate=sp.Abs(DRIFT_RATE)),)
+
+    @property
+    def expression(self) -> sp.Expr:
+        """What is added to the factor."""
+        return symbol(self.delta) * symbol(self.path)
+
+    def reached(self, at: PlaceResponse) -> float:
+        """The loss by the end of a response."""
+        return at[self.delta] * at.path
+
+    def priors(self, scales: Scales) -> dict[str, Value]:
+        """By the end the factor may have doubled."""
+        return {self.delta: HalfNormal(1.0 / scales.path)}
+
+    def starts(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        """A small loss and a large one."""
+        return {self.delta: (0.1 / scales.path, 0.6 / scales.path)}
+
+
+Loss = LinearLoss | SaturatingLoss | StretchedLoss | PathLoss
 
 
 def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Value | None]) -> Loss:

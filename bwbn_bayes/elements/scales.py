@@ -15,6 +15,8 @@ class Scales:
     ----------
     drift, drift_rate, hysteretic_displacement : float
         Largest magnitudes. [m], [m/s], [m]
+    path : float
+        Drift that has been gone through in all. [m]
     energy : float
         Largest work on the hysteretic spring, what it stores included: a fit that lacks an effect may have a loop that
         gives back what it took, so that nothing is left at the end. [J]
@@ -43,6 +45,7 @@ class Scales:
     drift: float
     drift_rate: float
     hysteretic_displacement: float
+    path: float
     energy: float
     force: float
     stiffness: float

@@ -48,6 +48,11 @@ class PlaceResponse:
         return float(self.histories["hysteretic_energy"][-1])
 
     @property
+    def path(self) -> float:
+        """Drift [m] gone through by the end."""
+        return float(np.sum(np.abs(np.diff(self.histories["drift"]))))
+
+    @property
     def loop(self) -> tuple[Floats, Floats]:
         """Drift [m] and storey force [N]."""
         return self.histories["drift"], self.histories["restoring_force"]

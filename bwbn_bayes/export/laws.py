@@ -55,6 +55,8 @@ BWBN = f"{_FIRST}, q, zetas, p [1/J], Shi [m], deltaShi [m/J], lambda, tolerance
 _NO_LAW = {
     "eta_inf": "a loss of stiffness that saturates",
     "nu_inf": "a loss of strength that saturates",
+    "delta_etas": "a loss of stiffness with the path",
+    "delta_nus": "a loss of strength with the path",
     "delta_s": "slip-lock",
     "b": "a play",
     "phi": "asymmetry",
@@ -74,7 +76,24 @@ _TRANSLATED = (
     *("W", "R", "mu_slow", "Y"),
     *("alpha_offset", "beta_offset", "gamma_offset", "n_offset"),
     *("zeta_s", "p", "q", "psi_0", "delta_psi", "lambda_"),
-    *("c2", "k3", "k_geo", "k_g", "g", "k_gp", "g_p", "k_gn", "g_n", "k_m", "tau", "F_dahl", "x_dahl"),
+    *(
+        "c2",
+        "F_v",
+        "p_v",
+        "v_v",
+        "k3",
+        "k_geo",
+        "k_g",
+        "g",
+        "k_gp",
+        "g_p",
+        "k_gn",
+        "g_n",
+        "k_m",
+        "tau",
+        "F_dahl",
+        "x_dahl",
+    ),
 )
 _SIZES_OF_NO_LAW = (
     "mu_fast",
@@ -224,6 +243,10 @@ def beside(link: Link) -> tuple[Part, ...]:
     c, c2, k3, geometric = (p.get(symbol, 0.0) for symbol in ("c", "c2", "k3", "k_geo"))
     add("c", "Viscous", (c, 1.0), "C [N s/m], exponent of the drift rate", c * v)
     add("c2", "Viscous", (c2, 2.0), "C [N s^2/m^2], exponent of the drift rate", c2 * v * np.abs(v))
+    if p.get("F_v", 0.0) != 0.0:
+        power, coefficient = p["p_v"], p["F_v"] * p["v_v"] ** -p["p_v"]
+        damping = coefficient * np.sign(v) * np.abs(v) ** power
+        add("F_v", "Viscous", (coefficient, power), "C [N (s/m)^a], exponent a of the drift rate", damping)
     add("k_geo", "Elastic", (-geometric,), "stiffness [N/m]: P-Delta", -geometric * u)
     add("k3", "ElasticPowerFunc", ("-coeff", k3, "-exp", 3.0), "coefficient [N/m^3], exponent of the drift", k3 * u**3)
     for stiffness, gap, sides in _STOPS:

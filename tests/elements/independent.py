@@ -15,9 +15,10 @@ from scipy.integrate import solve_ivp
 PLAIN = {
     "k": 10.0, "c": 0.05, "alpha": 0.01, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 1.5,
     "delta_nu": 0.0, "delta_eta": 0.0, "delta_s": 0.0, "sigma": 1.0,
-    "nu_inf": 0.0, "p_nu": 1.0, "eta_inf": 0.0, "p_eta": 1.0,
+    "nu_inf": 0.0, "p_nu": 1.0, "eta_inf": 0.0, "p_eta": 1.0, "delta_nus": 0.0, "delta_etas": 0.0,
     "zeta_s": 0.0, "p": 1.0, "q": 0.0, "psi_0": 1.0, "delta_psi": 0.0, "lambda_": 1.0,
     "phi": 0.0, "phi_uv": 0.0, "u_uv": 1.0, "phi_u": 0.0, "u_u": 1.0, "k3": 0.0, "c2": 0.0, "k_geo": 0.0,
+    "F_v": 0.0, "p_v": 1.0, "v_v": 1.0,
     "F_c": 0.0, "v0": 1.0, "F_ratio": 0.0, "v_ratio": 1.0, "F_root": 0.0, "v_root": 1.0,
     "F_dahl": 0.0, "x_dahl": 1.0,
     "k_g": 0.0, "g": 1.0, "k_gp": 0.0, "g_p": 1.0, "k_gn": 0.0, "g_n": 1.0,
@@ -26,21 +27,22 @@ PLAIN = {
 
 
 def storey(
-    p: dict[str, float], u: float, v: float, z: float, eps: float, q: float, d: float, stuck: float
-) -> tuple[float, float, float, float, float, float]:
+    p: dict[str, float], u: float, v: float, z: float, eps: float, q: float, d: float, stuck: float, path: float
+) -> tuple[float, float, float, float, float, float, float]:
     """Storey force with damping, and the rates of its states.
 
-    The states are z, eps, a Maxwell branch's force q, the place d in a play and the deflection of a contact that
-    sticks. [m]
+    The states are z, eps, a Maxwell branch's force q, the place d in a play, the deflection of a contact that sticks
+    and the path. [m]
     """
     beside = parallel_force(p, u, v) + q + p["F_dahl"] / p["x_dahl"] * stuck + p["c"] * v
     stuck_rate = v * (1.0 - stuck / p["x_dahl"] * sign(v))
     q_rate = p["k_m"] * v - q / p["tau"]
+    path_rate = abs(v)
     d_rate = v * min(max((p["b"] - d * sign(v)) / p["w"], 0.0), 1.0)
     u_turn = {width: math.tanh(u / p[width]) for width in ("u_uv", "u_u")}
     u, v = u - d, v - d_rate
-    nu = 1.0 + p["delta_nu"] * eps + p["nu_inf"] * (1.0 - math.exp(-p["p_nu"] * eps))
-    eta = 1.0 + p["delta_eta"] * eps + p["eta_inf"] * (1.0 - math.exp(-p["p_eta"] * eps))
+    nu = 1.0 + p["delta_nu"] * eps + p["nu_inf"] * (1.0 - math.exp(-p["p_nu"] * eps)) + p["delta_nus"] * path
+    eta = 1.0 + p["delta_eta"] * eps + p["eta_inf"] * (1.0 - math.exp(-p["p_eta"] * eps)) + p["delta_etas"] * path
     shape = p["beta"] * sign(z * v) + p["gamma"] + p["phi"] * (sign(z) + sign(v))
     shape += p["phi_uv"] * u_turn["u_uv"] * sign(v) + p["phi_u"] * u_turn["u_u"]
     f = (p["A"] - nu * abs(z) ** p["n"] * shape) / eta
@@ -51,13 +53,15 @@ def storey(
         f *= 1.0 - z1 * math.exp(-((z * sign(v) - p["q"] * z_u) ** 2) / z2**2)
     slip = p["delta_s"] * eps * math.sqrt(2.0 / math.pi) / p["sigma"] * math.exp(-0.5 * (z / p["sigma"]) ** 2)
     spring = (1.0 - p["alpha"]) * p["k"] * z
-    return p["alpha"] * p["k"] * u + spring + beside, f * v / (1.0 + slip * f), spring * v, q_rate, d_rate, stuck_rate
+    rates = f * v / (1.0 + slip * f), spring * v, q_rate, d_rate, stuck_rate, path_rate
+    return p["alpha"] * p["k"] * u + spring + beside, *rates
 
 
 def parallel_force(p: dict[str, float], u: float, v: float) -> float:
-    """What stands beside the springs: hardening, quadratic damping, friction, stops."""
+    """What stands beside the springs: hardening, dampers, friction, stops."""
     friction = p["F_c"] * math.tanh(v / p["v0"])
     friction += p["F_ratio"] * v / (abs(v) + p["v_ratio"]) + p["F_root"] * v / math.hypot(v, p["v_root"])
+    friction += p["F_v"] * v / p["v_v"] * math.hypot(v / p["v_v"], 0.002) ** (p["p_v"] - 1.0)
     stops = p["k_g"] * max(abs(u) - p["g"], 0.0) * sign(u)
     stops += p["k_gp"] * max(u - p["g_p"], 0.0) - p["k_gn"] * max(-u - p["g_n"], 0.0)
     return float(p["k3"] * u**3 - p["k_geo"] * u + p["c2"] * v * abs(v) + friction + stops)
@@ -97,7 +101,7 @@ def respond(
     m, n, times = np.asarray(masses), len(masses), dt * np.arange(len(ground))
 
     def rates(t: float, y: np.ndarray, parameters: list[dict[str, float]]) -> tuple[np.ndarray, np.ndarray]:
-        x, w, *others = y.reshape(7, n)
+        x, w, *others = y.reshape(8, n)
         rows = (row.tolist() for row in (between(x), between(w), *others))
         parts = [storey(at(p, t), *state) for p, *state in zip(parameters, *rows, strict=True)]
         force, *inner_rates = (np.array(part) for part in zip(*parts, strict=True))
@@ -108,7 +112,7 @@ def respond(
 
     ends = [p["k_ramp_time"] + share * p["k_ramp_duration"] for p in before if p["k_ramp"] for share in (0.0, 1.0)]
     breaks = sorted({jump_time, *ends})
-    y = np.zeros(7 * n)
+    y = np.zeros(8 * n)
     states, accelerations = [y], [rates(0.0, y, before)[1]]
     for j in range(len(ground) - 1):
         start, end = j * dt, (j + 1) * dt
@@ -121,7 +125,7 @@ def respond(
             y = piece.y[:, -1]
         states.append(y)
         accelerations.append(rates(end, y, after if end >= jump_time else before)[1])
-    table = np.array(states).reshape(-1, 7, n)
+    table = np.array(states).reshape(-1, 8, n)
     return {
         "acceleration": np.array(accelerations).T,
         "drift": np.diff(table[:, 0], prepend=0.0, axis=1).T,

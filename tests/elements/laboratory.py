@@ -29,6 +29,7 @@ from bwbn_bayes.elements.effects import (
     StoreyParameter,
     StrengthDegradation,
     SuddenDamage,
+    ViscousDamper,
 )
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import NOMINAL
@@ -48,8 +49,8 @@ SEARCHED: tuple[type[Effect], ...] = tuple(
 )
 """Effects that say which sizes to expect, and so take part in discovery."""
 
-SATURATING: tuple[Effect, ...] = tuple(
-    effect_class.neutral_forms()[1] for effect_class in (StiffnessDegradation, StrengthDegradation)
+FURTHER_LOSSES: tuple[Effect, ...] = tuple(
+    form for effect_class in (StiffnessDegradation, StrengthDegradation) for form in effect_class.neutral_forms()[1:]
 )
 
 OTHER_FORMS: tuple[Effect, ...] = (
@@ -65,10 +66,11 @@ OTHER_FORMS: tuple[Effect, ...] = (
             PDelta,
             QuadraticDamping,
             StoreyParameter,
+            ViscousDamper,
         )
         for form in effect_class.neutral_forms()
     ),
-    *SATURATING,
+    *FURTHER_LOSSES,
     SuddenDamage(parameter="k", jump=0.0, time=0.0, duration=1.0),
 )
 """Every form of the storey's effects that :func:`with_everything` leaves out."""
@@ -137,7 +139,7 @@ def building(n_storeys: int, values: dict[str, float], storeys: list[int] | None
 def specimen(values: dict[str, float], **element: float) -> Structure:
     """A specimen with the effects that degrade, in every form, and no damper."""
     model = with_degradation(Specimen(storey=storey(**{"c": 0.0, **element})), values)
-    for form in SATURATING:
+    for form in FURTHER_LOSSES:
         model = model.with_effect(having(form, values))
     return model
 

@@ -40,7 +40,7 @@ class Hardening(Effect):
 STOREY_EFFECTS = {
     "asymmetry", "backlash", "coulomb_friction", "cubic_stiffness", "foliente_pinching", "gap_impact", "hysteresis",
     "maxwell_branch", "p_delta", "quadratic_damping", "slip_lock", "stiffness_degradation", "storey_parameter",
-    "strength_degradation", "sudden_damage",
+    "strength_degradation", "sudden_damage", "viscous_damper",
 }  # fmt: skip
 
 

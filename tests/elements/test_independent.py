@@ -64,9 +64,12 @@ OTHERS = {
     "maxwell_branch": {"k_m": 2.0, "tau": 0.3},
     "p_delta": {"k_geo": 0.7},
     "quadratic_damping": {"c2": 0.2},
+    "stiffness_degradation, path": {"delta_etas": 0.3},
     "stiffness_degradation, saturating": {"eta_inf": 1.2, "p_eta": 0.6},
+    "strength_degradation, path": {"delta_nus": 0.3},
     "strength_degradation, saturating": {"nu_inf": 1.5, "p_nu": 0.4},
     "storey_parameter": {"beta_offset": 1.0, "gamma_offset": -1.5, "n_offset": 0.4, "alpha_offset": 0.05},
+    "viscous_damper": {"F_v": 0.5, "p_v": 0.6, "v_v": 1.3},
     "sudden_damage, ramp": {"k_ramp": -4.0, "k_ramp_time": 1.513, "k_ramp_duration": 2.1},
 }
 """The same for the effects of ``OTHER_FORMS``."""

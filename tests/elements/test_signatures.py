@@ -16,9 +16,9 @@ from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import NO_SIGNATURE, PlaceResponse
 
 SCALES = Scales(
-    drift=1.0, drift_rate=2.0, hysteretic_displacement=0.3, energy=8.0, force=4.0, stiffness=10.0, damping=0.05,
-    alpha=0.01, beta=2.0, gamma=2.0, n=1.5, mass=1.0, floor_rate=3.0, acceleration=2.0, ground_acceleration=1.5,
-    period=2.0, onset=0.0, duration=20.0, total_mass=3, time_step=0.01,
+    drift=1.0, path=40.0, drift_rate=2.0, hysteretic_displacement=0.3, energy=8.0, force=4.0, stiffness=10.0,
+    damping=0.05, alpha=0.01, beta=2.0, gamma=2.0, n=1.5, mass=1.0, floor_rate=3.0, acceleration=2.0,
+    ground_acceleration=1.5, period=2.0, onset=0.0, duration=20.0, total_mass=3, time_step=0.01,
 )  # fmt: skip
 STOREY = {"k": 10.0, "c": 0.05, "alpha": 0.01, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 1.5}
 JUMPING = {"delta_nu": 0.1, "delta_eta": 0.1, "delta_s": 0.01}
@@ -36,6 +36,7 @@ NUISANCES = {
     "b_eta": 0.1, "m_eta": 0.7, "E_eta": 8.0, "b_nu": 0.1, "m_nu": 1.6, "E_nu": 8.0,
     "beta_h": 2.0, "gamma_h": 0.5, "n_h": 1.5, "x_h": 1.1,
     "sigma_w": 0.03, "e_w": 1.0, "q_w": 0.8, "p_w": 1.6, "E_w": 8.0, "p_h": 2.2, "u_h": 1.1, "p_q": 1.6, "v_q": 2.2,
+    "p_v": 0.5, "v_v": 2.2,
     "p_g": 5.0, "x_d": 0.02, "r_d": 0.8, "g_d": 0.3, "u_d": 1.1,
     **{name + side: size for side in ("", "p", "n") for name, size in
        (("g_s", 0.5), ("p_s", 1.5), ("w_s", 0.1), ("u_s", 1.1), ("E_s", 8.0))},

@@ -25,6 +25,7 @@ from bwbn_bayes.elements.effects.storey_coupling import StoreyCoupling
 from bwbn_bayes.elements.effects.storey_parameter import StoreyParameter
 from bwbn_bayes.elements.effects.strength_degradation import StrengthDegradation
 from bwbn_bayes.elements.effects.sudden_damage import SuddenDamage
+from bwbn_bayes.elements.effects.viscous_damper import ViscousDamper
 
 __all__ = [
     "Appendage",
@@ -52,4 +53,5 @@ __all__ = [
     "StoreyParameter",
     "StrengthDegradation",
     "SuddenDamage",
+    "ViscousDamper",
 ]

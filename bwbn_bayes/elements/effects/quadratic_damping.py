@@ -42,7 +42,7 @@ class QuadraticDamping(Effect):
         measure="damping ratio added at the first mode",
         plain_name="the shape of the force over drift rate (a quadratic law)",
         reason="a thousandth of critical damping: no building's own is known better",
-        size=lambda at: at.damping_ratio(at["c2"] * _equivalent(at.histories["drift_rate"], 2.0)),
+        size=lambda at: at.damping_ratio(at["c2"] * equivalent(at.histories["drift_rate"], 2.0)),
         least=0.001,
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -101,7 +101,7 @@ class PowerDamper(Effect):
     signature: ClassVar[Signature] = replace(
         QuadraticDamping.signature,
         size=lambda at: at.damping_ratio(
-            at["F_q"] * at["v_q"] ** -at["p_q"] * _equivalent(at.histories["drift_rate"], at["p_q"])
+            at["F_q"] * at["v_q"] ** -at["p_q"] * equivalent(at.histories["drift_rate"], at["p_q"])
         ),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -131,6 +131,6 @@ class PowerDamper(Effect):
         return replace(slots, added_force=slots.added_force + force * bent)
 
 
-def _equivalent(rate: Floats, power: float) -> float:
+def equivalent(rate: Floats, power: float) -> float:
     """Viscous coefficient that dissipates as much as ``|v|^(power - 1) v`` along a history ``(n_times,)`` [m/s]."""
     return float(np.sum(np.abs(rate) ** (power + 1.0)) / max(float(np.sum(np.square(rate))), 1e-300))

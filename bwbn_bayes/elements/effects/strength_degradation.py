@@ -1,4 +1,4 @@
-"""Strength that falls with the work done on the hysteretic spring."""
+"""Strength that falls with the work done on the hysteretic spring, or with the path."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ from typing import ClassVar, Self, override
 from bwbn_bayes.elements.degradation import (
     DEGRADATION,
     LINEAR_SOURCE,
+    PATH_SOURCE,
     SATURATING_SOURCE,
     LinearLoss,
     Loss,
+    PathLoss,
     SaturatingLoss,
     StretchedLoss,
     loss_of,
@@ -25,6 +27,7 @@ from bwbn_bayes.parameters import Parameter, Value
 _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="strength", delta="delta_nu"),
     SaturatingLoss(what="strength", limit="nu_inf", rate="p_nu"),
+    PathLoss(what="strength", delta="delta_nus", path="s_nu"),
 )
 _FREE = StretchedLoss(what="strength", loss="nu_e", bend="b_nu", power="m_nu", work="E_nu")
 
@@ -36,6 +39,7 @@ class StrengthDegradation(Effect):
     Or, with ``nu_inf`` and ``p_nu``, up to a limit: ``nu = 1 + nu_inf (1 - exp(-p_nu epsilon))``.
     Or, with the other four, in a free shape: ``nu = 1 + nu_e W(epsilon) / W(E_nu)``,
     ``W(x) = 1 - exp(-b_nu (x/E_nu)^m_nu)``.
+    Or, with ``delta_nus``, with the path: ``nu = 1 + delta_nus s``, ``ds/dt = |v|``.
 
     Parameters
     ----------
@@ -53,6 +57,8 @@ class StrengthDegradation(Effect):
         Power of the work in the free shape.
     E_nu : float, optional
         Work at which ``nu_e`` is measured. [J]
+    delta_nus : float, Prior or PerStorey, optional
+        Loss of strength per unit of path. [1/m]
 
     Raises
     ------
@@ -74,12 +80,13 @@ class StrengthDegradation(Effect):
     b_nu: Value | None = None
     m_nu: Value | None = None
     E_nu: Value | None = None
+    delta_nus: Value | None = None
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "strength_degradation"
     family: ClassVar[str] = DEGRADATION
-    summary: ClassVar[str] = "strength falls with the work done on the hysteretic spring"
-    source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}"
+    summary: ClassVar[str] = "strength falls with the work done on the hysteretic spring, or with the path"
+    source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}; {PATH_SOURCE}"
     residual: ClassVar[str] = "peaks are clipped more as work is done"
     confusable: ClassVar[str] = "falling n or beta"
 
@@ -121,7 +128,7 @@ class StrengthDegradation(Effect):
     @classmethod
     @override
     def neutral_forms(cls) -> tuple[Self, ...]:
-        return cls(delta_nu=0.0), cls(nu_inf=0.0, p_nu=1.0)
+        return cls(delta_nu=0.0), cls(nu_inf=0.0, p_nu=1.0), cls(delta_nus=0.0)
 
     @classmethod
     @override
@@ -139,4 +146,5 @@ class StrengthDegradation(Effect):
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        return replace(slots, nu=slots.nu + self._loss.expression)
+        loss = self._loss
+        return replace(slots, nu=slots.nu + loss.expression, added_states=(*slots.added_states, *loss.states))

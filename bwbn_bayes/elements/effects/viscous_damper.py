@@ -1,0 +1,91 @@
+"""A damper beside the storey whose force grows more slowly than the drift rate, as those built into buildings do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, override
+
+import sympy as sp
+
+from bwbn_bayes.elements.effects.quadratic_damping import equivalent
+from bwbn_bayes.elements.law import DRIFT_RATE, Effect, SharpFeature, Slots, symbol
+from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.signature import Signature
+from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
+
+_TURN = 500
+"""Times smaller than ``v_v`` is the rate below which the force is linear: the power's slope at zero has no end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViscousDamper(Effect):
+    """The force ``F_v sgn v (|v|/v_v)^p_v`` with a power below one; ``C = F_v/v_v^p_v``.
+
+    Where it is steep, ``|v|/v_v`` is the root of its square and that of 1/500.
+
+    Parameters
+    ----------
+    F_v : float, Prior or PerStorey
+        Force at the drift rate ``v_v``. [N]
+    p_v : float, Prior or PerStorey
+        Power of the drift rate.
+    v_v : float
+        Drift rate at which the force is measured. [m/s]
+
+    References
+    ----------
+    .. [1] T. T. Soong and M. C. Constantinou (eds.), "Passive and Active Structural Vibration Control in Civil
+       Engineering", Springer, 1994 (fluid dampers, ``C |v|^a sgn v``). Book cited from memory, not consulted.
+    """
+
+    F_v: Value
+    p_v: Value
+    v_v: Value
+
+    name: ClassVar[str] = "viscous_damper"
+    title: ClassVar[str] = "nonlinear viscous damper"
+    summary: ClassVar[str] = "a damper whose force grows with a power of the drift rate below one"
+    source: ClassVar[str] = "Soong and Constantinou 1994"
+    residual: ClassVar[str] = "a force in phase with the drift rate, flatter than its sine"
+    confusable: ClassVar[str] = "c and coulomb_friction"
+    signature: ClassVar[Signature] = Signature(
+        measure="damping ratio added at the first mode",
+        plain_name="the shape of the force over drift rate (a power law)",
+        reason="a thousandth of critical damping: no building's own is known better",
+        size=lambda at: at.damping_ratio(
+            at["F_v"] * at["v_v"] ** -at["p_v"] * equivalent(at.histories["drift_rate"], at["p_v"])
+        ),
+        least=0.001,
+    )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            symbol="F_v", unit="N", neutral=0.0, lower=0.0, description="damper's force at a known rate", source=source
+        ),
+        Parameter(symbol="p_v", unit="", neutral=1.0, lower=0.1, description="power of the drift rate", source=source),
+        Parameter(
+            symbol="v_v", unit="m/s", neutral=1.0, lower=1e-12, description="that drift rate, known", source=source
+        ),
+    )
+
+    @classmethod
+    @override
+    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+        # With less than a quarter it is dry friction; with more than .85 hardly another than the storey's own damping.
+        power = LogNormal(0.5, 0.35).truncated(0.25, 0.85)
+        return (cls(F_v=HalfNormal(0.5 * scales.force), p_v=power, v_v=scales.drift_rate),)
+
+    @override
+    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"F_v": (0.03 * scales.force, 0.2 * scales.force), "p_v": (0.35, 0.7)}
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        force, power, largest = (symbol(s) for s in ("F_v", "p_v", "v_v"))
+        share = DRIFT_RATE / largest
+        bent = share * (share**2 + sp.Rational(1, _TURN**2)) ** ((power - 1) / 2)
+        return replace(
+            slots,
+            added_force=slots.added_force + force * bent,
+            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT_RATE, width=largest / 50)),
+        )

@@ -91,13 +91,13 @@ def fitted(posterior: Posterior, points: Floats, added: Any = ()) -> Explanation
 def test_a_loss_by_a_power_of_work_is_named_alone(pool: Pool) -> None:
     usual = pool.laws.best
     assert usual.names == {"stiffness_degradation"}
-    assert not usual.is_noise
+    assert not usual.is_quiet
     found = searching._reshaped(pool, pool.run)
     assert [one.added[0].effect.form for one in found] == ["free shape"]
     pool.add(found)
     best = pool.laws.best
     assert best is found[0]
-    assert best.is_noise
+    assert best.is_quiet
     assert best.evidence.log_evidence > usual.evidence.log_evidence + 10.0
     assert pool.beliefs.names["stiffness_degradation"] > 0.99
 
@@ -109,9 +109,9 @@ def test_a_form_is_tried_on_a_base_once(pool: Pool) -> None:
 
 def test_a_name_shares_its_prior_over_its_forms_of_free_shape_too(pool: Pool) -> None:
     """Each usual form and the free one, once at every place: what is tried later is no gift."""
-    assert pool.run.variants["stiffness_degradation"] == 3  # linear, saturating and free, in the only storey
+    assert pool.run.variants["stiffness_degradation"] == 4  # linear, saturating, with the path and free
     usual = {h.symbols for h in pool.run.considered_first}
-    assert len(usual) == 2
+    assert len(usual) == 3
 
 
 def test_what_lies_nearest_in_its_usual_form_is_not_named_for_that() -> None:

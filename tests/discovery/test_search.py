@@ -49,7 +49,7 @@ def explanation(script: Script, *added: Any) -> Explanation:
     evidence: Any = SimpleNamespace(log_evidence=log_evidence)
     posterior: Any = SimpleNamespace(record=TEST)
     result = Explanation(added=added, posterior=posterior, modes=modes, evidence=evidence)
-    result.__dict__["is_noise"] = True  # else found from the record
+    result.__dict__["is_noise"] = result.__dict__["is_quiet"] = True  # else found from the record
     return result
 
 
@@ -107,10 +107,10 @@ def test_the_budget_bounds_rounds_and_effects(monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize("noise_from", [1, 2, 3])
-def test_a_building_is_looked_at_deeper_where_one_effect_leaves_more_than_noise(
+def test_a_building_is_looked_at_deeper_where_one_effect_leaves_anything_of_note(
     monkeypatch: pytest.MonkeyPatch, noise_from: int
 ) -> None:
-    """The deeper look finds `d`, which the race had missed; it is not taken where an effect leaves noise."""
+    """The deeper look finds `d`, which the race had missed; it is not taken where an effect leaves nothing of note."""
     looked: list[int] = []
 
     def look_deeper(_: Explanation, pool: Pool, run: Run) -> None:
@@ -121,7 +121,7 @@ def test_a_building_is_looked_at_deeper_where_one_effect_leaves_more_than_noise(
     monkeypatch.setattr(searching, "_look_deeper", look_deeper)
     monkeypatch.setattr(searching, "follow", lambda *_: None)
     monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)
-    monkeypatch.setattr(Explanation, "is_noise", property(lambda one: len(one.added) >= noise_from))
+    monkeypatch.setattr(Explanation, "is_quiet", property(lambda one: len(one.added) >= noise_from))
     monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
     monkeypatch.setattr(sys.modules[__name__], "TEST", building)
     parents, _ = searched({"a": 50.0, "ab": 100.0, "abc": 150.0}, monkeypatch)
@@ -144,7 +144,7 @@ def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch
     monkeypatch.setattr(searching, "follow", follow)
     monkeypatch.setattr(searching, "_look_deeper", lambda *_: None)
     monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)
-    monkeypatch.setattr(Explanation, "is_noise", property(lambda one: one.unnamed is not None))
+    monkeypatch.setattr(Explanation, "is_quiet", property(lambda one: one.unnamed is not None))
     monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
     monkeypatch.setattr(sys.modules[__name__], "TEST", building)
     parents, pool = searched({"a": 50.0, "ab": 100.0, "abc": 150.0}, monkeypatch)

@@ -71,7 +71,7 @@ def search(given: Explanation, run: Run) -> Pool:
             if number == 1 and not (given.is_specimen or pool.laws.best.is_quiet):
                 _look_deeper(given, pool, run)
             parent = _next(pool, run)
-            if not followed and (parent is None or number == _FOLLOWED_AFTER) and not pool.laws.best.is_quiet:
+            if not followed and (parent is None or number == _FOLLOWED_AFTER) and not pool.laws.best.is_noise:
                 followed = True
                 follow(pool, run)
                 parent = _next(pool, run)
@@ -86,7 +86,7 @@ def search(given: Explanation, run: Run) -> Pool:
             pool.weigh(last=True)
             _tell("Built laws by themselves", pool.ranked()[0].label, pool, run)
         elif not given.is_specimen:
-            if not pool.laws.best.is_quiet:
+            if not pool.laws.best.is_noise:
                 follow(pool, run)
             weigh_to_first_order(pool, run, REACH)
             _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)

@@ -144,7 +144,7 @@ def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch
     monkeypatch.setattr(searching, "follow", follow)
     monkeypatch.setattr(searching, "_look_deeper", lambda *_: None)
     monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)
-    monkeypatch.setattr(Explanation, "is_quiet", property(lambda one: one.unnamed is not None))
+    monkeypatch.setattr(Explanation, "is_noise", property(lambda one: one.unnamed is not None))
     monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
     monkeypatch.setattr(sys.modules[__name__], "TEST", building)
     parents, pool = searched({"a": 50.0, "ab": 100.0, "abc": 150.0}, monkeypatch)

@@ -22,7 +22,7 @@ from bwbn_bayes.inference.unnamed.any_scale import without_force
 from bwbn_bayes.parameters import Floats
 
 MOST_LATER = 12
-"""Hypotheses with the largest scores that are fitted in a later round."""
+"""Effects at a place, those with the largest scores, that are fitted in a later round, each in all its forms."""
 N_KEPT = 40
 """Fits of a round that become explanations."""
 TOGETHER = ("strength_degradation", "stiffness_degradation")
@@ -70,7 +70,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
         ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
         variants = run.variants
         every = tuple(h for h, score in ranked if score.nats > cost_of_another(h.name, variants))
-        every = every[: len(every) if first else MOST_LATER]
+        every = every if first else leading(every)
     if not every:
         return ()
     if not (first or parent.is_specimen):
@@ -90,6 +90,15 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     if first and parent.is_specimen:
         fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
     return fits
+
+
+def leading(ranked: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Those of the first effects at a place, each in all its forms.
+
+    Forms of an effect score alike: one by one, those of a change in time at four places left room for little else.
+    """
+    places = list(dict.fromkeys((one.name, one.storeys) for one in ranked))[:MOST_LATER]
+    return tuple(one for one in ranked if (one.name, one.storeys) in places)
 
 
 def solvable(fits: tuple[Fit, ...], run: Run) -> tuple[Fit, ...]:

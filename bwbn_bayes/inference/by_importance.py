@@ -47,8 +47,8 @@ brought half as near to the fit."""
 _BATCH = 4000
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it starts with this fraction of the draws asked for: each costs it some hundred solves."""
-_MOST_DRAWS, _MOST_ALONE, _MOST_UNFOLLOWED = 60_000, 20_000, 6_000
-"""Draws at most; where nothing takes over, so that a run ends; and where no surface is laid through the posterior."""
+_MOST_DRAWS, _MOST_ALONE, _MOST_AFAR = 60_000, 20_000, 6_000
+"""Draws at most; where nothing takes over, so that a run ends; and where, besides, none of them came near the fit."""
 
 
 class ByImportance(Sampling):
@@ -61,7 +61,7 @@ class ByImportance(Sampling):
         settings, rng, history = given.settings, given.rng, given.history
         # Where nothing takes over, the bent posterior of a model that leaves more than noise is worth fits alone.
         follows = settings.fallback or given.explains
-        most = _MOST_UNFOLLOWED if not follows else _MOST_DRAWS if settings.fallback else _MOST_ALONE
+        most = _MOST_DRAWS if settings.fallback else _MOST_ALONE
         weighted, nested = weighted_draws(
             given.target, given.modes, rng, settings.particles, history, follows=follows, most=most
         )
@@ -127,6 +127,7 @@ def weighted_draws(
     takes tens of thousands of them to learn so many dimensions.
     """
     sheet, effective = Sheet(posterior, modes, rng), max(effective, _LEAST_EFFECTIVE)
+    afar = most if follows else _MOST_AFAR
     follows = follows and posterior.n_dim > 1
     pilot = sample_importance(posterior, sheet.proposal, rng, effective=_PILOT, most=_PILOT)
     poor = pilot.effective_sample_size < _LEAST_EFFICIENCY * len(pilot.points) or pilot.pareto_k > _PILOT_LIMIT
@@ -143,7 +144,7 @@ def weighted_draws(
     proposal: Proposal = curved or sheet.proposal
     least = _LEAST_EFFICIENCY if curved is None else _LEAST_CURVED
     while True:
-        n = _BATCH if sheet.nested is not None else int(1.1 * short) if follows else 2 * _PILOT
+        n = _BATCH if sheet.nested is not None else int(1.1 * short) if follows else _PILOT
         n = min(n, most - len(pool.points))
         pool = pool.drawn(posterior, proposal, rng, n // 16 * 16 + 16)
         found = pool.weighted
@@ -151,6 +152,8 @@ def weighted_draws(
         tell(reached, len(pool.points))
         short = (effective - reached) / max(efficiency, 0.05)
         if (reached >= effective and found.pareto_k <= _CLEAR) or len(pool.points) >= most:
+            return found, sheet.nested
+        if len(pool.points) >= afar and not _reaches(found, modes[0]):
             return found, sheet.nested
         if posterior.n_dim > 1 and (efficiency < least or found.pareto_k > _CLEAR):
             proposal = _fitted(found, proposal)

@@ -61,8 +61,8 @@ class Slopes:
         scale = posterior.model.space.unit_scale(values)[0]
         weight = over_time(record, 1.0 / noise)
         base = (_whitened(record, correlation, slopes[0]) * weight).reshape(len(scale), -1).T * scale
-        # Where the response is finite its derivatives may still have run away: they say nothing there.
-        base = np.nan_to_num(base, posinf=0.0, neginf=0.0)
+        # Where the response is finite derivatives may still have run away: of a parameter whose did they say nothing.
+        base = np.where(np.all(np.isfinite(base), axis=0), base, 0.0)
         return cls(record=record, noise=noise, base=base, residual=left[0] * weight, correlation=correlation)
 
     @cached_property

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -58,7 +61,9 @@ def test_friction_and_period_are_those_of_the_weight_that_slides() -> None:
     model = frame.LINEAR.with_effect(slides)
     draws = {"inv_mu": 20.0, "R_s": 0.5, "m_s": 5.0, "r_mu": 0.4}
     posterior = xr.Dataset({name: (("chain", "draw"), np.full((1, 4), value)) for name, value in draws.items()})
-    found = frame._sliders(model, posterior)
+    result: Any = SimpleNamespace(tree={"posterior": posterior}, facts=SimpleNamespace(effective_sample_size=3.0))
+    found = frame.sliders(model, result)
+    assert found["effective_draws"] == 3.0
     assert found["friction_at_speed"] == pytest.approx([0.05 * 4.0 / 8.0] * 3)
     assert found["friction_near_rest"] == pytest.approx([0.6 * 0.05 * 4.0 / 8.0] * 3)
     # 8 kg on a pendulum stiffness of W_s / R_s.

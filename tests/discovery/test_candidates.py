@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bwbn_bayes.discovery.build import MOST_LATER, leading
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses, scales_of
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
@@ -305,3 +306,11 @@ def test_an_effect_that_others_refer_to_stays_where_it_is() -> None:
     names = {one.name for one in found}
     assert "sensor_lag" in names
     assert "strength_degradation" not in names
+
+
+def test_forms_of_one_effect_leave_room_for_others() -> None:
+    """Eight of the twelve that were fitted on a measured frame were two forms of a change in time at four places."""
+    ranked = sorted(EVERY, key=lambda one: one.name != "sudden_damage")
+    chosen = leading(ranked)
+    assert list(chosen) == ranked[: len(chosen)]
+    assert len({(one.name, one.storeys) for one in chosen}) == MOST_LATER < len(chosen)

@@ -1,12 +1,13 @@
-"""What stands for a posterior that no draw of importance sampling comes near."""
+"""How long importance sampling goes on where nothing takes over, and what stands for a posterior no draw comes near."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from bwbn_bayes.inference.by_importance import _reaches, _taken_back
+from bwbn_bayes.inference.by_importance import _reaches, _taken_back, weighted_draws
 from bwbn_bayes.inference.importance import WeightedDraws
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.parameters import Floats
@@ -28,6 +29,7 @@ def weighted(log_likelihood: Floats) -> WeightedDraws:
 class Bent:
     """Normal about the centre, but that every coordinate pays dearly for leaving the parabola of the one before it."""
 
+    n_dim = N_DIM
     n_asked = 0
 
     def log_prior(self, points: Floats) -> Floats:
@@ -38,6 +40,27 @@ class Bent:
         step = points - CENTRE
         off = step[:, 1:] - 20.0 * np.square(step[:, :-1])
         return np.asarray(100.0 - 0.5 * WIDE * (np.square(step[:, 0]) + 30.0 * np.sum(np.square(off), axis=1)))
+
+
+def drawn(mode: Mode) -> WeightedDraws:
+    """From a posterior with such a mode, of a model that leaves more than noise, where nothing takes over."""
+    history: Any = SimpleNamespace(say=lambda _: None, tell_draws=lambda *_: None)
+    bent: Any = Bent()
+    rng = np.random.default_rng(1)
+    return weighted_draws(bent, (mode,), rng, 300, history, follows=False, most=20_000)[0]
+
+
+def test_draws_near_the_fit_are_learnt_from_until_they_are_worth_enough() -> None:
+    """Cut off at 6,000 draws, those of a frame on sliders were worth one; at 16,000 they are worth 2,000."""
+    found = drawn(replace(MODE, information=WIDE * np.diag([1.0, *(N_DIM - 1) * [30.0]])))
+    assert 6_000 < len(found.points) < 20_000
+    assert found.effective_sample_size > 2_000
+    assert found.pareto_k < 0.6
+
+
+def test_draws_that_never_come_near_the_fit_end_soon() -> None:
+    found = drawn(replace(MODE, log_likelihood=1000.0))
+    assert 6_000 <= len(found.points) < 7_000
 
 
 def test_draws_that_are_all_less_likely_than_a_posteriors_do_not_reach_it() -> None:

@@ -31,6 +31,7 @@ from bwbn_bayes.elements.effects import (
     CubicStiffness,
     Hysteresis,
     MassError,
+    PDelta,
     StoreyCoupling,
     StrengthDegradation,
 )
@@ -148,8 +149,13 @@ def test_derivatives_agree_with_finite_differences():
         assert np.max(np.abs(found - expected) / scale) < 1e-3, name
 
 
-def test_energy_put_in_is_kept_stored_or_lost():
-    """Work of the inertia of the ground's motion and of the forces: kinetic, elastic, hysteretic and viscous energy."""
+@pytest.mark.parametrize(("k_geo", "bending"), [(0.0, 0.0), (5.0, 12.0)])
+def test_energy_put_in_is_kept_stored_or_lost(k_geo, bending):
+    """Work of the inertia of the ground's motion and of the forces: kinetic, elastic, hysteretic and viscous energy.
+
+    The weight that drifts gives its own back, and bending keeps some.
+    """
+    model = BRACED.with_effect(PDelta(k_geo=k_geo), storeys=[1, 2, 3]).with_effect(StoreyCoupling(k_bend=bending))
     record = driven(2)
     kinds = ("drift", "drift_rate", "hysteretic_energy", "restoring_force")
     names = [f"{kind}_{i}" for kind in kinds for i in range(1, 5)]
@@ -161,11 +167,12 @@ def test_energy_put_in_is_kept_stored_or_lost():
             name: np.interp(np.arange(6001) / 20, np.arange(301), signal) for name, signal in record.forces.items()
         },
     )
-    response = Reference(rtol=1e-9, atol=1e-11).simulate(BRACED, np.zeros((1, 0)), fine, names).values[0]
+    response = Reference(rtol=1e-9, atol=1e-11).simulate(model, np.zeros((1, 0)), fine, names).values[0]
     u, v, eps, _ = response.reshape(4, 4, -1)
     velocity = np.cumsum(v[:3], axis=0)
     k, c, alpha = np.array([60, 50, 40, 25.0]), np.array([0.4] * 3 + [0.2]), np.array([0.1] * 3 + [1.0])
     held = 0.5 * (k * alpha) @ u**2 + np.sum(eps, axis=0) + 0.5 * np.array(MASSES) @ velocity**2
+    held += np.sum(0.5 * bending * np.diff(u[:3], axis=0) ** 2, axis=0) - np.sum(0.5 * k_geo * u[:3] ** 2, axis=0)
     power = fine.forces["applied_force_2"] * velocity[1] - fine.excitation * (np.array(MASSES) @ velocity) - c @ v**2
     work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1])) * fine.time_step])
     assert np.max(np.abs(held - work)) < 2e-4 * np.max(np.abs(work))

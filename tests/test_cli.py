@@ -317,6 +317,9 @@ def test_records_of_one_building_are_identified_together(run: Run, simulated: Pa
     assert list(facts["fit"]["nrmse"]) == ["acceleration_1 of first", "acceleration_1 of second"]
     refused = run("identify", SDOF, *several, "--method", "ga", "--out", tmp_path / "refused")
     _is_one_sentence(refused, "'first and second' joins 2 records", "give one of them")
+    shutil.copy(paths[1], tmp_path / "copy.csv")
+    twice = run("identify", SDOF, *several, "--record", tmp_path / "copy.csv", "--out", tmp_path / "refused")
+    _is_one_sentence(twice, "copy.csv is the measurement of", "second.csv again, which would count twice")
     cyclic = tmp_path / "cyclic.csv"
     cyclic.write_text("displacement [m],force [N]\n" + "".join(f"{x},{x}\n" for x in range(40)), encoding="utf-8")
     mixed = run("identify", SDOF, *several, "--record", cyclic, "--out", tmp_path / "refused")

@@ -14,13 +14,19 @@ from rich.text import Text
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """What the system says where a disk takes no more."""
 
+_MOST = 1200
+"""Characters of a sentence, whatever it quotes: its beginning says where, its end what to do."""
+
 
 def refuse(sentence: str) -> NoReturn:
     """Leave with a sentence."""
     # Imported here: help should not wait for it.
     from bwbn_bayes.records.record import one_line
 
-    message = Text.assemble(("error: ", "bold red"), one_line(sentence))
+    said = one_line(sentence)
+    if len(said) > _MOST:
+        said = f"{said[: _MOST // 2]} ... {said[-_MOST // 2 :]}"
+    message = Text.assemble(("error: ", "bold red"), said)
     try:
         Console(stderr=True).print(message, soft_wrap=True)
     except OSError:

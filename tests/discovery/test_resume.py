@@ -138,6 +138,29 @@ def test_without_resume_it_begins_anew(command: Command) -> None:
     assert command.n_fits > n_fits / 2
 
 
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--record", "nowhere.csv"), "no such file"),
+        (("--held-out", "nowhere.csv"), "no such file"),
+        (("--held-out", "repeats"), "repeats no cycles"),
+    ],
+    ids=["record", "held out", "repeats"],
+)
+def test_what_is_refused_forgets_no_unfinished_search(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], sentence: str
+) -> None:
+    """A held-out file of a wrong name lost hours of fits, before it was told."""
+    kept = tmp_path / ".unfinished.solves"
+    kept.write_bytes(b"bwbn")
+    record = ("--record", str(inputs / "record.csv"))
+    with pytest.raises(SystemExit) as leaving:
+        main(["discover", str(inputs / "one_storey.py"), *record, *options, "--out", str(tmp_path)])
+    assert leaving.value.code == 2
+    assert sentence in capsys.readouterr().err
+    assert kept.read_bytes() == b"bwbn"
+
+
 def test_how_far_it_is_is_heard(command: Command) -> None:
     """With nothing there, ``--resume`` begins."""
     command("--resume", killed=True)

@@ -239,7 +239,6 @@ TABLES: list[bytes] = [
     _table(rows=_with(5, "0.10,1e99999999999,1")),
     _table(rows=_with(5, "0.10,#DIV/0!,1")),
     _table(rows=["m,s,kg", *_ROWS]),
-    _table().replace(b"\n", b"\r", 7),
     b"# time_step: nan\n" + _table(),
     b"# noise_sd acceleration_1: -1\n" + _table(),
     b"# name: a\n# name: b\n" + _table(),

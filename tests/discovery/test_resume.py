@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -81,20 +79,8 @@ def command(inputs: Path, tmp_path: Path) -> Command:
     return Command(inputs, tmp_path / "out")
 
 
-@pytest.fixture(scope="module")
-def n_fits_of_a_whole_search(
-    inputs: Path, tmp_path_factory: pytest.TempPathFactory, blank_figures: Callable[[], AbstractContextManager[None]]
-) -> int:
-    command = Command(inputs, tmp_path_factory.mktemp("whole") / "out")
-    with blank_figures():
-        command()
-    return command.n_fits
-
-
 @pytest.mark.parametrize("damage", [b"", b"noise after the last entry"])
-def test_a_killed_search_goes_on_to_the_same_result(
-    run: Any, command: Command, n_fits_of_a_whole_search: int, damage: bytes
-) -> None:
+def test_a_killed_search_goes_on_to_the_same_result(run: Any, command: Command, damage: bytes) -> None:
     """It wrote nothing and began again."""
     whole = json.loads((run.directory / "discovery.json").read_text(encoding="utf-8"))
     first = command(killed=True)
@@ -108,7 +94,7 @@ def test_a_killed_search_goes_on_to_the_same_result(
     assert not kept.exists()
     n_after = command.n_fits
     # Nothing was fitted twice, and the search is what came before.
-    assert n_before + n_after == n_fits_of_a_whole_search
+    assert n_before + n_after == run.n_fits
     assert n_before > n_after > 0
 
 

@@ -117,6 +117,18 @@ def test_a_name_that_is_no_text_is_told_and_linked(tmp_path: Path, monkeypatch: 
     assert "caf\ufffd" in (tmp_path / "out" / "batch.html").read_text()
 
 
+def test_a_record_that_cannot_be_read_does_not_hold_up_the_others(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = Path.read_bytes
+
+    def read(path: Path) -> bytes:
+        if path.name == "r1.csv":
+            raise PermissionError
+        return own(path)
+
+    monkeypatch.setattr(Path, "read_bytes", read)
+    assert [job.name for job in _jobs(fleet)] == ["broken", "r1", "r2"]
+
+
 def test_a_place_without_records_is_the_user_s_mistake(tmp_path: Path) -> None:
     (tmp_path / "a.md").touch()
     for pattern in (str(tmp_path), str(tmp_path / "*.csv")):

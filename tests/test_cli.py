@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import io
 import json
 import math
@@ -506,6 +507,35 @@ def test_a_home_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
         "compiled kernels cannot be kept in /proc/nowhere/.cache/bwbn_bayes (No such file or directory): "
         f"{tmp_path / f'bwbn_bayes-{os.geteuid()}'} is used instead\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "asked"),
+    [
+        (("simulate", "locked/m.py"), "is_file"),
+        (("export", "opensees", "locked/result.nc"), "is_dir"),
+        (("batch", "locked"), "iterdir"),
+        (("model", "--example", "sdof", "--out", "locked/m.py"), "exists"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else value[0],
+)
+def test_what_the_user_may_not_read_is_one_sentence(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], asked: str
+) -> None:
+    """Asking what a closed folder holds ended in a traceback; root, who runs the tests, may ask."""
+    monkeypatch.chdir(tmp_path)
+    own = getattr(Path, asked)
+
+    def closed(path: Path, **options: object) -> object:
+        if path.parts[:1] == ("locked",):
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return own(path, **options)
+
+    (tmp_path / "locked").mkdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, asked, closed)
+        outcome = run(*arguments)
+    _is_one_sentence(outcome, "locked", "Permission denied: ask for the right to it, or give another path")
 
 
 def test_where_nobody_reads_nothing_is_said() -> None:

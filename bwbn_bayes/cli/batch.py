@@ -115,7 +115,7 @@ def jobs_of(
         directory = out / name
         taken = (str(model), "--record", str(record)) if model is not None else (str(record),)
         words = (version("bwbn-bayes"), command, *options)
-        digest = hashlib.sha256("\n".join(words).encode() + b"\n" + source + b"\n" + record.read_bytes())
+        digest = hashlib.sha256("\n".join(words).encode() + b"\n" + source + b"\n" + _content(record))
         resumed = ("--resume",) if discover else ("--checkpoint", str(directory / "meanwhile"))
         jobs.append(
             Job(
@@ -128,6 +128,14 @@ def jobs_of(
             )
         )
     return jobs
+
+
+def _content(record: Path) -> bytes:
+    """Of a file; nothing of one that cannot be read: its run says why, and the others go on."""
+    try:
+        return record.read_bytes()
+    except OSError:
+        return b""
 
 
 def run_batch(jobs: Sequence[Job], out: Path, n_at_once: int, say: Callable[[str], None]) -> tuple[BatchRow, ...]:

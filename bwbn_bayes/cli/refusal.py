@@ -35,7 +35,9 @@ def refuse(sentence: str) -> NoReturn:
 
 
 def refuse_what_the_system_refuses(error: OSError) -> int:
-    """Leave where a name is one that no file can have, or what is shown finds no room; the exit code where no reader.
+    """Leave where a name is one that no file can have, is closed to the user, or what is shown finds no room.
+
+    Where there is no reader, the exit code.
 
     Raises
     ------
@@ -51,6 +53,8 @@ def refuse_what_the_system_refuses(error: OSError) -> int:
         _drop(sys.stdout)
         place = error.filename or "what is shown"
         refuse(f"{place} cannot be written ({error.strerror}): make room, or choose another place")
+    if isinstance(error, PermissionError) and error.filename is not None:
+        refuse(f"{os.fspath(error.filename)}: {error.strerror}: ask for the right to it, or give another path")
     raise error
 
 

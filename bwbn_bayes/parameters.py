@@ -117,6 +117,8 @@ class Uniform(Prior):
             raise UserError(
                 f"Uniform({self.lower}, {self.upper}): the lower bound must lie below the upper, both finite"
             )
+        if float(self.upper) - float(self.lower) == np.inf:
+            raise UserError(f"Uniform({self.lower}, {self.upper}): the bounds are too far apart, bring them nearer")
 
     @property
     @override

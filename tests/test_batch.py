@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -102,6 +103,30 @@ def test_a_changed_record_model_or_option_is_run_again(fleet: Path, monkeypatch:
     assert ran[4:] == ["r1", "r1", "r1"]
     run_batch(_jobs(fleet, particles="200"), fleet / "out", 1, lambda _: None)
     assert len(ran) == 10
+
+
+def test_a_name_that_is_no_text_is_told_and_linked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A record whose name is bytes of another encoding ended the batch in a traceback."""
+    name = os.fsdecode(b"caf\xe9")
+    (tmp_path / f"{name}.csv").write_text("time [s]")
+    jobs = jobs_of(records_of(str(tmp_path)), tmp_path / "out", model=None, discover=False, options=())
+    monkeypatch.setattr(batch, "_run", lambda job: f"{job.record}: nothing in it")
+    (row,) = run_batch(jobs, tmp_path / "out", 1, lambda _: None)
+    assert (row.record, row.sentence) == ("caf\ufffd", f"{tmp_path}/caf\ufffd.csv: nothing in it")
+    assert batch._address(jobs[0]) == "caf%E9/report.html"
+    assert "caf\ufffd" in (tmp_path / "out" / "batch.html").read_text()
+
+
+def test_a_record_that_cannot_be_read_does_not_hold_up_the_others(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = Path.read_bytes
+
+    def read(path: Path) -> bytes:
+        if path.name == "r1.csv":
+            raise PermissionError
+        return own(path)
+
+    monkeypatch.setattr(Path, "read_bytes", read)
+    assert [job.name for job in _jobs(fleet)] == ["broken", "r1", "r2"]
 
 
 def test_a_place_without_records_is_the_user_s_mistake(tmp_path: Path) -> None:

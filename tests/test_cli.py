@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import io
 import json
 import math
@@ -155,7 +156,8 @@ def test_a_starting_model_is_written_and_identified(run: Run, tmp_path: Path) ->
     outcome = run("model", tmp_path / "brace.csv", "--out", path)
     assert (outcome.code, outcome.out, outcome.err) == (0, f"{path}\n", "")
     for source in (path, tmp_path / "brace.csv"):
-        assert run("identify", source, "--particles", 200, "--out", tmp_path / source.stem).code == 0
+        out = tmp_path / source.stem
+        assert run("identify", source, "--particles", 200, "--no-alternatives", "--out", out).code == 0
     facts = [json.loads((tmp_path / name / "result.json").read_text(encoding="utf-8")) for name in ("start", "brace")]
     assert facts[0]["parameters"] == facts[1]["parameters"] != {}
 
@@ -317,6 +319,9 @@ def test_records_of_one_building_are_identified_together(run: Run, simulated: Pa
     assert list(facts["fit"]["nrmse"]) == ["acceleration_1 of first", "acceleration_1 of second"]
     refused = run("identify", SDOF, *several, "--method", "ga", "--out", tmp_path / "refused")
     _is_one_sentence(refused, "'first and second' joins 2 records", "give one of them")
+    shutil.copy(paths[1], tmp_path / "copy.csv")
+    twice = run("identify", SDOF, *several, "--record", tmp_path / "copy.csv", "--out", tmp_path / "refused")
+    _is_one_sentence(twice, "copy.csv is the measurement of", "second.csv again, which would count twice")
     cyclic = tmp_path / "cyclic.csv"
     cyclic.write_text("displacement [m],force [N]\n" + "".join(f"{x},{x}\n" for x in range(40)), encoding="utf-8")
     mixed = run("identify", SDOF, *several, "--record", cyclic, "--out", tmp_path / "refused")
@@ -447,7 +452,7 @@ def test_a_run_that_fails_leaves_the_old_files_whole(
     old = tmp_path / "report.html"
     old.write_text("whole", encoding="utf-8")
     monkeypatch.setattr("bwbn_bayes.cli.files.write_page", fail)
-    arguments = ("identify", SDOF, "--record", simulated, "--particles", "100", "--out", tmp_path)
+    arguments = ("identify", SDOF, "--record", simulated, "--particles", "100", "--no-alternatives", "--out", tmp_path)
     _is_one_sentence(run(*arguments), "No space left on device", after_steps=True)
     assert old.read_text(encoding="utf-8") == "whole"
     assert list(tmp_path.iterdir()) == [old]
@@ -502,6 +507,35 @@ def test_a_home_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
         "compiled kernels cannot be kept in /proc/nowhere/.cache/bwbn_bayes (No such file or directory): "
         f"{tmp_path / f'bwbn_bayes-{os.geteuid()}'} is used instead\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "asked"),
+    [
+        (("simulate", "locked/m.py"), "is_file"),
+        (("export", "opensees", "locked/result.nc"), "is_dir"),
+        (("batch", "locked"), "iterdir"),
+        (("model", "--example", "sdof", "--out", "locked/m.py"), "exists"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else value[0],
+)
+def test_what_the_user_may_not_read_is_one_sentence(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], asked: str
+) -> None:
+    """Asking what a closed folder holds ended in a traceback; root, who runs the tests, may ask."""
+    monkeypatch.chdir(tmp_path)
+    own = getattr(Path, asked)
+
+    def closed(path: Path, **options: object) -> object:
+        if path.parts[:1] == ("locked",):
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return own(path, **options)
+
+    (tmp_path / "locked").mkdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, asked, closed)
+        outcome = run(*arguments)
+    _is_one_sentence(outcome, "locked", "Permission denied: ask for the right to it, or give another path")
 
 
 def test_where_nobody_reads_nothing_is_said() -> None:

@@ -101,11 +101,19 @@ FILES: list[bytes] = [
         _of(masses).encode()
         for masses in ("[]", "[0.0]", "[-1.0]", "[float('nan')]", "['a']", "None", "[1e400]", "1.0")
     ),
-    *(_of(masses).encode() for masses in ("[[1.0]]", "[Uniform(1, 2)]", "{}", "[1.0, 0.0]", "[10**400]", "b'ab'")),
+    *(
+        _of(masses).encode()
+        for masses in ("[[1.0]]", "[Uniform(1, 2)]", "{}", "[1.0, 0.0]", "[10**400]", "b'ab'", "[1e-320]")
+    ),
     *(
         text.encode()
         for text in (
             "class Mute(Exception):\n    def __str__(self):\n        1 / 0\nraise Mute\n",
+            # What a class of the user's does when it is asked what it is: it ended with exit code 0, and nothing said.
+            "class M:\n    def __getattribute__(self, name): raise SystemExit\nmodel = M()\n",
+            "class M:\n    __class__ = property(lambda self: 1 / 0)\nmodel = M()\n",
+            _of() + "class D(dict):\n    def values(self): raise SystemExit\ntruth = D()\n",
+            "raise ValueError('x' * 10**6)\n",
             "raise ExceptionGroup('a', [ValueError('b\\n\\x1b[31mc')])\n",
             "import sys\nsys.setrecursionlimit(10**6)\ndef f(): return f()\nf()\n",
             "(" * 500 + ")" * 500,
@@ -129,7 +137,13 @@ FILES: list[bytes] = [
                         "Uniform",
                         "1 + 2j",
                     ),
-                    *("10**400", "Uniform(10**400, 10**401)", "Uniform(0, float('inf'))", "Uniform(0, 1e-320)"),
+                    *(
+                        "10**400",
+                        "Uniform(10**400, 10**401)",
+                        "Uniform(0, float('inf'))",
+                        "Uniform(0, 1e-320)",
+                        "Uniform(-1e308, 1e308)",
+                    ),
                     *("Uniform(1e308, 1.7e308)", "Uniform", "True", "b'1'", "{1: 2}", "range(3)", "float('inf')"),
                 )
             ),
@@ -213,6 +227,21 @@ TABLES: list[bytes] = [
     _table(rows=[f"{-0.02 * i:.2f},{i},{i}" for i in range(40)]),
     *(_table().decode().encode(kind) for kind in ("utf-16", "utf-32", "utf-16-le")),
     *(_table(_TOP.replace("[m/s^2]", f"[{unit}]", 1)) for unit in ("m*" * 5000 + "m", "nan m/s^2", "0 m/s^2", "degC")),
+    # The ground moves by 1e60 m/s^2, and by 1e-200: it was told when the search had begun, or never.
+    _table(_TOP.replace("[m/s^2]", "[Ym/as^2]", 1)),
+    _table(rows=[f"{0.02 * i:.2f},{np.sin(i):.4f}e-200,{np.cos(i)}" for i in range(40)]),
+    _table(_TOP + ",acceleration_1 [m/s^2]", [row + ",1" for row in _ROWS]),
+    _table(rows=_with(20, "0.10,1,1")),
+    _table(rows=[*_ROWS, *_ROWS]),
+    _table(rows=_with(5, "0.10 s,1,1")),
+    _table(rows=_with(5, "\ufeff0.10,1,1")),
+    _table(rows=_with(5, "0.10,1\x00,1")),
+    _table(rows=_with(5, "0.10,1e99999999999,1")),
+    _table(rows=_with(5, "0.10,#DIV/0!,1")),
+    _table(rows=["m,s,kg", *_ROWS]),
+    b"# time_step: nan\n" + _table(),
+    b"# noise_sd acceleration_1: -1\n" + _table(),
+    b"# name: a\n# name: b\n" + _table(),
     *(b"1," * 10**5, b"\n" * 10**5, b"#" * 10**5, b"# a: b\n" * 10**4),
     ("time [s]," * 3000 + "\n" + "0," * 3000 + "\n").encode(),
 ]
@@ -221,7 +250,12 @@ MAPS = [
     *("", " ", ",", "=", "a", "t = ", "= time", "t = time [", "t = time [s]]", "t == time", "t = time, t = time"),
     *("t = nothing", "x = acceleration_1", "time = time, ground_acceleration = acceleration_1", "t = time [parsec]"),
     *("acceleration_1 = acceleration_1 minus nothing", "acceleration_1 = acceleration_1 [N]", "t = time;", "\x00"),
-    *("acceleration_1 = drift_1 [m] minus base", "🙂 = time", "acceleration_1 = acceleration_" + "9" * 400),
+    *(
+        "time = time" * 5000,
+        "acceleration_1 = drift_1 [m] minus base",
+        "🙂 = time",
+        "acceleration_1 = acceleration_" + "9" * 400,
+    ),
 ]
 
 CHECKPOINTS = ["/", "/proc/x/ck", "/dev/full/ck", "c" * 300, "..", "."]
@@ -303,6 +337,34 @@ def _at2(head: str) -> Make:
     return _record(".AT2", text.encode())
 
 
+def _several(command: str, *names: str) -> Make:
+    def make(place: Path) -> tuple[object, ...]:
+        for name in set(names):
+            (place / name).write_bytes(_table())
+        return (command, SDOF, *(word for name in names for word in ("--record", name)))
+
+    return make
+
+
+def _starting(floor: str) -> Make:
+    def make(place: Path) -> tuple[object, ...]:
+        (place / "record.csv").write_bytes(_table(_TOP.replace("acceleration_1", f"acceleration_{floor}")))
+        return ("model", "record.csv")
+
+    return make
+
+
+def _over_a_search(*options: str) -> Make:
+    """What an earlier search left stays as it is."""
+
+    def make(place: Path) -> tuple[object, ...]:
+        (place / ".unfinished.solves").write_bytes(b"mine")
+        (place / "record.csv").write_bytes(_table())
+        return ("discover", SDOF, "--record", "record.csv", "--out", ".", *options)
+
+    return make
+
+
 def _no_file(suffix: str) -> Make:
     def make(place: Path) -> tuple[object, ...]:
         os.mkfifo(place / f"record{suffix}")
@@ -327,6 +389,9 @@ CASES: list[tuple[str, Make]] = [
     *((f"table {i}", _record(".csv", data)) for i, data in enumerate(TABLES)),
     *((f"map {i}", _record(".csv", _table(), "--columns", text)) for i, text in enumerate(MAPS)),
     *((f"checkpoint {i}", _record(".csv", _table(), "--checkpoint", place)) for i, place in enumerate(CHECKPOINTS)),
+    *((f"twice, {command}", _several(command, "a.csv", "b.csv")) for command in ("identify", "discover")),
+    *((f"floor of {len(floor)}", _starting(floor)) for floor in ("0", "1000", "9" * 20, "9" * 5000)),
+    *((f"search {word}", _over_a_search(*word.split())) for word in ("--held-out x.csv", "--record x.csv", "--resume")),
     *((f"head {i}", _at2(head)) for i, head in enumerate(AT2_HEADS)),
     *((f"{suffix} {i}", _damaged_record(suffix, i)) for suffix in KINDS for i in range(7)),
     *((f"result {i}", _result(i)) for i in range(7)),
@@ -345,7 +410,7 @@ def test_it_ends_in_one_sentence(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     arguments = [str(argument) for argument in make(tmp_path)]
-    before = {path.name for path in tmp_path.iterdir()}
+    before = _held(tmp_path)
     with pytest.raises(SystemExit) as leaving:
         main(arguments)
     said = capsys.readouterr()
@@ -354,4 +419,8 @@ def test_it_ends_in_one_sentence(
     assert line.startswith("error: ")
     assert line.isprintable()
     assert said.out == ""
-    assert {path.name for path in tmp_path.iterdir()} == before
+    assert _held(tmp_path) == before
+
+
+def _held(place: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() if path.is_file() else b"" for path in place.iterdir()}

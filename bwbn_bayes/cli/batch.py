@@ -19,11 +19,13 @@ from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from bwbn_bayes.engines.children import end_with_parent
 from bwbn_bayes.engines.journal import forget
 from bwbn_bayes.errors import UserError, writing
 from bwbn_bayes.records.readers import RECORD_SUFFIXES
+from bwbn_bayes.records.record import one_line
 from bwbn_bayes.report.batch_html import BatchRow, batch_page
 
 _NOTE, _SAID = "batch.json", "said.txt"
@@ -113,7 +115,7 @@ def jobs_of(
         directory = out / name
         taken = (str(model), "--record", str(record)) if model is not None else (str(record),)
         words = (version("bwbn-bayes"), command, *options)
-        digest = hashlib.sha256("\n".join(words).encode() + b"\n" + source + b"\n" + record.read_bytes())
+        digest = hashlib.sha256("\n".join(words).encode() + b"\n" + source + b"\n" + _content(record))
         resumed = ("--resume",) if discover else ("--checkpoint", str(directory / "meanwhile"))
         jobs.append(
             Job(
@@ -126,6 +128,14 @@ def jobs_of(
             )
         )
     return jobs
+
+
+def _content(record: Path) -> bytes:
+    """Of a file; nothing of one that cannot be read: its run says why, and the others go on."""
+    try:
+        return record.read_bytes()
+    except OSError:
+        return b""
 
 
 def run_batch(jobs: Sequence[Job], out: Path, n_at_once: int, say: Callable[[str], None]) -> tuple[BatchRow, ...]:
@@ -212,16 +222,23 @@ def _written(jobs: Sequence[Job], refused: dict[str, str], out: Path) -> tuple[B
 
 def _row(job: Job, refused: dict[str, str]) -> BatchRow:
     fault = refused.get(job.name, "")
-    return job.row or BatchRow(record=job.name, status="refused" if fault else "waiting", sentence=fault)
+    return job.row or BatchRow(
+        record=one_line(job.name), status="refused" if fault else "waiting", sentence=one_line(fault)
+    )
+
+
+def _address(job: Job) -> str:
+    """Of its report, for a browser, whatever bytes the record's name is made of."""
+    return quote(os.fsencode(f"{job.name}/report.html"))
 
 
 def _identified(job: Job, facts: dict[str, Any]) -> BatchRow:
     failed = [check["sentence"] for check in facts["checks"] if not check["passed"]]
     return BatchRow(
-        record=job.name,
+        record=one_line(job.name),
         status="done" if not failed else "done, with care",
         sentence=" ".join(failed) or "all checks passed",
-        report=f"{job.name}/report.html",
+        report=_address(job),
         nrmse=max(facts["fit"]["nrmse"].values()),
         log_evidence=facts["log_evidence"],
         elapsed_s=facts["elapsed_s"],
@@ -235,10 +252,10 @@ def _discovered(job: Job, facts: dict[str, Any]) -> BatchRow:
         places = ", ".join(map(str, one["storeys"]))
         effects.append(f"{one['name']}, storey {places}" if places else one["name"])
     return BatchRow(
-        record=job.name,
+        record=one_line(job.name),
         status="done",
         sentence=": ".join(part for part in (facts["verdict"], "; ".join(effects)) if part),
-        report=f"{job.name}/report.html",
+        report=_address(job),
         nrmse=facts["gap"]["fit"]["after"],
         parameters={
             f"{effect['name']}.{name}": (one["mean"], one["sd"])

@@ -259,11 +259,10 @@ def discover(
         particles=particles or DiscoverySettings.particles,
         time_limit_s=time_limit,
         checkpoint=directory / UNFINISHED_SEARCH,
+        resume=resume,
         workers=workers,
         scheduler=scheduler,
     )
-    if not resume:
-        forget(directory / UNFINISHED_SEARCH)
     notes = Console(stderr=True)
     with stopped_with(partial(_resumes, directory)), told(notes) as tell:
         apart = _held_out(file, held_out, record)
@@ -583,7 +582,9 @@ def _record(
     if in_sequence and len(paths) < 2:
         raise UserError("--sequence is the order of several records: give --record more than once")
     if len(paths) > 1:
-        return join_records([read_record(path, file.columns) for path in paths], in_sequence=in_sequence)
+        records = [read_record(path, file.columns) for path in paths]
+        _require_different(records, paths)
+        return join_records(records, in_sequence=in_sequence)
     if paths:
         return read_record(paths[0], file.columns)
     if file.record is not None:
@@ -592,6 +593,16 @@ def _record(
         raise UserError(f"model {file.name} brings no record of its own: give one with --record FILE")
     listener("making the record with the reference engine", None)
     return simulate_record(file.model, file.excitation, file.truth, snr_db=file.snr_db, seed=seed)
+
+
+def _require_different(records: Sequence[Record], paths: Sequence[Path]) -> None:
+    first: dict[str, Path] = {}
+    for record, path in zip(records, paths, strict=True):
+        if first.setdefault(record.content_hash, path) is not path and record.channels:
+            raise UserError(
+                f"--record {path} is the measurement of {first[record.content_hash]} again, which would count twice: "
+                "leave it out"
+            )
 
 
 def _held_out(

@@ -14,13 +14,19 @@ from rich.text import Text
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """What the system says where a disk takes no more."""
 
+_MOST = 1200
+"""Characters of a sentence, whatever it quotes: its beginning says where, its end what to do."""
+
 
 def refuse(sentence: str) -> NoReturn:
     """Leave with a sentence."""
     # Imported here: help should not wait for it.
     from bwbn_bayes.records.record import one_line
 
-    message = Text.assemble(("error: ", "bold red"), one_line(sentence))
+    said = one_line(sentence)
+    if len(said) > _MOST:
+        said = f"{said[: _MOST // 2]} ... {said[-_MOST // 2 :]}"
+    message = Text.assemble(("error: ", "bold red"), said)
     try:
         Console(stderr=True).print(message, soft_wrap=True)
     except OSError:
@@ -29,7 +35,9 @@ def refuse(sentence: str) -> NoReturn:
 
 
 def refuse_what_the_system_refuses(error: OSError) -> int:
-    """Leave where a name is one that no file can have, or what is shown finds no room; the exit code where no reader.
+    """Leave where a name is one that no file can have, is closed to the user, or what is shown finds no room.
+
+    Where there is no reader, the exit code.
 
     Raises
     ------
@@ -45,6 +53,8 @@ def refuse_what_the_system_refuses(error: OSError) -> int:
         _drop(sys.stdout)
         place = error.filename or "what is shown"
         refuse(f"{place} cannot be written ({error.strerror}): make room, or choose another place")
+    if isinstance(error, PermissionError) and error.filename is not None:
+        refuse(f"{os.fspath(error.filename)}: {error.strerror}: ask for the right to it, or give another path")
     raise error
 
 

@@ -56,6 +56,8 @@ class DiscoverySettings:
         Nothing further is tried after it: what was found by then is concluded. [s]
     checkpoint : Path, optional
         What was fitted is kept in the file of this name, without suffix; the same search goes on from there.
+    resume : bool
+        Whether it does; otherwise what is kept there is forgotten when the search begins.
 
     Raises
     ------
@@ -73,6 +75,7 @@ class DiscoverySettings:
     effects: tuple[type[Effect], ...] | None = None
     time_limit_s: float | None = None
     checkpoint: Path | None = None
+    resume: bool = True
 
     def __post_init__(self) -> None:
         limit = self.time_limit_s

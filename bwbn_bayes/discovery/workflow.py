@@ -7,8 +7,9 @@ chooses nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from pathlib import Path
 from threading import Thread
 from typing import Literal
 
@@ -27,7 +28,7 @@ from bwbn_bayes.discovery.search import search
 from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.executors import opened
-from bwbn_bayes.engines.journal import Journal
+from bwbn_bayes.engines.journal import Journal, forget
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, coarsest_stable, in_doubles
@@ -102,11 +103,18 @@ def discover(
     _tell_limits(model, record, run)
     record = _with_noise(_thinned(record, run), run)
     with (
-        nullcontext() if settings.checkpoint is None else Journal.opened(settings.checkpoint) as journal,
         opened(settings.workers, settings.scheduler) as run.executor,
+        nullcontext() if settings.checkpoint is None else _journal(settings.checkpoint, settings) as journal,
     ):
         pool = search(_given(model, record, journal, run), run)
         return conclude(pool, apart, name, assumptions, run.binding, run)
+
+
+def _journal(checkpoint: Path, settings: DiscoverySettings) -> AbstractContextManager[Journal]:
+    """The checkpoint's: what an earlier search left is lost only now, when everything that is given can take part."""
+    if not settings.resume:
+        forget(checkpoint)
+    return Journal.opened(checkpoint)
 
 
 def _given(model: Structure, record: Record, journal: Journal | None, run: Run) -> Explanation:

@@ -261,8 +261,8 @@ def check_record(model: Structure, record: Record) -> None:
         )
 
 
-_MOST = 1e100
-"""Of a signal, far beyond any: sums of its squares are still numbers."""
+_MOST = 1e15
+"""Of a signal, far beyond any, and one over the least: sums of squares are still numbers of single precision."""
 
 
 def require_parameters(model: Structure, name: str) -> None:
@@ -296,7 +296,7 @@ def _require_telling(model: Structure, record: Record) -> None:
         raise UserError(f"{where} has no excitation: its {record.excitation_kind} never changes")
     for name, signal in record.columns.items():
         peak = float(np.max(np.abs(signal)))
-        if peak > _MOST:
+        if peak > _MOST or 0.0 < peak < 1.0 / _MOST:
             raise UserError(f"{where}: {name} reaches {peak:.3g} in SI units: mend its unit or its values")
     still = [channel for channel, signal in record.channels.items() if np.ptp(signal[record.kept]) == 0.0]
     if still:

@@ -29,9 +29,9 @@ LEAST_TIME_STEP, MOST_TIME_STEP = 1e-9, 1e6
 RESERVED_KEYS = ("name", "time_step")
 """Comment keys of the CSV format that provenance may not use; ``true ...`` and ``noise_sd ...`` are reserved too."""
 
-CHANNEL_NAMES = "acceleration_i, relative_acceleration_i, displacement_i, drift_i, force_i (i from 1)"
+CHANNEL_NAMES = "acceleration_i, relative_acceleration_i, displacement_i, drift_i, force_i (i from 1 to 999)"
 
-_NUMBERED = re.compile(r"(acceleration|relative_acceleration|displacement|drift|force)_([1-9][0-9]*)", re.ASCII)
+_NUMBERED = re.compile(r"(acceleration|relative_acceleration|displacement|drift|force)_([1-9][0-9]{0,2})", re.ASCII)
 
 _SI_UNITS = {
     "time": "s",
@@ -45,7 +45,7 @@ _SI_UNITS = {
 }
 
 
-_APPLIED = re.compile(r"applied_force_([1-9][0-9]*)", re.ASCII)
+_APPLIED = re.compile(r"applied_force_([1-9][0-9]{0,2})", re.ASCII)
 
 
 def is_input(column: str) -> bool:

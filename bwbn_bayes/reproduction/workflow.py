@@ -95,6 +95,7 @@ def reproduce(
     csv_path, html = directory / "reproduction.csv", directory / "reproduction.html"
     paths = tuple(directory / f"{name}.png" for name, _ in drawings)
     with _writing(directory):
+        directory.mkdir(parents=True, exist_ok=True)  # tables of what the paper assumes need no case
         write_csv(rows, csv_path)
         for path, (_, png) in zip(paths, drawings, strict=True):
             path.write_bytes(png)

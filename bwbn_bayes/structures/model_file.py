@@ -12,7 +12,8 @@ import math
 import runpy
 import signal
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.column_map import EXAMPLE, parse_columns
 from bwbn_bayes.records.noise import MOST_DECIBELS
 from bwbn_bayes.records.readers import RECORD_SUFFIXES, read_record
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Record, one_line
 from bwbn_bayes.structures.starting_model import starting_model
 from bwbn_bayes.structures.starting_source import UNIT_MASSES
 from bwbn_bayes.structures.structure import Structure
@@ -86,7 +87,14 @@ def load_model_file(path: Path | str, columns: str | None = None) -> ModelFile:
         return _of_record(path, columns)
     if not path.is_file():
         raise UserError(f"model file {path} does not exist: give the path of a Python file that defines `model`")
-    names = _run(path)
+    with _of_the_user(path):
+        names = runpy.run_path(str(path), run_name=path.stem)
+    # What stands under these names may be of a class of the user's, too, and fail when it is asked what it is.
+    with _of_the_user(path, passing=UserError):
+        return _checked(names, columns, path)
+
+
+def _checked(names: Mapping[str, object], columns: str | None, path: Path) -> ModelFile:
     model = names.get("model")
     if not isinstance(model, Structure):
         raise UserError(f"{path} does not define `model` as a structure: ShearBuilding, Oscillator or Specimen")
@@ -94,7 +102,7 @@ def load_model_file(path: Path | str, columns: str | None = None) -> ModelFile:
     if excitation is not None and not isinstance(excitation, Record):
         raise UserError(f"{path}: `excitation` must be a Record, such as el_centro() returns")
     return ModelFile(
-        name=path.stem,
+        name=one_line(path.stem),
         model=model,
         record=_measured(names, "record", path),
         held_out=_measured(names, "held_out", path),
@@ -111,7 +119,7 @@ def _of_record(path: Path, columns: str | None) -> ModelFile:
     model = starting_model(record)
     told = ("The model is the record's starting model: sizes read off the record, wide priors about them.",)
     return ModelFile(
-        name=path.stem,
+        name=one_line(path.stem),
         model=model,
         record=record,
         assumptions=(*told, UNIT_MASSES) if not model.is_driven else told,
@@ -119,10 +127,14 @@ def _of_record(path: Path, columns: str | None) -> ModelFile:
     )
 
 
-def _run(path: Path) -> dict[str, object]:
+@contextmanager
+def _of_the_user(path: Path, *, passing: type[UserError] | tuple[()] = ()) -> Iterator[None]:
+    """While code of a model file may run: whatever it raises is a mistake in it, but for what passes."""
     try:
-        return runpy.run_path(str(path), run_name=path.stem)
-    except BaseException as error:  # the file is the user's: whatever it raises is a mistake in it
+        yield
+    except passing:
+        raise
+    except BaseException as error:
         # Ctrl-C comes as an exception where Python handles it; the command line does that itself (cli/interruption.py).
         if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             raise
@@ -130,8 +142,11 @@ def _run(path: Path) -> dict[str, object]:
         line = next((frame.lineno for frame in frames if frame.filename == str(path)), None)
         if isinstance(error, SyntaxError) and error.filename == str(path):
             line = error.lineno
+        if passing and line is None:
+            raise  # a mistake of ours
         where = f"{path}, line {line}" if line is not None else f"{path}"
-        what = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {_words(error)}"
+        said = (str(error),) if isinstance(error, UserError) else (type(error).__name__, _words(error))
+        what = ": ".join(filter(None, said))
         raise UserError(f"{where}: {what}") from error
 
 

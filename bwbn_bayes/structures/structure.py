@@ -359,13 +359,17 @@ WHOLE_BUILDING = ("structure", "excitation")
 """Levels of effects that have no place among storeys and floors."""
 
 
+_LEAST = 1e-30
+"""Of a mass or a height, and one over the most: both are numbers of single precision."""
+
+
 def _positive(values: object) -> tuple[float, ...]:
     """The numbers of a list, none where one of them is no positive number."""
     try:
         numbers = tuple(float(value) for value in values)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
         return ()
-    return numbers if all(np.isfinite(one) and one > 0.0 for one in numbers) else ()
+    return numbers if all(_LEAST < one < 1.0 / _LEAST for one in numbers) else ()
 
 
 def _check_joints(structure: Structure) -> None:

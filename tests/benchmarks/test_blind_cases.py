@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from benchmarks.blind.simulator import Floats
 from bwbn_bayes.records import Record
 
 SHORT = Record(name="short", time_step=0.02, excitation=np.ones(40))
+SMALL = cases.Setting(n_storeys=2, duration=6.0, judged=False)
 TABLES = {"catalogue": CATALOGUE, "forms": FORMS, "more_forms": MORE_FORMS, "outside": OUTSIDE, "later": LATER}
 
 
@@ -25,7 +28,7 @@ def _no_fits(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("kind", ["none", "pairs"])
 def test_a_case_is_a_function_of_its_seed_and_index(kind: cases.Kind) -> None:
-    first, again, other = (make_case(kind, seed, 1, 30.0) for seed in (4, 4, 5))
+    first, again, other = (make_case(kind, seed, 1, 30.0, SMALL) for seed in (4, 4, 5))
     assert first.record.equals(again.record)
     assert first.held_out.equals(again.held_out)
     assert first.truth == again.truth
@@ -78,15 +81,15 @@ def test_severity_noise_and_records_are_as_stated(kind: cases.Kind, index: int, 
 
 
 def test_a_smaller_setting_draws_smaller_cases() -> None:
-    """Two storeys and 12 s; with half of every size range taken away, sizes lie in the upper half."""
-    setting = cases.Setting(n_storeys=2, duration=12.0, raise_by=0.5, judged=False)
+    """Two storeys and 6 s; with half of every size range taken away, sizes lie in the upper half."""
+    setting = replace(SMALL, raise_by=0.5)
     sizes = {}
     for index in range(len(CATALOGUE)):
         case = make_case("catalogue", 6, index, 40.0, setting)
         (hidden,) = case.truth.effects
         assert set(hidden.storeys) <= {1, 2}
         assert list(case.record.channels) == ["acceleration_1", "acceleration_2"]
-        assert case.record.n_times == case.held_out.n_times == 601
+        assert case.record.n_times == case.held_out.n_times == 301
         assert set(case.truth.base) == {"k[1]", "k[2]", "c[1]", "c[2]", "alpha", "beta", "gamma", "n"}
         assert case.truth.nats == ()
         sizes.update({hidden.name: hidden.parameters})

@@ -205,14 +205,15 @@ def test_names_and_parameters_are_those_of_the_catalogue() -> None:
 
 @pytest.mark.parametrize("name", EVERY)
 def test_the_step_is_fine_enough_for_every_effect(name: str) -> None:
+    """A step twice as fine leaves half of a first-order error or less: the error is twice the difference at most."""
     building = drawn(name).inside(base_of(name))
     coarse, fine = (
         respond(building, GROUND.excitation, GROUND.time_step, steps).measured
-        for steps in (STEPS_PER_SAMPLE, 4 * STEPS_PER_SAMPLE)
+        for steps in (STEPS_PER_SAMPLE, 2 * STEPS_PER_SAMPLE)
     )
     assert np.isfinite(fine).all()
     # The sides of the play are met between steps: first order, and far below any noise drawn.
-    assert nrmse(coarse, fine) < (2e-4 if name == "backlash" else 1e-5)
+    assert 2.0 * nrmse(coarse, fine) < (2e-4 if name == "backlash" else 1e-5)
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -13,6 +13,7 @@ from bwbn_bayes.discovery.outcome import Discovery
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.effects import CubicStiffness, SensorGain
 from bwbn_bayes.engines.simulation import simulate
+from bwbn_bayes.inference import modes
 from bwbn_bayes.records.excitation import el_centro
 from bwbn_bayes.records.readers import write_record
 from bwbn_bayes.structures.model_file import load_model_file
@@ -44,6 +45,8 @@ class Run:
     code: int
     out: str
     err: str
+    n_fits: int
+    """How often the search climbed."""
 
 
 @pytest.fixture(scope="session")
@@ -63,16 +66,23 @@ def run(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """``bwbn discover`` with a catalogue of two effects, to be quick."""
     directory = tmp_path_factory.mktemp("discovered") / "new"
     kept: list[Discovery] = []
+    climbed: list[int] = []
 
     def with_two_effects(*arguments, settings, **options):  # type: ignore[no-untyped-def]
         settings = replace(settings, effects=(CubicStiffness, SensorGain), n_workers=1)
         kept.append(discover(*arguments, settings=settings, **options))
         return kept[0]
 
+    def climb(*arguments, own=modes._climb, **options):  # type: ignore[no-untyped-def]
+        climbed.append(1)
+        return own(*arguments, **options)
+
     out, err = StringIO(), StringIO()
     files = ["--record", str(inputs / "record.csv"), "--held-out", str(inputs / "held_out.csv")]
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         patch.setattr(workflow, "discover", with_two_effects)
+        patch.setattr(modes, "_climb", climb)
         with pytest.raises(SystemExit) as leaving:
             main(["discover", str(inputs / "one_storey.py"), *files, "--out", str(directory), "--particles", "300"])
-    return Run(kept[0], K3, directory, int(leaving.value.code or 0), out.getvalue(), err.getvalue())
+    code = int(leaving.value.code or 0)
+    return Run(kept[0], K3, directory, code, out.getvalue(), err.getvalue(), len(climbed))

@@ -320,6 +320,7 @@ def test_no_repeat_cycles_to_hold_out_are_told(record: Record, sentence: str) ->
         set_apart(SPECIMEN, record, "repeats")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_repeat_cycles_change_nothing_but_the_held_out_figures() -> None:
     """A slip that the model as given lacks; then the same test with nonsense in its repeat cycles.
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -81,20 +79,8 @@ def command(inputs: Path, tmp_path: Path) -> Command:
     return Command(inputs, tmp_path / "out")
 
 
-@pytest.fixture(scope="module")
-def n_fits_of_a_whole_search(
-    inputs: Path, tmp_path_factory: pytest.TempPathFactory, blank_figures: Callable[[], AbstractContextManager[None]]
-) -> int:
-    command = Command(inputs, tmp_path_factory.mktemp("whole") / "out")
-    with blank_figures():
-        command()
-    return command.n_fits
-
-
 @pytest.mark.parametrize("damage", [b"", b"noise after the last entry"])
-def test_a_killed_search_goes_on_to_the_same_result(
-    run: Any, command: Command, n_fits_of_a_whole_search: int, damage: bytes
-) -> None:
+def test_a_killed_search_goes_on_to_the_same_result(run: Any, command: Command, damage: bytes) -> None:
     """It wrote nothing and began again."""
     whole = json.loads((run.directory / "discovery.json").read_text(encoding="utf-8"))
     first = command(killed=True)
@@ -108,7 +94,7 @@ def test_a_killed_search_goes_on_to_the_same_result(
     assert not kept.exists()
     n_after = command.n_fits
     # Nothing was fitted twice, and the search is what came before.
-    assert n_before + n_after == n_fits_of_a_whole_search
+    assert n_before + n_after == run.n_fits
     assert n_before > n_after > 0
 
 
@@ -136,6 +122,29 @@ def test_without_resume_it_begins_anew(command: Command) -> None:
     assert command.n_fits == n_fits
     command("--seed", "2", "--resume", killed=True)  # of another seed: nothing fits, but what no seed moves
     assert command.n_fits > n_fits / 2
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--record", "nowhere.csv"), "no such file"),
+        (("--held-out", "nowhere.csv"), "no such file"),
+        (("--held-out", "repeats"), "repeats no cycles"),
+    ],
+    ids=["record", "held out", "repeats"],
+)
+def test_what_is_refused_forgets_no_unfinished_search(
+    inputs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], sentence: str
+) -> None:
+    """A held-out file of a wrong name lost hours of fits, before it was told."""
+    kept = tmp_path / ".unfinished.solves"
+    kept.write_bytes(b"bwbn")
+    record = ("--record", str(inputs / "record.csv"))
+    with pytest.raises(SystemExit) as leaving:
+        main(["discover", str(inputs / "one_storey.py"), *record, *options, "--out", str(tmp_path)])
+    assert leaving.value.code == 2
+    assert sentence in capsys.readouterr().err
+    assert kept.read_bytes() == b"bwbn"
 
 
 def test_how_far_it_is_is_heard(command: Command) -> None:

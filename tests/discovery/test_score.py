@@ -1,6 +1,7 @@
 """Projected scores against least squares on finite differences of the reference engine, and what they promise."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,7 @@ def with_effect(hypothesis: Hypothesis, amount: float) -> Posterior:
     return posterior_of(GROUND.with_channels({CHANNEL: values[0]}))
 
 
+@cache
 def slopes(hypothesis: Hypothesis, expected: float) -> tuple[Floats, Floats]:
     """Central differences of the reference response by base parameters ``(n_times, n_base)`` and by the amplitude."""
     model, reference = hypothesis.model, Reference()

@@ -346,6 +346,7 @@ def command(shocks: Path, out: Path, *options: str, records: tuple[str, ...]) ->
     return int(leaving.value.code or 0), told.getvalue(), heard.getvalue()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_sequence_carries_its_damage_to_the_last_record(shocks: Path, tmp_path: Path) -> None:
     """The improved model predicts the last record, which begins with the damage of those before it."""
     out = tmp_path / "out"
@@ -394,6 +395,7 @@ def cyclic(name: str, amplitudes: tuple[float, ...]) -> Record:
     return Record(name=name, time_step=0.1, excitation=excitation, excitation_kind="displacement")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_two_tests_of_a_type_of_specimen_are_searched_together(tmp_path: Path) -> None:
     spring = BoucWen(
         k=Uniform(2e6, 2e7), c=0.0, alpha=Uniform(0.01, 0.3), A=1.0, beta=Uniform(20, 400), gamma=50.0, n=1.0

@@ -164,8 +164,8 @@ def changed(row: int, text: str) -> str:
 
 
 CHANNELS = (
-    "acceleration_i, relative_acceleration_i, displacement_i, drift_i, force_i (i from 1), or displacement and force "
-    "for a cyclic test"
+    "acceleration_i, relative_acceleration_i, displacement_i, drift_i, force_i (i from 1 to 999), or displacement and "
+    "force for a cyclic test"
 )
 BAD_FILES = [
     ("\n \n", "{path}: the file is empty"),

@@ -59,6 +59,14 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
     return reproduce(tmp_path_factory.mktemp("reproduction"), options=OPTIONS, cases=CASES)
 
 
+def test_a_table_of_what_is_assumed_needs_no_case(tmp_path: Path) -> None:
+    """``--table 1`` ended in "cannot be written": no case had made the directory."""
+    made = reproduce(tmp_path / "new" / "out", tables=(1,), options=OPTIONS)
+    assert made.n_run == made.n_kept == 0
+    assert made.html.is_file()
+    assert made.csv.is_file()
+
+
 @pytest.fixture
 def directory(files: Files) -> Path:
     """Where both cases are finished."""

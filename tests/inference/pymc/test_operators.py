@@ -266,8 +266,8 @@ for gamma in map(float, sys.argv[1:]):
     model = small_model(gamma=gamma)
     engine.misfit(model, draws, record)
     x = pt.matrix("x")
-    function = pytensor.function([x], SquaredResiduals(forward_problem(model, record, engine))(x).sum())
-    print(repr(float(function(draws))), repr(float(engine.misfit(model, draws, record).sum())))
+    function = pytensor.function([x], SquaredResiduals(forward_problem(model, record, engine))(x))
+    print(repr(float(function(draws).sum())), repr(float(engine.misfit(model, draws, record).sum())))
 """
 
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from bwbn_bayes.engines.kernel_compiler import ON_THREADS, thread_code
 from bwbn_bayes.errors import UserError
 
-THREADS = 64
-"""Threads of a block: of 8 to 64, few draws took the same time with any, and many the least with these (H100)."""
+THREADS = 32
+"""Threads of a block, one warp: with 32 to 128 a solve took about the same time (H100)."""
 _BUFFER, _SIZE, _END = 1, 2, 0
 """What announces a kernel's arguments as one row of bytes: where it begins, and its length."""
 _NAMES = ("libcuda.so.1", "libcuda.so", "nvcuda.dll")

@@ -54,7 +54,7 @@ app = typer.Typer(
 )
 app.add_typer(exporting.app, name="export")
 
-EngineName = Literal["lanes", "cvodes", "reference", "scalar", "sunode"]
+EngineName = Literal["lanes", "cvodes", "reference", "scalar", "sunode", "cuda"]
 ModelArgument = Annotated[
     Path,
     typer.Argument(help="Python file that defines `model`, or a record for its starting model.", show_default=False),

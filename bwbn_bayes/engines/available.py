@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from bwbn_bayes.engines.base import Engine
+from bwbn_bayes.engines.cuda import Cuda
+from bwbn_bayes.engines.cuda_driver import first_card
 from bwbn_bayes.engines.cvodes import Cvodes, load_library
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
@@ -12,7 +14,7 @@ from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.engines.sunode import Sunode, load_sunode
 from bwbn_bayes.errors import UserError
 
-NAMES = ("lanes", "cvodes", "reference", "scalar", "sunode")
+NAMES = ("lanes", "cvodes", "reference", "scalar", "sunode", "cuda")
 """Every engine, the default first."""
 
 _SUMMARIES = {
@@ -21,6 +23,7 @@ _SUMMARIES = {
     "reference": "SciPy at tight tolerances: makes synthetic records and judges the others",
     "scalar": "the scheme of lanes, one draw at a time: for comparison",
     "sunode": "SUNDIALS CVODES by way of sunode (conda-forge), with adjoint gradients",
+    "cuda": "the scheme of lanes on a graphics card of NVIDIA's, a thread for each draw: for thousands at once",
 }
 
 
@@ -64,6 +67,9 @@ def engine(name: str, n_threads: int | None = None) -> Engine:
         return Reference()
     if name == "lanes":
         return Lanes() if n_threads is None else Lanes(n_threads=n_threads)
+    if name == "cuda":
+        first_card()
+        return Cuda() if n_threads is None else Cuda(n_threads=n_threads)
     if name == "scalar":
         return ScalarRk4(n_threads=n_threads or 1)
     if name == "sunode":

@@ -131,10 +131,9 @@ class Compiled:
     @classmethod
     def of(cls, engine: llvm.ExecutionEngine, entry: str, signature: Signature) -> Compiled:
         """A function whose machine code is loaded."""
-        forms = ["q" * (1 + kind[1]) if isinstance(kind, tuple) else _FORMS[kind] for _, kind in signature.parameters]
         return cls(
             signature=signature,
-            words=struct.Struct("=" + "".join(forms)),
+            words=words_of(signature),
             address=engine.get_function_address(entry),
             in_a_row=engine.get_function_address(entry + IN_A_ROW),
         )
@@ -201,6 +200,13 @@ class Functions:
 
     def __getattr__(self, name: str) -> Compiled:
         raise AttributeError(f"{name} is not among the functions that were asked for")
+
+
+def words_of(signature: Signature, first: int = 0) -> struct.Struct:
+    """A function's arguments from the ``first`` on as bytes, eight for each word."""
+    kinds = [kind for _, kind in signature.parameters[first:]]
+    forms = ["q" * (1 + kind[1]) if isinstance(kind, tuple) else _FORMS[kind] for kind in kinds]
+    return struct.Struct("=" + "".join(forms))
 
 
 SCALARS: dict[str, Any] = {

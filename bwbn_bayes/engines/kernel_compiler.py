@@ -18,13 +18,27 @@ nobody needs after it, and to elements one lane apart.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import llvmlite.binding as llvm
+import numpy as np
+from numpy.typing import NDArray
 
 from bwbn_bayes.engines.kernel_expressions import Expressions
-from bwbn_bayes.engines.kernel_values import DOUBLE, INT, PRECISIONS, SHORT, TRUTH, Array, Precision, Value
+from bwbn_bayes.engines.kernel_values import (
+    DOUBLE,
+    INT,
+    PRECISIONS,
+    SHORT,
+    TRUTH,
+    Array,
+    Instructions,
+    Precision,
+    Value,
+)
 
 Kind = str | tuple[str, int]
 """Type of a scalar; or of an array's elements, and how many dimensions it has."""
@@ -48,11 +62,12 @@ _ATTRIBUTES = 'nounwind "prefer-vector-width"="512"'
 
 @dataclass(frozen=True, kw_only=True)
 class Signature:
-    """What a function takes from outside, each argument as it is annotated and its kind, and the type that it returns.
+    """What a function takes from outside, by name, as it is annotated and its kind, and the type that it returns.
 
     The type is None where it returns nothing.
     """
 
+    names: tuple[str, ...]
     parameters: tuple[tuple[str, Kind], ...]
     returns: str | None
 
@@ -75,11 +90,13 @@ class _Module:
     functions: dict[str, ast.FunctionDef]
     constants: dict[str, int | float]
     entries: frozenset[str] = frozenset()
+    written_out: frozenset[str] = frozenset()
+    """Loops up to these are written out."""
     compiled: dict[str, _Compiled] = field(default_factory=dict)
     declared: dict[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, source: str, entries: Sequence[str] = ()) -> _Module:
+    def of(cls, source: str, entries: Sequence[str] = (), written_out: Iterable[str] = ()) -> _Module:
         """A kernel's text, read, of which some functions are called from outside."""
         body, constants = ast.parse(source).body, dict[str, int | float]()
         for node in body:
@@ -89,12 +106,19 @@ class _Module:
             functions={node.name: node for node in body if isinstance(node, ast.FunctionDef)},
             constants=constants,
             entries=frozenset(entries),
+            written_out=frozenset(written_out),
         )
 
     @property
+    def texts(self) -> list[str]:
+        """Its functions in LLVM's text."""
+        return [*self.declared.values(), *(one.text for one in self.compiled.values())]
+
+    @property
     def precision(self) -> Precision:
-        """What it computes with."""
-        return PRECISIONS[int(self.constants.get("BITS", 64))]
+        """What it computes with, in vectors of no more lanes than there are."""
+        known = PRECISIONS[int(self.constants.get("BITS", 64))]
+        return known._replace(width=min(known.width, int(self.constants.get("LANES", known.width))))
 
     def signature(self, name: str) -> Signature:
         """How the text annotates a function."""
@@ -103,7 +127,8 @@ class _Module:
         returns = None if node.returns is None else self.kind(ast.unparse(node.returns))
         assert len(written) == len(node.args.args), f"{name} does not say what it takes"
         assert not isinstance(returns, tuple), f"{name} returns an array"
-        return Signature(parameters=tuple((one, self.kind(one)) for one in written), returns=returns)
+        names = tuple(one.arg for one in node.args.args)
+        return Signature(names=names, parameters=tuple((one, self.kind(one)) for one in written), returns=returns)
 
     def kind(self, name: str) -> Kind:
         """The kind of an argument that is annotated so."""
@@ -170,14 +195,121 @@ def object_code(source: str, *entries: str) -> bytes:
     """
     module = _Module.of(source, entries)
     rows = [_in_a_row(entry, module.from_outside(entry)) for entry in entries]
-    texts = [*module.declared.values(), *(one.text for one in module.compiled.values()), *rows]
-    machine, code = target_machine(), llvm.parse_assembly("\n".join(texts))
+    machine = target_machine()
+    return bytes(machine.emit_object(_optimised(_assembled([*module.texts, *rows], machine), machine)))
+
+
+def thread_code(source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]]) -> str:
+    """PTX for NVIDIA's cards, each thread of which calls a function of a kernel's text with its own number.
+
+    Parameters
+    ----------
+    source : str
+        The text.
+    entry : str
+        A function that takes the thread's number first, then numbers and arrays as its text annotates them. From
+        outside :data:`ON_THREADS` is called, which takes the rest as words of eight bytes, an array as where it begins
+        and its sizes; no two arrays may overlap.
+    fixed : mapping of str to int or array
+        Arguments, and sizes of arrays by ``name.size0`` and so on, that are known beforehand and put into the code;
+        they are passed all the same.
+    """
+    few = [name for name, known in fixed.items() if isinstance(known, int) and known <= _FEW]
+    module = _Module.of(source, [entry], few)
+    module.from_outside(entry)
+    wrapper = [*_on_threads(entry, module.signature(entry), fixed), *_HINTS]
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    machine = llvm.Target.from_triple("nvptx64-nvidia-cuda").create_target_machine(cpu=_OLDEST_CARD, opt=3)
+    code = _assembled([*module.texts, *wrapper], machine)
+    code.get_function(entry).linkage = "internal"
+    # Divisions last: what they take would keep functions from being put where they are called.
+    divided = _QUOTIENT_OF.sub(r"= call double @quotient(double \1, double \2)", str(_optimised(code, machine)))
+    return str(machine.emit_assembly(_optimised(_assembled([divided, _QUOTIENT], machine), machine)))
+
+
+ON_THREADS = "on_threads"
+_OLDEST_CARD = "sm_75"
+"""What the PTX asks for; a card's own driver makes machine code of it, on any younger one too."""
+_QUOTIENT_OF = re.compile(r"= fdiv [a-z ]*double (\S+), (%\S+)")
+_QUOTIENT = """
+declare double @llvm.nvvm.rcp.approx.ftz.d(double)
+declare double @llvm.fma.f64(double, double, double)
+define internal double @quotient(double %a, double %b) alwaysinline {
+  %minus = fneg double %b
+  %one = call double @llvm.nvvm.rcp.approx.ftz.d(double %b)
+  %off = call double @llvm.fma.f64(double %minus, double %one, double 1.0)
+  %two = call double @llvm.fma.f64(double %one, double %off, double %one)
+  %still = call double @llvm.fma.f64(double %minus, double %two, double 1.0)
+  %inverse = call double @llvm.fma.f64(double %two, double %still, double %two)
+  %about = fmul double %a, %inverse
+  %rest = call double @llvm.fma.f64(double %minus, double %about, double %a)
+  %found = call double @llvm.fma.f64(double %rest, double %inverse, double %about)
+  ret double %found
+}"""
+"""A quotient by Newton's method from the card's first guess, to the last place. The card's own division asks first
+whether its numbers are extreme, and code that branches cannot be worked on beside other code: a solve took 1.7 times as
+long. By zero, infinity or what has fewer digits (below 2e-308) it is not a number."""
+_FEW = 4
+"""Loops of so many turns are written out: what one turn waits for, the next need not. A solve of three storeys then
+takes two thirds of the time; the code, and the time that it takes to compile, grow with their number."""
+_WRITTEN_OUT, _HINTS = ", !llvm.loop !0", ("!0 = distinct !{!0, !1}", '!1 = !{!"llvm.loop.unroll.full"}')
+
+
+def _on_threads(entry: str, signature: Signature, fixed: Mapping[str, int | NDArray[Any]]) -> list[str]:
+    """The function that a card calls, and the tables that are known beforehand."""
+    parameters, words, tables = list[str](), [f"{INT} %thread"], list[str]()
+    for name, (_, kind) in zip(signature.names[1:], signature.parameters[1:], strict=True):
+        known = fixed.get(name)
+        if isinstance(kind, str):
+            type_ = INT if kind == TRUTH else kind
+            parameters.append(f"{type_} %{name}")
+            words.append(f"{type_} {f'%{name}' if known is None else known}")
+            continue
+        element, n_sizes = kind
+        sizes = [f"{name}.size{axis}" for axis in range(n_sizes)]
+        parameters += [f"ptr noalias %{name}", *(f"{INT} %{size}" for size in sizes)]
+        if isinstance(known, np.ndarray):
+            tables.append(_table(name, element, known))
+            words += [f"ptr @{name}", *(f"{INT} {size}" for size in known.shape)]
+        else:
+            words += [f"ptr %{name}", *(f"{INT} {fixed.get(size, f'%{size}')}" for size in sizes)]
+    sreg = "llvm.nvvm.read.ptx.sreg"
+    return [
+        *(f"declare i32 @{sreg}.{one}.x()" for one in ("ctaid", "ntid", "tid")),
+        *tables,
+        f"define ptx_kernel void @{ON_THREADS}({', '.join(parameters)}) {{",
+        *(f"  %{one} = call i32 @{sreg}.{one}.x()" for one in ("ctaid", "ntid", "tid")),
+        "  %first = mul i32 %ctaid, %ntid",
+        "  %number = add i32 %first, %tid",
+        f"  %thread = zext i32 %number to {INT}",
+        f"  call void @{entry}({', '.join(words)})",
+        "  ret void",
+        "}",
+    ]
+
+
+def _table(name: str, element: str, values: NDArray[Any]) -> str:
+    write = Instructions(PRECISIONS[64 if element == DOUBLE else 32]).constant
+    numbers = [write(value) for value in values.ravel().tolist()]
+    listed = ", ".join(f"{element} {number.text}" for number in numbers)
+    return f"@{name} = internal constant [{len(numbers)} x {element}] [{listed}]"
+
+
+def _assembled(texts: Sequence[str], machine: llvm.TargetMachine) -> llvm.ModuleRef:
+    """Functions in LLVM's text, read for a machine."""
+    code = llvm.parse_assembly("\n".join(texts))
     code.triple, code.data_layout = machine.triple, str(machine.target_data)
+    return code
+
+
+def _optimised(code: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.ModuleRef:
+    """Functions as the machine's best code."""
     options = llvm.create_pipeline_tuning_options(speed_level=3)
     options.loop_vectorization, options.slp_vectorization = True, False
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(code, builder)
-    return bytes(machine.emit_object(code))
+    return code
 
 
 def _in_a_row(name: str, entry: _Compiled) -> str:
@@ -352,9 +484,9 @@ class _Writer(Expressions):
             step = self.width if in_vectors else 1
             self.store(counter, self.emit(INT, f"add nsw {INT} {self.load(counter).text}, {step}"))
 
-        self._repeat(test, one)
+        self._repeat(test, one, _WRITTEN_OUT if ast.unparse(limits[-1]) in self.module.written_out else "")
 
-    def _repeat(self, test: Callable[[], Value], write: Callable[[], None]) -> None:
+    def _repeat(self, test: Callable[[], Value], write: Callable[[], None], how: str = "") -> None:
         """Lines again and again, as long as a test holds."""
         head, inside, end = self.name("head"), self.name("body"), self.name("end")
         self.go(head)
@@ -364,7 +496,7 @@ class _Writer(Expressions):
         self.leave.append(end)
         write()
         self.leave.pop()
-        self.go(head)
+        self.go(f"{head}{how}")
         self.label(end)
 
 

@@ -222,7 +222,16 @@ class Expressions(Instructions):
                     return Array(whole.element, self.element_of(whole, first.text), whole.sizes[1:])
             case ast.Call(func=function, args=[first_node, *sizes]) if ast.unparse(function) in _VIEWS:
                 return self._view(_VIEWS[ast.unparse(function)], first_node, sizes)
+            case ast.Call(func=ast.Name(id="_own" | "_own_doubles" as name), args=[size]):
+                return self._room(self.real if name == "_own" else DOUBLE, size)
         return None
+
+    def _room(self, element: str, size: ast.expr) -> Array:
+        """Room of a call's own, for so many numbers as is known beforehand."""
+        number, start = self.known(size), f"%{self.name('own')}"
+        assert number is not None, f"{ast.unparse(size)} is not known beforehand"
+        self.slots_at_entry.append(f"  {start} = alloca [{number} x {element}]")
+        return Array(element, start, (str(number),))
 
     def _view(self, element: str | None, node: ast.expr, sizes: Sequence[ast.expr]) -> Array:
         """An array as one long row, or the numbers that stand at an address."""

@@ -133,8 +133,8 @@ class Instructions:
         self.lines.append(f"  br i1 {test.text}, label %{yes}, label %{no}")
 
     def vector_of(self, scalar: str) -> str:
-        """Type of a vector."""
-        return f"<{self.width} x {scalar}>"
+        """Type of a vector; of one lane it is a scalar's."""
+        return scalar if self.width == 1 else f"<{self.width} x {scalar}>"
 
     def as_wide(self, type_: str, value: Value) -> str:
         """The type of as many as a value has."""
@@ -234,7 +234,7 @@ class Instructions:
 
     def wide(self, value: Value) -> Value:
         """The same number in every lane."""
-        if value.is_wide:
+        if value.is_wide or self.width == 1:
             return value
         type_ = self.vector_of(value.type)
         if value.is_constant:

@@ -1,4 +1,4 @@
-"""Up to sixteen draws and the lanes that they fill."""
+"""Draws that are solved together, and the lanes that they fill."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WORTH_SHARING = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """Up to sixteen draws and the lanes they fill: ``n_shares`` each, one after the other.
+    """Draws and the lanes they fill: ``n_shares`` each, one after the other.
 
     Attributes
     ----------
@@ -26,8 +26,8 @@ class Block:
     whole : Directions
         Of the draws.
     directions : Directions
-        Of the sixteen lanes; those left over repeat the last one.
-    parameters : (n_links, n_law, LANES) array
+        Of the lanes; those left over repeat the last one.
+    parameters : (n_links, n_law, n_lanes) array
     sensor_parameters : (n_draws, n_links, n_sensor_parameters) array
     """
 
@@ -43,15 +43,20 @@ class Block:
         """How many they are."""
         return int(self.rows.stop - self.rows.start)
 
+    @property
+    def n_lanes(self) -> int:
+        """How many lanes there are."""
+        return int(self.parameters.shape[2])
+
     @classmethod
-    def of(cls, local: Floats, n_law: int, directions: Directions, start: int) -> Block:
+    def of(cls, local: Floats, n_law: int, directions: Directions, start: int, n_lanes: int = LANES) -> Block:
         """The block of draws from ``start``, given the parameters and directions of all draws."""
-        n_draws = min(LANES, len(local) - start)
+        n_draws = min(n_lanes, len(local) - start)
         rows = slice(start, start + n_draws)
         whole = directions.at(np.arange(start, rows.stop))
-        n_shares = LANES // n_draws if whole.n >= _WORTH_SHARING else 1
+        n_shares = n_lanes // n_draws if whole.n >= _WORTH_SHARING else 1
         own = whole.divided(n_shares) if n_shares > 1 else whole
-        lanes = np.minimum(np.arange(LANES), n_draws * n_shares - 1)
+        lanes = np.minimum(np.arange(n_lanes), n_draws * n_shares - 1)
         return cls(
             rows=rows,
             n_shares=n_shares,

@@ -1,4 +1,4 @@
-"""What one call of the lane engine solves: draws in blocks of sixteen lanes, a record in parts, the kernel on each."""
+"""What one call of the lane engine solves: draws in blocks of lanes, a record in parts, the kernel on each."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.base import OBSERVED_KINDS, ChannelMap, channel_map, check_record, masses
 from bwbn_bayes.engines.directions import Directions
 from bwbn_bayes.engines.kernel import Kernel
@@ -28,7 +29,7 @@ from bwbn_bayes.structures.structure import Structure
 
 
 class Stepping(Protocol):
-    """What an engine says of its steps; see :class:`~bwbn_bayes.engines.lanes.Lanes`."""
+    """What an engine says of its steps, and how it takes them; see :class:`~bwbn_bayes.engines.lanes.Lanes`."""
 
     @property
     def substeps(self) -> int:
@@ -43,6 +44,10 @@ class Stepping(Protocol):
     @property
     def cut_at_turns(self) -> bool:
         """Whether steps end where a drift rate changes sign."""
+        ...
+
+    def march(self, problem: Problem, block: Block, *, store: bool) -> Iterator[tuple[Part, Outcome]]:
+        """What comes of a block of draws, part after part."""
         ...
 
 
@@ -60,7 +65,7 @@ class Outcome:
         return cls(misfit=np.zeros(c * LANES), gram=np.zeros(c * (d * (d + 3) // 2) * LANES), stored=stored)
 
 
-_SHARES, _WEIGHTS = np.array([1 / 2, 1 / 2, 1.0]), np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6])
+SHARES, WEIGHTS = np.array([1 / 2, 1 / 2, 1.0]), np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6])
 """Stages of the classical Runge-Kutta scheme."""
 
 
@@ -134,6 +139,7 @@ def _positions(names: tuple[str, ...], some: Iterable[str]) -> NDArray[np.int64]
 class Problem:
     """What every block of one call shares; ``real`` is the type of the kernel's numbers."""
 
+    law: StoreyLaw
     kernel: Kernel
     real: np.dtype[Any]
     layout: LaneLayout
@@ -161,7 +167,7 @@ class Problem:
         cls, model: Structure, record: Record, names: tuple[str, ...], *, wanted: Booleans, single: bool
     ) -> Problem:
         """The problem of one call; the derivatives ``wanted`` of each draw, ``(n_draws, n_parameters)``."""
-        known = problem_of(_Same(model), _Same(record), names, single)
+        known = problem_of(Same(model), Same(record), names, single)
         n = wanted.shape[1]
         return replace(known, n_parameters=n, directions=Directions.of(known.moved[:n], known.layout.nowhere, wanted))
 
@@ -174,6 +180,7 @@ class Problem:
         real = np.dtype(np.float32 if single else np.float64)
         moved = _moved(model, layout)
         return cls(
+            law=model.law,
             kernel=kernel,
             real=real,
             layout=layout,
@@ -198,8 +205,8 @@ class Problem:
         lane, direction = np.nonzero(owner[:n_lanes] >= 0)
         values = np.empty((block.n_draws, c, self.record.n_times))
         slopes = np.zeros((block.n_draws, self.n_parameters, c, self.record.n_times))
-        for part, outcome in self.run(stepping, block, store=True):
-            stored = outcome.stored.reshape(-1, 1 + block.directions.n, c, LANES)
+        for part, outcome in stepping.march(self, block, store=True):
+            stored = outcome.stored.reshape(-1, 1 + block.directions.n, c, block.n_lanes)
             table = np.ascontiguousarray(np.moveaxis(stored, (0, 3), (3, 0))[:n_lanes])
             samples = part.stretch.samples
             values[..., samples] = table[:: block.n_shares, 0]
@@ -225,7 +232,7 @@ class Problem:
     def reduced(self, stepping: Stepping, block: Block) -> tuple[Floats, Floats, Floats]:
         """Misfit, gradient and information of a block, summed by the kernel."""
         found = []
-        for part, outcome in self.run(stepping, block, store=block.n_shares > 1):
+        for part, outcome in stepping.march(self, block, store=block.n_shares > 1):
             whole = outcome if block.n_shares == 1 else self.gathered(block, part, outcome.stored)
             found.append(self.unpacked(block, part, whole))
         misfit, gradient, information = (np.concatenate(arrays, axis=1) for arrays in zip(*found, strict=True))
@@ -270,12 +277,12 @@ class Problem:
 
         Returns
         -------
-        blocks : (n_links + 2, n_rows, LANES) array
-        tangents : (n_directions, n_links + 2, n_rows, LANES) array
+        blocks : (n_links + 2, n_rows, n_lanes) array
+        tangents : (n_directions, n_links + 2, n_rows, n_lanes) array
         """
         n, place, owner = self.n_links, self.layout, block.directions.owner
-        blocks = _aligned((n + 2, place.block, LANES), self.real)
-        tangents = _aligned((block.directions.n, n + 2, place.tangent_block, LANES), self.real)
+        blocks = _aligned((n + 2, place.block, block.n_lanes), self.real)
+        tangents = _aligned((block.directions.n, n + 2, place.tangent_block, block.n_lanes), self.real)
         links = blocks[n:0:-1]
         with np.errstate(over="ignore"):  # a draw out of range fails
             links[:, place.parameters : place.parameters + block.parameters.shape[1]] = block.parameters
@@ -289,6 +296,14 @@ class Problem:
                 tangents[:, n - term.link, row] += term.factor * (parameter == owner.T)
         return blocks, tangents
 
+    def times(self, block: Block, stretch: Stretch) -> Floats:
+        """When events happen since a stretch began [s], ``(n_links, n_events, n_lanes)``, links from the last."""
+        return np.asarray(block.parameters[::-1, self.events] - stretch.begin)
+
+    def steps(self, stepping: Stepping, stretch: Stretch) -> NDArray[np.int64]:
+        """Steps of each interval of a stretch, ``(n_times,)``, before any refinement."""
+        return interval_steps(stretch.inputs[:, 0], stepping.substeps, driven=self.driven)
+
     def run(self, stepping: Stepping, block: Block, *, store: bool) -> Iterator[tuple[Part, Outcome]]:
         """The kernel on one block, part after part."""
         d, n, place = block.directions.n, self.n_links, self.layout
@@ -298,7 +313,7 @@ class Problem:
             stretch, channels = part.stretch, part.channels
             if not stretch.is_carried:
                 blocks, tangents = self.started(block)
-            times = block.parameters[::-1, self.events] - stretch.begin
+            times = self.times(block, stretch)
             c = len(channels.names)
             stored = np.zeros(len(stretch.inputs) * c * (1 + d) * LANES if store else 1, dtype=self.real)
             outcome = Outcome.empty(c, 0 if store else d, stored=stored)
@@ -315,9 +330,9 @@ class Problem:
                 seed,
                 column,
                 self.cast(active),
-                self.cast(_SHARES),
-                self.cast(_WEIGHTS),
-                interval_steps(stretch.inputs[:, 0], stepping.substeps, driven=self.driven),
+                self.cast(SHARES),
+                self.cast(WEIGHTS),
+                self.steps(stepping, stretch),
                 float(stepping.resolution),
                 stepping.cut_at_turns,
                 channels.starts,
@@ -336,7 +351,7 @@ class Problem:
                 yield part, outcome
 
 
-class _Same[T]:
+class Same[T]:
     """An object as a key: models and records are never changed, so that what follows from one stays true."""
 
     def __init__(self, it: T) -> None:
@@ -346,11 +361,11 @@ class _Same[T]:
         return id(self.it)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.it is other.it
+        return isinstance(other, Same) and self.it is other.it
 
 
 @lru_cache(maxsize=8)  # each holds the record a second time: as many as a few threads ask about at once
-def problem_of(model: _Same[Structure], record: _Same[Record], names: tuple[str, ...], single: bool) -> Problem:
+def problem_of(model: Same[Structure], record: Same[Record], names: tuple[str, ...], single: bool) -> Problem:
     """Samplers ask about one model and record thousands of times: preparing a short one took longer than solving it."""
     return Problem.without_derivatives(model.it, record.it, names, single=single)
 

@@ -139,7 +139,9 @@ def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
     )
 
 
-def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool, single: bool = False) -> str:
+def lane_source(
+    law: StoreyLaw, programs: LawPrograms, *, driven: bool, single: bool = False, lanes: int = LANES
+) -> str:
     """Source of the kernel module of one storey law.
 
     Parameters
@@ -152,11 +154,13 @@ def lane_source(law: StoreyLaw, programs: LawPrograms, *, driven: bool, single: 
         True for a specimen whose displacement is given, False for a base-excited building.
     single : bool
         Whether it computes with numbers of 32 bits.
+    lanes : int
+        Draws that advance together.
     """
     place = lane_layout(law, programs)
     n = place.n_states
     fields: dict[str, object] = {
-        "lanes": LANES,
+        "lanes": lanes,
         "bits": 32 if single else 64,
         "near": 1e-5 if single else 1e-9,
         "arrived": 1e-6 if single else 1e-12,

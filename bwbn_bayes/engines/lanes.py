@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ import numpy as np
 from bwbn_bayes.engines.base import NormalEquations, Response, Status
 from bwbn_bayes.engines.lane_block import Block
 from bwbn_bayes.engines.lane_points import OfPoints
-from bwbn_bayes.engines.lane_problem import Problem
+from bwbn_bayes.engines.lane_problem import Outcome, Part, Problem
 from bwbn_bayes.engines.lane_source import LANES
 from bwbn_bayes.engines.step_rules import steps_in_words
 from bwbn_bayes.parameters import Booleans, Floats
@@ -74,7 +74,11 @@ class Lanes:
         """Scheme and accuracy in words."""
         turns = "" if self.cut_at_turns else ", not cut at turns"
         precision = ", single precision" if self.single else ""
-        return f"RK4, {steps_in_words(self.substeps, self.resolution)}{turns}, {LANES} lanes{precision}"
+        return f"RK4, {steps_in_words(self.substeps, self.resolution)}{turns}, {self._at_once}{precision}"
+
+    @property
+    def _at_once(self) -> str:
+        return f"{LANES} lanes"
 
     def simulate(
         self, model: Structure, draws: Floats, record: Record, channels: Sequence[str] | None = None
@@ -111,12 +115,12 @@ class Lanes:
                     result[block.rows] = np.stack([np.sum(rest**2, axis=1) for rest in left], axis=1)
                 return
             sums = [
-                outcome.misfit.reshape(-1, LANES)[part.rows].T[: block.n_draws]
-                for part, outcome in problem.run(self, block, store=False)
+                outcome.misfit.reshape(-1, block.n_lanes)[part.rows].T[: block.n_draws]
+                for part, outcome in self.march(problem, block, store=False)
             ]
             result[block.rows] = np.concatenate(sums, axis=1)
 
-        self._over_blocks(problem, model, draws, solve)
+        self._over_blocks(problem, model, draws, solve, store=problem.is_summed_outside)
         return np.where(np.isfinite(result), result, np.inf)
 
     def normal_equations(
@@ -137,7 +141,7 @@ class Lanes:
             summed = problem.summed if problem.is_summed_outside else problem.reduced
             misfit[block.rows], gradient[block.rows], information[block.rows] = summed(self, block)
 
-        self._over_blocks(problem, model, draws, solve)
+        self._over_blocks(problem, model, draws, solve, store=problem.is_summed_outside)
         misfit = np.where(np.isfinite(misfit), misfit, np.inf)
         return NormalEquations(misfit=misfit, gradient=gradient, information=information)
 
@@ -160,15 +164,27 @@ class Lanes:
         def solve(block: Block) -> None:
             values[block.rows], slopes[block.rows] = problem.solve(self, block)
 
-        self._over_blocks(problem, model, draws, solve)
+        self._over_blocks(problem, model, draws, solve, store=True)
         return values, slopes
 
-    def _over_blocks(self, problem: Problem, model: Structure, draws: Floats, solve: Callable[[Block], None]) -> None:
+    def march(self, problem: Problem, block: Block, *, store: bool) -> Iterator[tuple[Part, Outcome]]:
+        """What comes of a block of draws, part after part; responses where they are to be stored, else their sums."""
+        return problem.run(self, block, store=store)
+
+    def lanes_for(self, problem: Problem, n_draws: int, *, store: bool) -> int:
+        """How many of so many draws are solved at once."""
+        return LANES
+
+    def _over_blocks(
+        self, problem: Problem, model: Structure, draws: Floats, solve: Callable[[Block], None], *, store: bool
+    ) -> None:
         local = model.table.local(np.asarray(draws, dtype=np.float64))
         # A draw with one value that is not finite fails as a whole: in fast code a comparison could hide it.
         local[~np.all(np.isfinite(local), axis=(1, 2))] = np.nan
         n_law = len(model.law.parameters)
-        blocks = [Block.of(local, n_law, problem.directions, start) for start in range(0, len(draws), LANES)]
+        n_lanes = self.lanes_for(problem, len(draws), store=store)
+        starts = range(0, len(draws), n_lanes)
+        blocks = [Block.of(local, n_law, problem.directions, start, n_lanes) for start in starts]
         if self.n_threads == 1 or len(blocks) == 1 or ALONE.get():
             for block in blocks:
                 solve(block)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 
 import numpy as np
+from emulated_card import EmulatedCuda
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import (
@@ -30,10 +31,11 @@ ENGINES: dict[str, Engine] = {
     "cvodes": Cvodes(rtol=1e-10, atol=1e-12),
     "scalar": ScalarRk4(substeps=16),
     "reference": Reference(),
+    "cuda": EmulatedCuda(substeps=16, n_threads=2),
 }
 if find_spec("sunode") is not None:
     ENGINES["sunode"] = Sunode(rtol=1e-10, atol=1e-12)
-"""Each engine at settings whose error is below :data:`CONVERGED`; sunode where it is installed."""
+"""Each engine at settings whose error is below :data:`CONVERGED`; sunode where it is installed, cuda without a card."""
 
 CONVERGED = 1e-5
 TIME_STEP = 0.02

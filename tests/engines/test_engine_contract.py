@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 import sympy as sp
+from emulated_card import EmulatedCuda
 from engine_cases import CONVERGED, ENGINES, FREE, TIME_STEP, building, record_of, relative_error
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
@@ -28,7 +29,12 @@ from bwbn_bayes.structures.specimen import Specimen
 
 OTHERS = [name for name in ENGINES if name != "reference"]
 
-FINE: dict[str, Engine] = {**ENGINES, "lanes": Lanes(substeps=64), "scalar": ScalarRk4(substeps=64)}
+FINE: dict[str, Engine] = {
+    **ENGINES,
+    "lanes": Lanes(substeps=64),
+    "scalar": ScalarRk4(substeps=64),
+    "cuda": EmulatedCuda(substeps=64),
+}
 """Runge-Kutta tangents are of order one where a step straddles a switch of sign: 16 steps per sample leave 2e-3."""
 
 CASES: dict[str, dict[str, Value]] = {

@@ -57,8 +57,9 @@ class GaussianMixture:
     def log_parts(self, points: Floats) -> Floats:
         """Log of each component's weighted density, ``(k, n)``."""
         parts = np.empty((len(self.weights), len(points)))
+        centred, whitened = np.empty((2, *points.shape))  # once: to be given memory takes longer than to subtract
         for part, log_peak, mean, inverse in zip(parts, self._log_peaks, self.means, self.inverses, strict=True):
-            whitened = (points - mean) @ inverse.T
+            np.matmul(np.subtract(points, mean, out=centred), inverse.T, out=whitened)
             part[:] = log_peak - 0.5 * np.einsum("ni,ni->n", whitened, whitened)
         return parts
 
@@ -159,9 +160,10 @@ def _maximise(points: Floats, shares: Floats, covariance: Floats) -> GaussianMix
     means = shares @ points / mass[:, None]
     ridge = _RIDGE * np.diag(np.diag(covariance)) + np.eye(points.shape[1]) * 1e-300
     factors = np.empty((len(mass), *covariance.shape))
+    centred, weighted = np.empty((2, *points.shape))
     for factor, share, total, mean in zip(factors, shares, mass, means, strict=True):
-        centred = points - mean
-        factor[:] = np.linalg.cholesky(centred.T @ (centred * share[:, None]) / total + ridge)
+        np.multiply(np.subtract(points, mean, out=centred), share[:, None], out=weighted)
+        factor[:] = np.linalg.cholesky(centred.T @ weighted / total + ridge)
     identity = np.eye(points.shape[1])
     inverses = np.stack([solve_triangular(factor, identity, lower=True) for factor in factors])
     return GaussianMixture(mass / np.sum(mass), means, factors, inverses)

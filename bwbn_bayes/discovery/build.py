@@ -61,9 +61,8 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     A specimen's solves are short beside the compilation of a law: it is fitted under the law that scores, and what its
     laws leave is no noise that a score could be judged by.
     """
-    if not first:  # Later models differ from run to run: one law for all of them, compiled once, scores them.
-        run.considered = hypotheses_of(parent, run, np.inf)
-    every = run.considered
+    # Later models differ from run to run: one law for all of them, compiled once, scores them.
+    every = run.considered_first if first else hypotheses_of(parent, run, np.inf)
     if parent.is_quiet or not (first or parent.is_specimen):
         run.say(f"scoring {len(every)} hypotheses")
         run.scored = (parent.model, score_all(parent, every, run))

@@ -100,8 +100,6 @@ class Run:
     steps: list[Step] = field(default_factory=list)
     scored: tuple[Structure | None, tuple[tuple[Hypothesis, Score], ...]] = (None, ())
     """The model that was scored last, with its hypotheses."""
-    considered: tuple[Hypothesis, ...] = ()
-    """Hypotheses of the present round, fitted or not."""
     notes: list[str] = field(default_factory=list)
     """What the reader of the verdict must know besides."""
     first_fits: tuple[Fit, ...] = ()
@@ -131,7 +129,7 @@ class Run:
 
     def consider(self, first: tuple[Hypothesis, ...]) -> None:
         """Begin with the hypotheses of the first round; each name's share of the prior is split over its own."""
-        self.considered = self.considered_first = first
+        self.considered_first = first
         usual = {(h.name, h.symbols, h.storeys) for h in first}
         shapes = ((form, h) for h in first for form in h.free_shapes)
         free = {(form.name, tuple(p.symbol for p in form.parameters), h.storeys) for form, h in shapes}

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator, Mapping
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from bwbn_bayes.discovery import alone
+from bwbn_bayes.discovery import alone, build
 from bwbn_bayes.discovery.explanation import SPECIMEN, Explanation, Key, key_of
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
@@ -106,3 +106,17 @@ def test_a_building_has_its_laws_by_themselves_anyway(monkeypatch: pytest.Monkey
     monkeypatch.setattr(Pool, "leave_alone", lambda *_, **__: pytest.fail("nothing is to be fitted"))
     run = Run(DiscoverySettings(), np.random.default_rng(1), None)
     alone.build_alone(Pool(run=run), run)
+
+
+def test_a_model_as_given_is_built_upon_with_the_hypotheses_of_the_first_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though laws with effects were built upon before it: their hypotheses stand on models with other parameters."""
+    raced: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(build, "race", lambda _, every, *_args, **_options: raced.append(every) or ())
+    monkeypatch.setattr(build, "hypotheses_of", lambda *_: ("of a law with an effect",))
+    monkeypatch.setattr(build, "on_one_thread", lambda posterior: posterior)
+    run = Run(DiscoverySettings(n_workers=1), np.random.default_rng(1), None)
+    run.considered_first = cast(Any, ("of the first round",))
+    for added in ((), ("an effect",), ()):
+        parent: Any = SimpleNamespace(added=added, is_quiet=False, is_specimen=True, posterior=None, points=None)
+        assert build.built_upon(parent, run) == []
+    assert raced == [("of the first round",), ("of a law with an effect",), ("of the first round",)]

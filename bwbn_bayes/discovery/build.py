@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, sharing_laws
+from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, is_present, sharing_laws
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation, Key, key_of
 from bwbn_bayes.discovery.probability import cost_of_another
@@ -121,7 +121,7 @@ def _under_smaller_laws(parent: Explanation, every: Sequence[Hypothesis]) -> tup
 
 
 def in_other_forms(best: Explanation, known: Mapping[Key, Explanation], run: Run) -> Iterator[Explanation]:
-    """An explanation with each of its effects in its other forms, where it is known without the effect.
+    """An explanation with each of its effects in its other forms, or at other places, where it is known without it.
 
     Parameters
     ----------
@@ -134,8 +134,10 @@ def in_other_forms(best: Explanation, known: Mapping[Key, Explanation], run: Run
         base = known.get(best.effects_key - key_of([one]))
         if base is None or run.must_stop():
             continue
-        alike = [h for h in run.considered_first if (h.name, h.storeys) == (one.name, one.storeys)]
-        every = [replace(one, base=base.model, effect=h.effect, carried=()) for h in alike]
+        own = [h for h in run.considered_first if h.name == one.name]
+        alike = [h for h in own if h.storeys == one.storeys or h.symbols == one.symbols]
+        alike = [h for h in alike if not is_present(base.model, h.effect, h.storeys)]
+        every = [replace(h, base=base.model, carried=()) for h in alike]
         every = [h for h in every if base.effects_key | key_of([h]) not in known]
         if every:
             yield from in_forms(base, every, run)

@@ -212,7 +212,7 @@ def hypotheses(
                 hypothesis = Hypothesis(base=base, effect=effect, storeys=storeys, scales=own)
                 if hypothesis.symbols not in addable:
                     addable[hypothesis.symbols] = _addable(base, effect)
-                if addable[hypothesis.symbols] and not _present(base, effect, storeys):
+                if addable[hypothesis.symbols] and not is_present(base, effect, storeys):
                     result.append(hypothesis)
     return sharing_laws(result, most_carried)
 
@@ -278,7 +278,7 @@ def _addable(base: Structure, effect: Effect) -> bool:
         return False
 
 
-def _present(base: Structure, effect: Effect, storeys: tuple[int, ...]) -> bool:
+def is_present(base: Structure, effect: Effect, storeys: tuple[int, ...]) -> bool:
     """Whether the place has a law of its mechanism already, or the parameter there a value of its own anyway."""
     for placed in base.effects:
         shared = set(placed.storeys) & set(storeys) or placed.storeys == storeys

@@ -223,18 +223,19 @@ def _rivals(best: Explanation, pool: Pool) -> list[tuple[Explanation, Hypothesis
 
 
 def _change_forms(pool: Pool, run: Run) -> None:
-    """The best laws with each effect in its other forms, and what is best then without each of its effects.
+    """The best laws with each effect in its other forms and places, and what is best then without what it can spare.
 
-    The form of an effect is that in which it was best before the others came: what it errs by, one of them may stand in
-    for.
+    The form and place of an effect are those in which it was best before the others came: what they err by, some of
+    these may stand in for.
     """
     best = pool.ranked()[0]
     if len(best.added) < 2:
         return
     pool.add(in_other_forms(best, pool.searched, run))
     pool.weigh()
-    if pool.ranked()[0].effects_key != best.effects_key:
-        pool.add(left_out(pool.ranked()[0], pool.searched, run))
+    while pool.ranked()[0].effects_key != best.effects_key:
+        best = pool.ranked()[0]
+        pool.add(left_out(best, pool.searched, run))
         pool.weigh()
 
 

@@ -14,7 +14,7 @@ from bwbn_bayes.discovery import search as searching
 from bwbn_bayes.discovery.build import rebuilt
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
 from bwbn_bayes.discovery.evidence import laplace
-from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.explanation import Explanation, key_of
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
 from bwbn_bayes.discovery.search import search
@@ -329,3 +329,24 @@ def test_of_two_fits_of_the_same_effects_the_better_stays() -> None:
     pool.add([cast(Explanation, best)])
     assert pool.plain[key] is best
     assert not pool.unnamed
+
+
+def test_an_effect_found_before_the_others_is_tried_at_other_places_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In its own form there, in every form where it stands; not where an effect of its kind is already."""
+    storey = BoucWen(k=Normal(60.0, 3.0), c=0.4, alpha=0.15, beta=12.0, gamma=2.0, n=1.3)
+    plain = ShearBuilding(masses=[2.0, 1.0, 1.0], storey=storey)
+    record = GROUND.with_channels({"acceleration_3": GROUND.excitation})
+    present = Posterior(model=plain, record=record, engine=ENGINE, noise=default_noise(record))
+    run = run_of(effects=(CoulombFriction,))
+    scales = scales_of(present, np.full(1, 0.5))
+    run.consider(hypotheses(plain, scales, measured=("acceleration_3",), effects=run.settings.effects))
+    at = {(one.symbols[0], one.storeys): one for one in run.considered_first}
+    first, second = at["F_ratio", (1,)], at["F_root", (2,)]
+    tried: list[tuple[str, tuple[int, ...]]] = []
+    monkeypatch.setattr(
+        building, "in_forms", lambda _, every, __: tried.extend((one.symbols[0], one.storeys) for one in every) or ()
+    )
+    base: Any = SimpleNamespace(effects_key=key_of([second]), model=plain.with_effect(second.effect, storeys=[2]))
+    best: Any = SimpleNamespace(added=(first, second), effects_key=key_of([first, second]))
+    list(building.in_other_forms(best, {base.effects_key: base, best.effects_key: best}, run))
+    assert sorted(tried) == [("F_c", (1,)), ("F_dahl", (1,)), ("F_ratio", (3,)), ("F_root", (1,))]

@@ -156,8 +156,7 @@ def test_a_starting_model_is_written_and_identified(run: Run, tmp_path: Path) ->
     outcome = run("model", tmp_path / "brace.csv", "--out", path)
     assert (outcome.code, outcome.out, outcome.err) == (0, f"{path}\n", "")
     for source in (path, tmp_path / "brace.csv"):
-        out = tmp_path / source.stem
-        assert run("identify", source, "--particles", 200, "--no-alternatives", "--out", out).code == 0
+        assert run("identify", source, "--particles", 200, "--out", tmp_path / source.stem).code == 0
     facts = [json.loads((tmp_path / name / "result.json").read_text(encoding="utf-8")) for name in ("start", "brace")]
     assert facts[0]["parameters"] == facts[1]["parameters"] != {}
 
@@ -452,7 +451,7 @@ def test_a_run_that_fails_leaves_the_old_files_whole(
     old = tmp_path / "report.html"
     old.write_text("whole", encoding="utf-8")
     monkeypatch.setattr("bwbn_bayes.cli.files.write_page", fail)
-    arguments = ("identify", SDOF, "--record", simulated, "--particles", "100", "--no-alternatives", "--out", tmp_path)
+    arguments = ("identify", SDOF, "--record", simulated, "--particles", "100", "--out", tmp_path)
     _is_one_sentence(run(*arguments), "No space left on device", after_steps=True)
     assert old.read_text(encoding="utf-8") == "whole"
     assert list(tmp_path.iterdir()) == [old]

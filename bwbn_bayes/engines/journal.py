@@ -94,7 +94,7 @@ class Journal:
             handle = os.open(_solves(path), os.O_RDWR | os.O_CREAT, 0o666)
         with FileIO(handle, "r+") as file:
             if not stat.S_ISREG(os.fstat(handle).st_mode):
-                raise UserError(f"checkpoint {path}: {_solves(path)} is another file; give another name")
+                raise UserError(f"checkpoint {path}: {_solves(path)} is no plain file; give another name")
             _claim(path, handle)
             journal = cls(path, file)
             with writing(f"checkpoint {path}", "choose another place"):
@@ -177,7 +177,10 @@ class Journal:
                 self._file.seek(0)
                 self._file.truncate()
                 return self._read()
-            raise UserError(f"checkpoint {self.path}: {_solves(self.path)} is another file; give another name")
+            raise UserError(
+                f"checkpoint {self.path}: {_solves(self.path)} is no checkpoint of this version: delete it, or give "
+                "another name"
+            )
         end = self._file.tell()
         size = self._file.seek(0, os.SEEK_END)
         self._file.seek(end)

@@ -152,7 +152,10 @@ def test_answers_that_nobody_solved_are_refused(tmp_path: Path) -> None:
 
 def test_another_file_and_a_second_run_are_refused(tmp_path: Path) -> None:
     (tmp_path / "other.solves").write_text("my notes\n")
-    with pytest.raises(UserError, match="is another file"), Journal.opened(tmp_path / "other"):
+    with (
+        pytest.raises(UserError, match="is no checkpoint of this version: delete it, or"),
+        Journal.opened(tmp_path / "other"),
+    ):
         pass
     assert (tmp_path / "other.solves").read_text() == "my notes\n"
     with Journal.opened(tmp_path / "run"):  # noqa: SIM117  (the second is tried while the first is open)
@@ -178,7 +181,7 @@ def test_a_full_disk_is_one_sentence_and_costs_nothing_that_was_solved(
 def test_what_is_no_plain_file_keeps_nothing(tmp_path: Path, draws: np.ndarray) -> None:
     """A named pipe ended in a traceback; `..` is a directory, not a name."""
     os.mkfifo(tmp_path / "run.solves")
-    with pytest.raises(UserError, match="is another file"):
+    with pytest.raises(UserError, match="is no plain file"):
         _misfit(tmp_path / "run", draws)
     with pytest.raises(UserError, match="it is a directory"):
         _misfit(tmp_path / "..", draws)

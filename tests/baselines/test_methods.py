@@ -84,6 +84,13 @@ def test_ipv_needs_a_building() -> None:
         identify(specimen, recorded(1), settings=Settings(method="ipv"))
 
 
+def test_networks_keep_no_checkpoint(tmp_path: Path) -> None:
+    settings = Settings(method="ipv", checkpoint=tmp_path / "kept")
+    with pytest.raises(UserError, match="keeps no checkpoint: leave it out"):
+        identify(sdof_model(), recorded(1), settings=settings)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("channels", [(), ("acceleration_1",)])
 def test_nothing_measured_or_nothing_to_find_is_one_sentence(channels: tuple[str, ...]) -> None:
     model = sdof_model()

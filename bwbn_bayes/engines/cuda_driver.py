@@ -46,6 +46,7 @@ class Card:
     def __init__(self, library: ctypes.CDLL) -> None:
         self._library = library
         self.lock = threading.RLock()
+        self._functions: dict[tuple[object, ...], ctypes.c_void_p] = {}
         self._call("cuInit", 0)
         device, context = ctypes.c_int(), ctypes.c_void_p()
         self._call("cuDeviceGet", ctypes.byref(device), 0)
@@ -94,8 +95,18 @@ class Card:
         self._here("cuMemcpyDtoH_v2", _start(values), ctypes.c_uint64(room.address), ctypes.c_size_t(values.nbytes))
 
     def function(self, source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]]) -> ctypes.c_void_p:
-        """A function of a kernel's text; see :func:`~bwbn_bayes.engines.kernel_compiler.thread_code`."""
-        ptx = thread_code(source, entry, fixed)
+        """A function of a kernel's text; see :func:`~bwbn_bayes.engines.kernel_compiler.thread_code`.
+
+        Compiled once, whichever records ask for it: a search looks at ever longer windows of one.
+        """
+        known = [(name, np.shape(value), np.asarray(value).tobytes()) for name, value in fixed.items()]
+        with self.lock:
+            key = (source, entry, *known)
+            if key not in self._functions:
+                self._functions[key] = self._loaded(thread_code(source, entry, fixed))
+            return self._functions[key]
+
+    def _loaded(self, ptx: str) -> ctypes.c_void_p:
         module, function = ctypes.c_void_p(), ctypes.c_void_p()
         # The driver makes machine code of it, and keeps that for the next process.
         self._here("cuModuleLoadData", ctypes.byref(module), ctypes.c_char_p(ptx.encode()))

@@ -9,10 +9,11 @@ that asks one alone is decided beforehand, too. Functions whose name begins with
 they are called. A number has 64 bits, or 32 where the text says ``BITS = 32``; what is called double has 64 in both,
 and so has what is made of the two together. A function whose text is ``...`` is one of a library that is loaded. An
 array goes to it as its address; a function's name is its address, to be called back at; ``_doubles_at(address, size)``
-and ``_integers_at`` are the arrays that it gives.
+and ``_integers_at`` are the arrays that it gives. ``_own(size)`` and ``_own_doubles`` are room of a call's own.
 
 A loop over ``range(LANES)`` becomes operations on whole vectors where it holds nothing but assignments to names, which
-nobody needs after it, and to elements one lane apart.
+nobody needs after it, and to elements one lane apart. For a graphics card, whose threads are lanes of its own, a text
+has one.
 """
 
 from __future__ import annotations

@@ -94,16 +94,18 @@ class Card:
         """Fill an array that lies row after row from the card; waits for what the card still does."""
         self._here("cuMemcpyDtoH_v2", _start(values), ctypes.c_uint64(room.address), ctypes.c_size_t(values.nbytes))
 
-    def function(self, source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]]) -> ctypes.c_void_p:
+    def function(
+        self, source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]], seldom: Sequence[str]
+    ) -> ctypes.c_void_p:
         """A function of a kernel's text; see :func:`~bwbn_bayes.engines.kernel_compiler.thread_code`.
 
         Compiled once, whichever records ask for it: a search looks at ever longer windows of one.
         """
         known = [(name, np.shape(value), np.asarray(value).tobytes()) for name, value in fixed.items()]
         with self.lock:
-            key = (source, entry, *known)
+            key = (source, entry, *seldom, *known)
             if key not in self._functions:
-                self._functions[key] = self._loaded(thread_code(source, entry, fixed))
+                self._functions[key] = self._loaded(thread_code(source, entry, fixed, seldom))
             return self._functions[key]
 
     def _loaded(self, ptx: str) -> ctypes.c_void_p:

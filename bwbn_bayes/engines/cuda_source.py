@@ -12,6 +12,8 @@ from bwbn_bayes.engines.codegen import LawPrograms
 from bwbn_bayes.engines.lane_source import LaneLayout, lane_layout, lane_source
 
 ENTRY = "solve"
+SELDOM = ("strike", "flip", "prepare")
+"""Functions that a solve calls at events alone."""
 
 _SOLVE = """
 ROWS = {rows}
@@ -61,6 +63,11 @@ def solve(thread: int, n_draws: int, n_links: int, interval: double, opening: fl
 """
 
 
+def rows_of_thread(place: LaneLayout, n_links: int) -> int:
+    """Rows that a thread keeps: blocks of a building without room for derivatives."""
+    return (n_links + 2) * place.slope
+
+
 def opening_rows(place: LaneLayout, law: StoreyLaw) -> slice:
     """Rows of a block that are not zero before the first sample: where states start, masses and parameters."""
     return slice(2 * place.n_states, place.parameters + len(law.parameters))
@@ -87,8 +94,9 @@ def thread_source(
     """
     place = lane_layout(law, programs)
     rows = opening_rows(place, law)
-    return lane_source(law, programs, driven=driven, single=single, lanes=1) + _SOLVE.format(
-        rows=(n_links + 2) * place.block,
+    marching = lane_source(law, programs, driven=driven, single=single, lanes=1, block=place.slope)
+    return marching + _SOLVE.format(
+        rows=rows_of_thread(place, n_links),
         first=rows.start,
         n_opening=rows.stop - rows.start,
         n_channels=n_channels,

@@ -200,7 +200,7 @@ def object_code(source: str, *entries: str) -> bytes:
     return bytes(machine.emit_object(_optimised(_assembled([*module.texts, *rows], machine), machine)))
 
 
-def thread_code(source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]]) -> str:
+def thread_code(source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]], seldom: Sequence[str] = ()) -> str:
     """PTX for NVIDIA's cards, each thread of which calls a function of a kernel's text with its own number.
 
     Parameters
@@ -214,6 +214,9 @@ def thread_code(source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]]
     fixed : mapping of str to int or array
         Arguments, and sizes of arrays by ``name.size0`` and so on, that are known beforehand and put into the code;
         they are passed all the same.
+    seldom : sequence of str
+        Functions that are seldom called. All others are put where they are called, so that what they share may stand in
+        registers.
     """
     few = [name for name, known in fixed.items() if isinstance(known, int) and known <= _FEW]
     module = _Module.of(source, [entry], few)
@@ -223,7 +226,10 @@ def thread_code(source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]]
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple("nvptx64-nvidia-cuda").create_target_machine(cpu=_OLDEST_CARD, opt=3)
     code = _assembled([*module.texts, *wrapper], machine)
-    code.get_function(entry).linkage = "internal"
+    for function in code.functions:
+        if not function.is_declaration and function.name != ON_THREADS:
+            function.linkage = "internal"
+            function.add_function_attribute("noinline" if function.name in seldom else "alwaysinline")
     # Divisions last: what they take would keep functions from being put where they are called.
     divided = _QUOTIENT_OF.sub(r"= call double @quotient(double \1, double \2)", str(_optimised(code, machine)))
     return str(machine.emit_assembly(_optimised(_assembled([divided, _QUOTIENT], machine), machine)))

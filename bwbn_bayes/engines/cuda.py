@@ -65,7 +65,8 @@ class Cuda(Lanes):
         each = 2 * rows_of_thread(problem.layout, problem.n_links) * size + stored
         most = int(_SHARE_OF_MEMORY * self.card.free_bytes) // each
         most = max(1, min(most, _MOST_STORED // stored if stored else n_draws))
-        return -(-n_draws // max(1, -(-n_draws // most)))
+        n_blocks = max(1, -(-n_draws // most))
+        return max(1, -(-n_draws // n_blocks))
 
     @override
     def march(self, problem: Problem, block: Block, *, store: bool) -> Iterator[tuple[Part, Outcome]]:

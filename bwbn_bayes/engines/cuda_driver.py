@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bwbn_bayes.engines.kernel_compiler import ON_THREADS, thread_code
+from bwbn_bayes.engines.thread_compiler import ON_THREADS, thread_code
 from bwbn_bayes.errors import UserError
 
 THREADS = 32
@@ -97,7 +97,7 @@ class Card:
     def function(
         self, source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]], seldom: Sequence[str]
     ) -> ctypes.c_void_p:
-        """A function of a kernel's text; see :func:`~bwbn_bayes.engines.kernel_compiler.thread_code`.
+        """A function of a kernel's text; see :func:`~bwbn_bayes.engines.thread_compiler.thread_code`.
 
         Compiled once, whichever records ask for it: a search looks at ever longer windows of one.
         """

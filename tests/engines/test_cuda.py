@@ -19,9 +19,9 @@ from bwbn_bayes.engines.available import engine, engines
 from bwbn_bayes.engines.cuda import Cuda
 from bwbn_bayes.engines.cuda_driver import Card, CudaError, first_card
 from bwbn_bayes.engines.cuda_source import ENTRY, SELDOM, thread_source
-from bwbn_bayes.engines.kernel_compiler import thread_code
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.scalar import programs_of
+from bwbn_bayes.engines.thread_compiler import thread_code
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats, PerStorey, Uniform, Value
 from bwbn_bayes.records.joined import join_records
@@ -82,6 +82,11 @@ def test_a_population_is_cut_by_the_cards_memory(monkeypatch: pytest.MonkeyPatch
     assert len(small.calls) > 1
     assert len(set(small.calls)) == 1
     assert len(draws) <= sum(small.calls) < len(draws) + len(small.calls)
+
+
+def test_no_draws_are_no_misfits() -> None:
+    model, _ = case(0)
+    assert EmulatedCuda().misfit(model, np.zeros((0, model.space.n_dim)), record_of(model, 0.5)).shape == (0, 2)
 
 
 def test_derivatives_are_the_lanes_own() -> None:

@@ -13,7 +13,7 @@ from bwbn_bayes.engines.lane_source import LaneLayout, lane_layout, lane_source
 
 ENTRY = "solve"
 SELDOM = ("strike", "flip", "prepare")
-"""Functions that a solve calls at events alone."""
+"""Functions that a solve calls before its first step and at events alone."""
 
 _SOLVE = """
 ROWS = {rows}
@@ -52,6 +52,7 @@ def solve(thread: int, n_draws: int, n_links: int, interval: double, opening: fl
             room[r] = 0.0
         for c in range(N_CHANNELS):
             sums[c] = 0.0
+        # In no direction: what stands for the arrays of derivatives is never read.
         run(n_links, 0, interval, own_times, excitation, joints, forced, w, none, starts, starts, none, shares, weights,
             substeps, resolution, cut, starts, block, row, coefficient, ground_part, measured, sums, sums, store,
             stored[thread * N_CHANNELS * excitation.shape[0]:], value, ground, room)

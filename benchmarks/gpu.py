@@ -88,6 +88,7 @@ def agreement(model: Structure, draws: Floats, record: Record, scheme: dict[str,
         "draws": len(draws),
         "solved by one alone": int(np.sum(lanes.status != cuda.status)),
         "response": float(np.max(apart)),
+        "of 99 % of the draws": float(np.quantile(np.max(apart, axis=(1, 2)), 0.99)),
         "log likelihood": float(np.max(np.abs(other / one - 1.0))),
         "log likelihood [nat]": float(np.max(np.abs(other - one))),
     }

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.engines.cuda_driver import Card, Room, first_card
-from bwbn_bayes.engines.cuda_source import ENTRY, opening_rows, thread_source
+from bwbn_bayes.engines.cuda_source import ENTRY, SELDOM, opening_rows, rows_of_thread, thread_source
 from bwbn_bayes.engines.kernel import words_of
 from bwbn_bayes.engines.kernel_compiler import signatures
 from bwbn_bayes.engines.lane_block import Block
@@ -62,10 +62,11 @@ class Cuda(Lanes):
             return super().lanes_for(problem, n_draws, store=store)
         size = problem.real.itemsize
         stored = problem.record.n_times * len(problem.channels.names) * size if store else 0
-        each = 2 * (problem.n_links + 2) * problem.layout.block * size + stored
+        each = 2 * rows_of_thread(problem.layout, problem.n_links) * size + stored
         most = int(_SHARE_OF_MEMORY * self.card.free_bytes) // each
         most = max(1, min(most, _MOST_STORED // stored if stored else n_draws))
-        return -(-n_draws // max(1, -(-n_draws // most)))
+        n_blocks = max(1, -(-n_draws // most))
+        return max(1, -(-n_draws // n_blocks))
 
     @override
     def march(self, problem: Problem, block: Block, *, store: bool) -> Iterator[tuple[Part, Outcome]]:
@@ -146,7 +147,7 @@ def _on_card(card: Card, part: Same[Part], law: Same[StoreyLaw], driven: bool, r
     fixed = {**tables, "n_links": sizes["n_links"], "excitation.size1": sizes["n_inputs"]}
     return _OnCard(
         card,
-        card.function(source, ENTRY, fixed),
+        card.function(source, ENTRY, fixed, SELDOM),
         signature.names[1:],
         words_of(signature, 1),
         {name: _Array.of(card, values) for name, values in arrays.items()},
@@ -157,7 +158,7 @@ def _marched(engine: Cuda, problem: Problem, block: Block, *, store: bool) -> It
     """A block of draws on the card."""
     card, n, place, real = engine.card, block.n_lanes, problem.layout, problem.real
     is_carried = any(part.stretch.is_carried for part in problem.parts)
-    kept = _Array.empty(card, (problem.n_links + 2) * place.block * n if is_carried else 0, real)
+    kept = _Array.empty(card, rows_of_thread(place, problem.n_links) * n if is_carried else 0, real)
     opening = problem.started(block)[0][:, opening_rows(place, problem.law)]
     begun = _Array.of(card, opening.ravel())
     for part in problem.parts:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bwbn_bayes.engines.kernel_compiler import ON_THREADS, thread_code
+from bwbn_bayes.engines.thread_compiler import ON_THREADS, thread_code
 from bwbn_bayes.errors import UserError
 
 THREADS = 32
@@ -46,6 +46,7 @@ class Card:
     def __init__(self, library: ctypes.CDLL) -> None:
         self._library = library
         self.lock = threading.RLock()
+        self._functions: dict[tuple[object, ...], ctypes.c_void_p] = {}
         self._call("cuInit", 0)
         device, context = ctypes.c_int(), ctypes.c_void_p()
         self._call("cuDeviceGet", ctypes.byref(device), 0)
@@ -93,9 +94,21 @@ class Card:
         """Fill an array that lies row after row from the card; waits for what the card still does."""
         self._here("cuMemcpyDtoH_v2", _start(values), ctypes.c_uint64(room.address), ctypes.c_size_t(values.nbytes))
 
-    def function(self, source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]]) -> ctypes.c_void_p:
-        """A function of a kernel's text; see :func:`~bwbn_bayes.engines.kernel_compiler.thread_code`."""
-        ptx = thread_code(source, entry, fixed)
+    def function(
+        self, source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]], seldom: Sequence[str]
+    ) -> ctypes.c_void_p:
+        """A function of a kernel's text; see :func:`~bwbn_bayes.engines.thread_compiler.thread_code`.
+
+        Compiled once, whichever records ask for it: a search looks at ever longer windows of one.
+        """
+        known = [(name, np.shape(value), np.asarray(value).tobytes()) for name, value in fixed.items()]
+        with self.lock:
+            key = (source, entry, *seldom, *known)
+            if key not in self._functions:
+                self._functions[key] = self._loaded(thread_code(source, entry, fixed, seldom))
+            return self._functions[key]
+
+    def _loaded(self, ptx: str) -> ctypes.c_void_p:
         module, function = ctypes.c_void_p(), ctypes.c_void_p()
         # The driver makes machine code of it, and keeps that for the next process.
         self._here("cuModuleLoadData", ctypes.byref(module), ctypes.c_char_p(ptx.encode()))

@@ -12,6 +12,8 @@ from bwbn_bayes.engines.codegen import LawPrograms
 from bwbn_bayes.engines.lane_source import LaneLayout, lane_layout, lane_source
 
 ENTRY = "solve"
+SELDOM = ("strike", "flip", "prepare")
+"""Functions that a solve calls before its first step and at events alone."""
 
 _SOLVE = """
 ROWS = {rows}
@@ -50,6 +52,7 @@ def solve(thread: int, n_draws: int, n_links: int, interval: double, opening: fl
             room[r] = 0.0
         for c in range(N_CHANNELS):
             sums[c] = 0.0
+        # In no direction: what stands for the arrays of derivatives is never read.
         run(n_links, 0, interval, own_times, excitation, joints, forced, w, none, starts, starts, none, shares, weights,
             substeps, resolution, cut, starts, block, row, coefficient, ground_part, measured, sums, sums, store,
             stored[thread * N_CHANNELS * excitation.shape[0]:], value, ground, room)
@@ -59,6 +62,11 @@ def solve(thread: int, n_draws: int, n_links: int, interval: double, opening: fl
             for r in range(ROWS):
                 kept[r * n_draws + thread] = w[r]
 """
+
+
+def rows_of_thread(place: LaneLayout, n_links: int) -> int:
+    """Rows that a thread keeps: blocks of a building without room for derivatives."""
+    return (n_links + 2) * place.slope
 
 
 def opening_rows(place: LaneLayout, law: StoreyLaw) -> slice:
@@ -87,8 +95,9 @@ def thread_source(
     """
     place = lane_layout(law, programs)
     rows = opening_rows(place, law)
-    return lane_source(law, programs, driven=driven, single=single, lanes=1) + _SOLVE.format(
-        rows=(n_links + 2) * place.block,
+    marching = lane_source(law, programs, driven=driven, single=single, lanes=1, block=place.slope)
+    return marching + _SOLVE.format(
+        rows=rows_of_thread(place, n_links),
         first=rows.start,
         n_opening=rows.stop - rows.start,
         n_channels=n_channels,

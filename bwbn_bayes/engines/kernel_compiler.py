@@ -9,23 +9,20 @@ that asks one alone is decided beforehand, too. Functions whose name begins with
 they are called. A number has 64 bits, or 32 where the text says ``BITS = 32``; what is called double has 64 in both,
 and so has what is made of the two together. A function whose text is ``...`` is one of a library that is loaded. An
 array goes to it as its address; a function's name is its address, to be called back at; ``_doubles_at(address, size)``
-and ``_integers_at`` are the arrays that it gives.
+and ``_integers_at`` are the arrays that it gives. ``_own(size)`` and ``_own_doubles`` are room of a call's own.
 
 A loop over ``range(LANES)`` becomes operations on whole vectors where it holds nothing but assignments to names, which
-nobody needs after it, and to elements one lane apart.
+nobody needs after it, and to elements one lane apart. For a graphics card, whose threads are lanes of its own, a text
+has one.
 """
 
 from __future__ import annotations
 
 import ast
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import llvmlite.binding as llvm
-import numpy as np
-from numpy.typing import NDArray
 
 from bwbn_bayes.engines.kernel_expressions import Expressions
 from bwbn_bayes.engines.kernel_values import (
@@ -35,7 +32,6 @@ from bwbn_bayes.engines.kernel_values import (
     SHORT,
     TRUTH,
     Array,
-    Instructions,
     Precision,
     Value,
 )
@@ -56,6 +52,8 @@ KINDS: dict[str, Kind] = {
 }
 """Kinds of what a kernel takes from outside and returns, as its text annotates it; real are its own numbers."""
 IN_A_ROW = ".in_a_row"
+_WRITTEN_OUT, HINTS = ", !llvm.loop !0", '!0 = distinct !{!0, !1}\n!1 = !{!"llvm.loop.unroll.full"}'
+"""What a loop says that is to be written out, and what that means."""
 # Vectors of 512 bits where there are such: processors tuned for half of that take a fifth longer.
 _ATTRIBUTES = 'nounwind "prefer-vector-width"="512"'
 
@@ -86,17 +84,30 @@ class _Compiled:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Module:
+class Module:
+    """A kernel's text: its functions, the numbers that it knows beforehand, and what has been compiled of it.
+
+    Parameters
+    ----------
+    functions, constants : dict
+        By name.
+    entries : frozenset of str
+        Functions that are called from outside.
+    written_out : frozenset of str
+        Loops up to these are written out, where :data:`HINTS` are given.
+    compiled, declared : dict
+        Functions in LLVM's text, and what they call of LLVM's own, by name.
+    """
+
     functions: dict[str, ast.FunctionDef]
     constants: dict[str, int | float]
     entries: frozenset[str] = frozenset()
     written_out: frozenset[str] = frozenset()
-    """Loops up to these are written out."""
     compiled: dict[str, _Compiled] = field(default_factory=dict)
     declared: dict[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, source: str, entries: Sequence[str] = (), written_out: Iterable[str] = ()) -> _Module:
+    def of(cls, source: str, entries: Sequence[str] = (), written_out: Iterable[str] = ()) -> Module:
         """A kernel's text, read, of which some functions are called from outside."""
         body, constants = ast.parse(source).body, dict[str, int | float]()
         for node in body:
@@ -177,7 +188,7 @@ def _is_of_library(node: ast.FunctionDef) -> bool:
 
 def signatures(source: str, entries: Sequence[str]) -> dict[str, Signature]:
     """What functions of a kernel's text take and return."""
-    module = _Module.of(source)
+    module = Module.of(source)
     return {entry: module.signature(entry) for entry in entries}
 
 
@@ -193,117 +204,20 @@ def object_code(source: str, *entries: str) -> bytes:
         each array as where it begins and its sizes. Beside each stands one named with :data:`IN_A_ROW` that takes where
         these words stand, eight bytes each: quicker to call from Python than one with many arguments.
     """
-    module = _Module.of(source, entries)
+    module = Module.of(source, entries)
     rows = [_in_a_row(entry, module.from_outside(entry)) for entry in entries]
     machine = target_machine()
-    return bytes(machine.emit_object(_optimised(_assembled([*module.texts, *rows], machine), machine)))
+    return bytes(machine.emit_object(optimised(assembled([*module.texts, *rows], machine), machine)))
 
 
-def thread_code(source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]]) -> str:
-    """PTX for NVIDIA's cards, each thread of which calls a function of a kernel's text with its own number.
-
-    Parameters
-    ----------
-    source : str
-        The text.
-    entry : str
-        A function that takes the thread's number first, then numbers and arrays as its text annotates them. From
-        outside :data:`ON_THREADS` is called, which takes the rest as words of eight bytes, an array as where it begins
-        and its sizes; no two arrays may overlap.
-    fixed : mapping of str to int or array
-        Arguments, and sizes of arrays by ``name.size0`` and so on, that are known beforehand and put into the code;
-        they are passed all the same.
-    """
-    few = [name for name, known in fixed.items() if isinstance(known, int) and known <= _FEW]
-    module = _Module.of(source, [entry], few)
-    module.from_outside(entry)
-    wrapper = [*_on_threads(entry, module.signature(entry), fixed), *_HINTS]
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple("nvptx64-nvidia-cuda").create_target_machine(cpu=_OLDEST_CARD, opt=3)
-    code = _assembled([*module.texts, *wrapper], machine)
-    code.get_function(entry).linkage = "internal"
-    # Divisions last: what they take would keep functions from being put where they are called.
-    divided = _QUOTIENT_OF.sub(r"= call double @quotient(double \1, double \2)", str(_optimised(code, machine)))
-    return str(machine.emit_assembly(_optimised(_assembled([divided, _QUOTIENT], machine), machine)))
-
-
-ON_THREADS = "on_threads"
-_OLDEST_CARD = "sm_75"
-"""What the PTX asks for; a card's own driver makes machine code of it, on any younger one too."""
-_QUOTIENT_OF = re.compile(r"= fdiv [a-z ]*double (\S+), (%\S+)")
-_QUOTIENT = """
-declare double @llvm.nvvm.rcp.approx.ftz.d(double)
-declare double @llvm.fma.f64(double, double, double)
-define internal double @quotient(double %a, double %b) alwaysinline {
-  %minus = fneg double %b
-  %one = call double @llvm.nvvm.rcp.approx.ftz.d(double %b)
-  %off = call double @llvm.fma.f64(double %minus, double %one, double 1.0)
-  %two = call double @llvm.fma.f64(double %one, double %off, double %one)
-  %still = call double @llvm.fma.f64(double %minus, double %two, double 1.0)
-  %inverse = call double @llvm.fma.f64(double %two, double %still, double %two)
-  %about = fmul double %a, %inverse
-  %rest = call double @llvm.fma.f64(double %minus, double %about, double %a)
-  %found = call double @llvm.fma.f64(double %rest, double %inverse, double %about)
-  ret double %found
-}"""
-"""A quotient by Newton's method from the card's first guess, to the last place. The card's own division asks first
-whether its numbers are extreme, and code that branches cannot be worked on beside other code: a solve took 1.7 times as
-long. By zero, infinity or what has fewer digits (below 2e-308) it is not a number."""
-_FEW = 4
-"""Loops of so many turns are written out: what one turn waits for, the next need not. A solve of three storeys then
-takes two thirds of the time; the code, and the time that it takes to compile, grow with their number."""
-_WRITTEN_OUT, _HINTS = ", !llvm.loop !0", ("!0 = distinct !{!0, !1}", '!1 = !{!"llvm.loop.unroll.full"}')
-
-
-def _on_threads(entry: str, signature: Signature, fixed: Mapping[str, int | NDArray[Any]]) -> list[str]:
-    """The function that a card calls, and the tables that are known beforehand."""
-    parameters, words, tables = list[str](), [f"{INT} %thread"], list[str]()
-    for name, (_, kind) in zip(signature.names[1:], signature.parameters[1:], strict=True):
-        known = fixed.get(name)
-        if isinstance(kind, str):
-            type_ = INT if kind == TRUTH else kind
-            parameters.append(f"{type_} %{name}")
-            words.append(f"{type_} {f'%{name}' if known is None else known}")
-            continue
-        element, n_sizes = kind
-        sizes = [f"{name}.size{axis}" for axis in range(n_sizes)]
-        parameters += [f"ptr noalias %{name}", *(f"{INT} %{size}" for size in sizes)]
-        if isinstance(known, np.ndarray):
-            tables.append(_table(name, element, known))
-            words += [f"ptr @{name}", *(f"{INT} {size}" for size in known.shape)]
-        else:
-            words += [f"ptr %{name}", *(f"{INT} {fixed.get(size, f'%{size}')}" for size in sizes)]
-    sreg = "llvm.nvvm.read.ptx.sreg"
-    return [
-        *(f"declare i32 @{sreg}.{one}.x()" for one in ("ctaid", "ntid", "tid")),
-        *tables,
-        f"define ptx_kernel void @{ON_THREADS}({', '.join(parameters)}) {{",
-        *(f"  %{one} = call i32 @{sreg}.{one}.x()" for one in ("ctaid", "ntid", "tid")),
-        "  %first = mul i32 %ctaid, %ntid",
-        "  %number = add i32 %first, %tid",
-        f"  %thread = zext i32 %number to {INT}",
-        f"  call void @{entry}({', '.join(words)})",
-        "  ret void",
-        "}",
-    ]
-
-
-def _table(name: str, element: str, values: NDArray[Any]) -> str:
-    write = Instructions(PRECISIONS[64 if element == DOUBLE else 32]).constant
-    numbers = [write(value) for value in values.ravel().tolist()]
-    listed = ", ".join(f"{element} {number.text}" for number in numbers)
-    return f"@{name} = internal constant [{len(numbers)} x {element}] [{listed}]"
-
-
-def _assembled(texts: Sequence[str], machine: llvm.TargetMachine) -> llvm.ModuleRef:
+def assembled(texts: Sequence[str], machine: llvm.TargetMachine) -> llvm.ModuleRef:
     """Functions in LLVM's text, read for a machine."""
     code = llvm.parse_assembly("\n".join(texts))
     code.triple, code.data_layout = machine.triple, str(machine.target_data)
     return code
 
 
-def _optimised(code: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.ModuleRef:
+def optimised(code: llvm.ModuleRef, machine: llvm.TargetMachine) -> llvm.ModuleRef:
     """Functions as the machine's best code."""
     options = llvm.create_pipeline_tuning_options(speed_level=3)
     options.loop_vectorization, options.slp_vectorization = True, False
@@ -345,7 +259,7 @@ def target_machine() -> llvm.TargetMachine:
 class _Writer(Expressions):
     """Writes one function."""
 
-    def __init__(self, module: _Module) -> None:
+    def __init__(self, module: Module) -> None:
         formulas = {name: one for name, one in module.functions.items() if name.startswith("_")}
         super().__init__(module.precision, module.constants, formulas)
         self.module = module

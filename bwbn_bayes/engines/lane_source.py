@@ -140,7 +140,13 @@ def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
 
 
 def lane_source(
-    law: StoreyLaw, programs: LawPrograms, *, driven: bool, single: bool = False, lanes: int = LANES
+    law: StoreyLaw,
+    programs: LawPrograms,
+    *,
+    driven: bool,
+    single: bool = False,
+    lanes: int = LANES,
+    block: int | None = None,
 ) -> str:
     """Source of the kernel module of one storey law.
 
@@ -156,6 +162,9 @@ def lane_source(
         Whether it computes with numbers of 32 bits.
     lanes : int
         Draws that advance together.
+    block : int, optional
+        Rows of a block of ``w``, all of them where left out; what marches without derivatives does with those before
+        ``slope``.
     """
     place = lane_layout(law, programs)
     n = place.n_states
@@ -164,7 +173,7 @@ def lane_source(
         "bits": 32 if single else 64,
         "near": 1e-5 if single else 1e-9,
         "arrived": 1e-6 if single else 1e-12,
-        "block": place.block,
+        "block": place.block if block is None else block,
         "tangent_block": place.tangent_block,
         "n_states": n,
         "n_states2": 2 * n,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import struct
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -43,7 +43,7 @@ class EmulatedCard:
     def read(self, room: EmulatedRoom, values: NDArray[Any]) -> None:
         values.reshape(-1).view(np.uint8)[:] = room.bytes[: values.nbytes]
 
-    def function(self, source: str, entry: str, fixed: Mapping[str, object]) -> Compiled:
+    def function(self, source: str, entry: str, fixed: Mapping[str, object], seldom: Sequence[str]) -> Compiled:
         compiled: Compiled = getattr(Kernel("draws", source).functions(entry), entry)
         return compiled
 

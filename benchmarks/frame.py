@@ -10,7 +10,7 @@ base. ``--discover`` gives ``discover`` a linear chain and either run, or both i
 it makes of that. On friction pendulums (``fpgm111s1``, ``fpgm111s2``) ``--blind`` gives it the drifts and a linear
 chain on a fixed base, and confirms what it finds on the second run. ``--bending`` fits a linear chain to each of the
 four runs alone, on its base as it was, without and with storeys that are coupled by bending: one frame has one such
-stiffness.
+stiffness, and one pair of friction and period.
 
 Data are read from ``../shared/data/shake_table_frame``. Masses are not on file: equal ones of 1 kg stand for them, and
 stiffness is per kilogram. Twenty seconds count, from one second before the strong motion. Displacements have arbitrary

@@ -76,7 +76,7 @@ def test_bending_is_that_of_the_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     model = frame.LINEAR.with_effect(frame.BENDING)
     shaken = simulate(model, el_centro("chopra", duration=8.0), truth, channels=floors, snr_db=40.0)
     monkeypatch.setattr(frame, "run_of", lambda _: shaken)
-    line = frame.bent(frame.SMALL, seed=1)
+    line = frame.bent(frame.SMALL, seed=1, particles=300)
     without, with_it = line["missed_percent"]
     assert line["k_bend"] == pytest.approx(150.0, rel=0.05)
     assert line["gained_nats"] > 100.0

@@ -57,7 +57,8 @@ class SlidingBase(Effect):
 
     While it sticks, the slab alone on its contact would ask explicit schemes for tiny steps where friction is large. So
     below ``i_s = W_s / (m_s Y_s 500^2)`` the slab still begins to slide at ``mu W_s``, with the inertia that goes with
-    ``i_s``; the motion is exact from ``i_s`` on.
+    ``i_s``; the motion is exact from ``i_s`` on. Nor do steps follow a contact that slides to its end within fractions
+    of a millisecond: while the slab is faster than ``5000 Y_s / n_s`` it gives way as if that were its speed.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from bwbn_bayes.elements.friction_pendulum import FrictionPendulum
     from bwbn_bayes.elements.initial_state import InitialState
     from bwbn_bayes.elements.linear import Linear
-    from bwbn_bayes.engines.simulation import simulate
+    from bwbn_bayes.engines.simulation import periods_until_repeated, simulate
     from bwbn_bayes.errors import UserError
     from bwbn_bayes.identification import identify
     from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, SampledNoise
@@ -138,6 +138,7 @@ __all__ = [
     "join_records",
     "multisine",
     "periodic",
+    "periods_until_repeated",
     "read_record",
     "record_from_dataframe",
     "record_from_dataset",
@@ -197,7 +198,7 @@ _on_first_use = importer(
         "bwbn_bayes.elements.effects.free_stop": ("FreeStop",),
         "bwbn_bayes.elements.effects.quadratic_damping": ("PowerDamper",),
         "bwbn_bayes.elements.effects.slip_lock": ("FreeSlip",),
-        "bwbn_bayes.engines.simulation": ("simulate",),
+        "bwbn_bayes.engines.simulation": ("periods_until_repeated", "simulate"),
         "bwbn_bayes.errors": ("UserError",),
         "bwbn_bayes.inference.likelihood": ("IntegratedNoise", "KnownNoise", "SampledNoise"),
         "bwbn_bayes.inference.settings": ("Settings",),

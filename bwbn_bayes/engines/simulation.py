@@ -1,16 +1,18 @@
-"""Synthetic records: a model's response at known parameters, with noise."""
+"""A model's response at known parameters: synthetic records with noise, and when a steady vibration repeats."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from bwbn_bayes.engines.base import Engine, Status
 from bwbn_bayes.engines.exact import exact_response
+from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.noise import add_noise
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Record, require_whole
 from bwbn_bayes.structures.structure import Structure
 
 
@@ -67,3 +69,61 @@ def simulate(
         raise UserError(f"the model cannot be solved at the given parameters ({reason})")
     clean = excitation.with_channels(dict(zip(channels, response.values[0], strict=True)), truth=dict(truth))
     return add_noise(clean, snr_db, np.random.default_rng(seed))
+
+
+_FEWEST, _MOST = 8, 1024
+"""Periods that are solved first, and at most."""
+
+
+def periods_until_repeated(
+    model: Structure, record: Record, values: Mapping[str, float], *, within: float = 1e-4, engine: Engine | None = None
+) -> int:
+    """How many periods of a steady vibration the response takes to repeat, for :func:`~bwbn_bayes.periodic`.
+
+    Periods are solved one after the other, twice as many each time, until the first half of them holds one from which
+    on the drifts are those of the last.
+
+    Parameters
+    ----------
+    model : Structure
+        The structure.
+    record : Record
+        One period: its first sample follows its last. Its channels are ignored.
+    values : mapping of str to float
+        Value of every identified parameter by label, in its own unit.
+    within : float
+        Root mean square of a difference over that of the last period's drifts, all links together.
+    engine : Engine, optional
+        The lanes by default.
+
+    Raises
+    ------
+    UserError
+        If a parameter is missing or unknown, the solve fails, or the response does not repeat within 1,024 periods, as
+        that of a structure which degrades.
+    """
+    require_whole(record)
+    drifts = [f"drift_{link}" for link in range(1, model.n_links + 1)]
+    draws, n_periods = model.draws(values), _FEWEST
+    while n_periods <= _MOST:
+        tiled = replace(
+            record,
+            excitation=np.tile(record.excitation, n_periods),
+            forces={name: np.tile(force, n_periods) for name, force in record.forces.items()},
+            channels={},
+            noise_sd={},
+            counted=None,
+        )
+        response = (engine or Lanes()).simulate(model, draws, tiled, drifts)
+        if response.status[0] != Status.OK:
+            reason = Status(response.status[0]).name.lower()
+            raise UserError(f"the model cannot be solved at the given values ({reason})")
+        by_period = np.moveaxis(response.values[0].reshape(model.n_links, n_periods, -1), 1, 0)
+        differs = np.linalg.norm(by_period - by_period[-1], axis=(1, 2)) > within * np.linalg.norm(by_period[-1])
+        last = int(np.flatnonzero(differs)[-1]) if np.any(differs) else -1
+        if last + 1 <= n_periods // 2:
+            return max(last + 1, 1)
+        n_periods *= 2
+    raise UserError(
+        f"the response does not repeat within {_MOST} periods: does the structure degrade, or is `within` too small?"
+    )

@@ -5,6 +5,7 @@ The oracle integrates the equations of motion, written out here, over the excita
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +30,7 @@ from bwbn_bayes import (
     UserError,
     join_records,
     periodic,
+    periods_until_repeated,
 )
 from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.lanes import Lanes
@@ -246,6 +248,23 @@ def test_periods_before_the_measured_one_make_it_steady(engine: Engine) -> None:
         hat = np.sinc(order / n) ** 2
         true += np.fft.ifft(spectrum * hat / (k - m * omega**2 + 1j * c * omega)).real
     np.testing.assert_allclose(found, true, rtol=0.0, atol=1e-5 * np.max(np.abs(true)))
+
+
+def test_periods_are_counted_until_the_response_repeats() -> None:
+    """A linear oscillator forgets its start by exp(-zeta omega T) a period; one that degrades never repeats."""
+    n, dt, m, k, c = 200, 0.01, 2.0, 300.0, 1.2
+    force = {"applied_force_1": np.sin(2.0 * np.pi * np.arange(n) / n)}
+    one = Record(name="period", time_step=dt, excitation=np.zeros(n), forces=force)
+    kept = math.exp(-0.5 * c / m * n * dt)
+    linear = Oscillator(mass=m, spring=Linear(k=Uniform(100.0, 400.0), c=c))
+    for within in (1e-2, 1e-4, 1e-6):
+        # What is left after p periods is kept^p of what began: of about the size of the steady vibration here.
+        found = periods_until_repeated(linear, one, {"k": k}, within=within)
+        assert math.log(within) / math.log(kept) - 4.0 < found < math.log(within) / math.log(kept) + 4.0
+    spring = BoucWen(k=k, c=c, alpha=0.1, A=1.0, beta=400.0, gamma=100.0, n=1.0)
+    wears = Oscillator(mass=m, spring=spring).with_effect(StrengthDegradation(delta_nu=2e-3))
+    with pytest.raises(UserError, match="does not repeat within 1024 periods: does the structure degrade"):
+        periods_until_repeated(wears, one, {})
 
 
 def test_a_specimen_is_led_from_the_end_of_one_test_to_the_beginning_of_the_next() -> None:

@@ -138,6 +138,7 @@ def run_case(
     record = add_noise(clean.select(_ACCELERATIONS), case.snr_db, np.random.default_rng(seed))
     model = building(case, options, identified=True)
     method = _METHODS[case.method]
+    checkpoint = None if method == "ipv" else checkpoint  # it keeps none
     result = identify(
         model,
         record,

@@ -1,4 +1,4 @@
-"""Degradation in its two forms: limits of one another, what they lose, and what is refused."""
+"""Degradation in its forms: limits of one another, what they lose, and what is refused."""
 
 from __future__ import annotations
 
@@ -59,39 +59,49 @@ def test_peaks_fall_to_a_limit():
 
 @pytest.mark.parametrize("effect_class", [StiffnessDegradation, StrengthDegradation])
 def test_the_form_follows_from_what_is_given(effect_class):
-    linear, saturating = effect_class.neutral_forms()
-    (delta,), (limit, rate) = (tuple(p.symbol for p in form.parameters) for form in (linear, saturating))
-    assert (linear.form, saturating.form) == ("linear", "saturating")
+    forms = effect_class.neutral_forms()
+    (delta,), (limit, rate), (path,) = (tuple(p.symbol for p in form.parameters) for form in forms)
+    assert [form.form for form in forms] == ["linear", "saturating", "with the path"]
     sentence = f"{effect_class.__name__}: the form follows from what is given: give {delta}, or {limit} and {rate}"
-    for given in ({}, {delta: 0.1, limit: 0.1}, {limit: 0.1}, {rate: 0.1}, {delta: 0.1, limit: 0.1, rate: 1.0}):
+    for given in ({}, {delta: 0.1, path: 0.1}, {delta: 0.1, limit: 0.1}, {limit: 0.1}, {rate: 0.1}, {delta: 0.1, limit: 0.1, rate: 1.0}):
         with pytest.raises(UserError, match=sentence):
             effect_class(**given)
 
 
-def test_the_equations_say_so():
+@pytest.mark.parametrize(
+    ("form_name", "equations"),
+    [
+        ("saturating", {"η = 1 + η_∞ (1 − exp(−p_η ε))", "ν = 1 + ν_∞ (1 − exp(−p_ν ε))"}),
+        ("with the path", {"x"}),
+    ],
+)
+def test_the_equations_say_so(form_name, equations):
     written = {
         form.name: slot_equations(form.fill(Slots()), form.parameters)[0].text
         for kind in registered()
         for form in kind.neutral_forms()
-        if form.form == "saturating"
+        if form.form == form_name
     }
-    assert written == {
-        "stiffness_degradation": "η = 1 + η_∞ (1 − exp(−p_η ε))",
-        "strength_degradation": "ν = 1 + ν_∞ (1 − exp(−p_ν ε))",
-    }
+    assert set(written.values()) == equations
 
 
 def test_sizes_by_hand():
     """What is left of stiffness and strength in the end, shared among four cycles."""
     path = cyclic_test(CYCLES, 60).excitation
     histories = {"drift": path, "hysteretic_energy": np.linspace(0.0, 5.0, len(path))}
-    values = {"eta_inf": 0.6, "p_eta": 0.3, "nu_inf": 0.9, "p_nu": 0.2, "n": 1.5}
+    values = {"eta_inf": 0.6, "p_eta": 0.3, "nu_inf": 0.9, "p_nu": 0.2, "n": 1.5, "delta_etas": 0.05, "delta_nus": 0.04}
     at = PlaceResponse(histories=histories, parameters=values, scales=NOMINAL)
     kept = {
         StiffnessDegradation: 1.0 / (1.0 + 0.6 * (1.0 - math.exp(-0.3 * 5.0))),
         StrengthDegradation: (1.0 + 0.9 * (1.0 - math.exp(-0.2 * 5.0))) ** (-1.0 / 1.5),
     }
-    for effect_class, share in kept.items():
-        size = effect_class.neutral_forms()[1].signature.size
-        assert size is not None
-        assert size(at) == pytest.approx(1.0 - share**0.25)
+    gone_through = 15 * 0.8  # out, and back to the other side seven times
+    by_path = {
+        StiffnessDegradation: 1.0 / (1.0 + 0.05 * gone_through),
+        StrengthDegradation: (1.0 + 0.04 * gone_through) ** (-1.0 / 1.5),
+    }
+    for number, shares in ((1, kept), (2, by_path)):
+        for effect_class, share in shares.items():
+            size = effect_class.neutral_forms()[number].signature.size
+            assert size is not None
+            assert size(at) == pytest.approx(1.0 - share**0.25)

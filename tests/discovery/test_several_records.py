@@ -347,7 +347,7 @@ def command(shocks: Path, out: Path, *options: str, records: tuple[str, ...]) ->
 
 
 def test_a_path_begins_anew_where_a_record_finds_the_structure_virgin() -> None:
-    """It was added up over all records, as if each began where the one before it ended: priors of losses were narrow."""
+    """It was added up over all records, as if each went on from the one before it: priors of losses were narrow."""
     channels = ["acceleration_1"]
     shock = simulate(ONE, GROUND.between(0.0, 6.0), TRUTH, snr_db=30.0, seed=1, channels=channels)
     point = ONE.space.to_unit(ONE.draws(TRUTH))[0]

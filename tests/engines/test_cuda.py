@@ -168,6 +168,23 @@ def test_a_driver_without_a_card_is_told() -> None:
         Card(library("cuInit"))
 
 
+@pytest.mark.parametrize("own", [(6, 1), (7, 2)])
+def test_a_card_that_is_too_old_is_told_before_it_solves(own: tuple[int, int]) -> None:
+    """Its driver would refuse the code, once all else is done."""
+    asked: list[int] = []
+
+    def attribute(place: Any, which: int, _: object) -> int:
+        asked.append(which)
+        place._obj.value = dict(zip((75, 76), own, strict=True))[which]
+        return 0
+
+    driver = library("cuDevicePrimaryCtxRetain")
+    driver.cuDeviceGetAttribute = attribute
+    with pytest.raises(CudaError, match=rf"has compute capability {own[0]}\.{own[1]}, 7\.5 is needed"):
+        Card(driver)
+    assert asked == [75, 76]
+
+
 def test_each_reason_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cuda_driver, "_NAMES", ("libthere_is_no_such_thing.so",))
     first_card.cache_clear()

@@ -311,7 +311,7 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
             drift=_peak(rows["drift"][i]),
             drift_rate=_peak(rows["drift_rate"][i]),
             hysteretic_displacement=_peak(rows["hysteretic_displacement"][i]),
-            path=max(float(np.sum(np.abs(np.diff(rows["drift"][i])))), 1e-12),
+            path=max(*(float(np.sum(np.abs(np.diff(rows["drift"][i, run])))) for _, run in record.runs), 1e-12),
             energy=_peak(rows["hysteretic_energy"][i]),
             force=_peak(rows["restoring_force"][i]),
             **{name: float(parameters[symbol][i]) for name, symbol in _PARAMETER_SCALES.items()},

@@ -16,7 +16,7 @@ class Scales:
     drift, drift_rate, hysteretic_displacement : float
         Largest magnitudes. [m], [m/s], [m]
     path : float
-        Drift that has been gone through in all. [m]
+        Drift that has been gone through in all; of records that each find the structure virgin, in the longest. [m]
     energy : float
         Largest work on the hysteretic spring, what it stores included: a fit that lacks an effect may have a loop that
         gives back what it took, so that nothing is left at the end. [J]

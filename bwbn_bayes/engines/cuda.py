@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple, override
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import StoreyLaw
-from bwbn_bayes.engines.cuda_driver import Card, Room, first_card
+from bwbn_bayes.engines.cuda_driver import Card, CudaError, Room, first_card
 from bwbn_bayes.engines.cuda_source import ENTRY, SELDOM, opening_rows, rows_of_thread, thread_source
 from bwbn_bayes.engines.kernel import words_of
 from bwbn_bayes.engines.kernel_compiler import signatures
@@ -26,6 +27,7 @@ from bwbn_bayes.engines.lane_block import Block
 from bwbn_bayes.engines.lane_problem import SHARES, WEIGHTS, Outcome, Part, Problem, Same
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.scalar import programs_of
+from bwbn_bayes.errors import UserError
 
 _DOUBLE = np.dtype(np.float64)
 _SHARE_OF_MEMORY = 0.5
@@ -41,6 +43,11 @@ class Cuda(Lanes):
     Its parameters are those of :class:`~bwbn_bayes.engines.lanes.Lanes`. ``simulate`` and ``misfit`` are solved on the
     card, ``sensitivities`` and ``normal_equations`` by the lanes. A card takes as long for one draw as for thousands,
     so it pays where so many are asked for at once. A population too large for the card's free memory is cut.
+
+    Raises
+    ------
+    UserError
+        When it solves and there is no card, or the driver refuses a call.
     """
 
     name = "cuda"
@@ -63,7 +70,8 @@ class Cuda(Lanes):
         size = problem.real.itemsize
         stored = problem.record.n_times * len(problem.channels.names) * size if store else 0
         each = 2 * rows_of_thread(problem.layout, problem.n_links) * size + stored
-        most = int(_SHARE_OF_MEMORY * self.card.free_bytes) // each
+        with _told():
+            most = int(_SHARE_OF_MEMORY * self.card.free_bytes) // each
         most = max(1, min(most, _MOST_STORED // stored if stored else n_draws))
         n_blocks = max(1, -(-n_draws // most))
         return max(1, -(-n_draws // n_blocks))
@@ -73,8 +81,19 @@ class Cuda(Lanes):
         """What comes of a block of draws, part after part."""
         if problem.n_parameters > 0:
             return super().march(problem, block, store=store)
-        with self.card.lock:  # blocks that other threads have prepared wait for the card's memory
+        with _told(), self.card.lock:  # blocks that other threads have prepared wait for the card's memory
             return iter(list(_marched(self, problem, block, store=store)))
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """What the driver refuses in the middle of a run, memory that others have taken, say, is the user's to mend."""
+    try:
+        yield
+    except CudaError as error:
+        raise UserError(
+            f"the graphics card solves no further ({error}): end what else works on it, or take --engine lanes"
+        ) from error
 
 
 class _Array(NamedTuple):

@@ -15,13 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bwbn_bayes.engines.thread_compiler import ON_THREADS, thread_code
+from bwbn_bayes.engines.thread_compiler import OLDEST_CARD, ON_THREADS, thread_code
 from bwbn_bayes.errors import UserError
 
 THREADS = 32
 """Threads of a block, one warp: with 32 to 128 a solve took about the same time (H100)."""
 _BUFFER, _SIZE, _END = 1, 2, 0
 """What announces a kernel's arguments as one row of bytes: where it begins, and its length."""
+_CAPABILITY = 75, 76
+"""Attributes of a device: its compute capability, before and after the point."""
 _NAMES = ("libcuda.so.1", "libcuda.so", "nvcuda.dll")
 
 
@@ -40,7 +42,7 @@ class Card:
     Raises
     ------
     CudaError
-        If there is no card, or the driver cannot use it.
+        If there is no card, it is too old, or the driver cannot use it.
     """
 
     def __init__(self, library: ctypes.CDLL) -> None:
@@ -50,11 +52,21 @@ class Card:
         self._call("cuInit", 0)
         device, context = ctypes.c_int(), ctypes.c_void_p()
         self._call("cuDeviceGet", ctypes.byref(device), 0)
-        self._call("cuDevicePrimaryCtxRetain", ctypes.byref(context), device)
-        self._context = context
         name = ctypes.create_string_buffer(256)
         self._call("cuDeviceGetName", name, 256, device)
         self.name = name.value.decode()
+        self._require_young(device)
+        self._call("cuDevicePrimaryCtxRetain", ctypes.byref(context), device)
+        self._context = context
+
+    def _require_young(self, device: ctypes.c_int) -> None:
+        """Its driver would refuse the code, once a run has begun."""
+        major, minor = ctypes.c_int(), ctypes.c_int()
+        for number, attribute in zip((major, minor), _CAPABILITY, strict=True):
+            self._call("cuDeviceGetAttribute", ctypes.byref(number), attribute, device)
+        if (major.value, minor.value) < OLDEST_CARD:
+            least = ".".join(map(str, OLDEST_CARD))
+            raise CudaError(f"{self.name} has compute capability {major.value}.{minor.value}, {least} is needed")
 
     def _call(self, name: str, *arguments: Any) -> None:
         outcome = getattr(self._library, name)(*arguments)

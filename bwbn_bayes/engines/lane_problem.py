@@ -241,14 +241,14 @@ class Problem:
     def unpacked(self, block: Block, part: Part, outcome: Outcome) -> tuple[Floats, Floats, Floats]:
         """Misfit, gradient and information of the channels that a part measures."""
         c, own = len(self.channels.names), block.whole.of_parameters(self.n_parameters)
-        gram = np.moveaxis(outcome.gram.reshape(c, -1, LANES)[part.rows], 2, 0)[: block.n_draws]
+        gram = np.moveaxis(outcome.gram.reshape(c, -1, block.n_lanes)[part.rows], 2, 0)[: block.n_draws]
         triangle = _unpack(gram, own.shape[1])
         square = triangle[..., 1:, 1:]
         left, right = np.tril_indices(own.shape[1])
         square[..., right, left] = square[..., left, right]
         with np.errstate(over="ignore", invalid="ignore"):  # derivatives of a draw that runs away
             return (
-                outcome.misfit.reshape(c, LANES)[part.rows].T[: block.n_draws],
+                outcome.misfit.reshape(c, block.n_lanes)[part.rows].T[: block.n_draws],
                 np.einsum("nck,nkp->ncp", triangle[..., 1:, 0], own),
                 np.swapaxes(own, 1, 2)[:, None] @ square @ own[:, None],
             )

@@ -14,8 +14,8 @@ from bwbn_bayes.engines.kernel_compiler import HINTS, Module, Signature, assembl
 from bwbn_bayes.engines.kernel_values import DOUBLE, INT, PRECISIONS, TRUTH, Instructions
 
 ON_THREADS = "on_threads"
-_OLDEST_CARD = "sm_75"
-"""What the PTX asks for; a card's own driver makes machine code of it, on any younger one too."""
+OLDEST_CARD = (7, 5)
+"""Compute capability that the PTX asks for; a card's own driver makes machine code of it, on any younger one too."""
 _QUOTIENT_OF = re.compile(r"= fdiv [a-z ]*double (\S+), (%\S+)")
 _QUOTIENT = """
 declare double @llvm.nvvm.rcp.approx.ftz.d(double)
@@ -64,7 +64,9 @@ def thread_code(source: str, entry: str, fixed: Mapping[str, int | NDArray[Any]]
     wrapper = [*_on_threads(entry, module.signature(entry), fixed), HINTS]
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple("nvptx64-nvidia-cuda").create_target_machine(cpu=_OLDEST_CARD, opt=3)
+    machine = llvm.Target.from_triple("nvptx64-nvidia-cuda").create_target_machine(
+        cpu="sm_{}{}".format(*OLDEST_CARD), opt=3
+    )
     code = assembled([*module.texts, *wrapper], machine)
     for function in code.functions:
         if not function.is_declaration and function.name != ON_THREADS:

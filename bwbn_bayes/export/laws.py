@@ -19,10 +19,10 @@ neither nu nor eta: our ``foliente_pinching`` with ``Shi = psi_0``, ``deltaShi =
 Both start Newton's iteration at z = 0.01 and end it at an absolute tolerance on z, 1e-8 by default, which is coarse
 where z is measured in metres: the tolerance written here follows the size of z.
 
-A dashpot is ``Viscous`` (``C sgn(v) |v|^a``), a cubic spring ``ElasticPowerFunc``, a stop ``ElasticMultiLinear``, all
-exact; a Maxwell branch is ``Maxwell``, exact as the step goes to zero. Dahl's friction ``F q`` with
-``dq/dt = (v - |v| q)/x0`` is a Bouc-Wen spring with ``z = x0 q``, ``alpha = 0``, ``k = F/x0``, ``A = n = 1``,
-``beta = 1/x0``, ``gamma = 0``. They stand in ``Parallel`` with the hysteretic spring.
+A dashpot is ``Viscous`` (``C sgn(v) |v|^a``), a spring by a power of the drift ``ElasticPowerFunc``, a stop
+``ElasticMultiLinear``, all exact; a Maxwell branch is ``Maxwell``, exact as the step goes to zero. Dahl's friction
+``F q`` with ``dq/dt = (v - |v| q)/x0`` is a Bouc-Wen spring with ``z = x0 q``, ``alpha = 0``, ``k = F/x0``,
+``A = n = 1``, ``beta = 1/x0``, ``gamma = 0``. They stand in ``Parallel`` with the hysteretic spring.
 
 References
 ----------
@@ -67,6 +67,14 @@ _NO_LAW = {
     "F_root": "friction that turns with the drift rate",
     "a_mu": "friction that depends on speed",
     "r_h": "a spring that came to yield where the model had a linear one",
+    "eta_e": "a loss of stiffness in a free shape",
+    "nu_e": "a loss of strength in a free shape",
+    "zeta_g": "Foliente's pinching in a free shape",
+    "s_w": "slip-lock in a free shape",
+    "F_d": "friction in a free shape",
+    "k_s": "a stop in a free shape",
+    "k_sp": "a stop in a free shape",
+    "k_sn": "a stop in a free shape",
 }
 """Amplitudes of what no uniaxial material of OpenSees does, in words."""
 _CHANGES = ("_jump", "_ramp")
@@ -76,40 +84,15 @@ _TRANSLATED = (
     *("W", "R", "mu_slow", "Y"),
     *("alpha_offset", "beta_offset", "gamma_offset", "n_offset"),
     *("zeta_s", "p", "q", "psi_0", "delta_psi", "lambda_"),
-    *(
-        "c2",
-        "F_v",
-        "p_v",
-        "v_v",
-        "k3",
-        "k_geo",
-        "k_g",
-        "g",
-        "k_gp",
-        "g_p",
-        "k_gn",
-        "g_n",
-        "k_m",
-        "tau",
-        "F_dahl",
-        "x_dahl",
-    ),
+    *("c2", "F_v", "p_v", "v_v", "F_q", "p_q", "v_q", "k3", "F_h", "p_h", "u_h"),
+    *("k_geo", "k_g", "g", "k_gp", "g_p", "k_gn", "g_n", "k_m", "tau", "F_dahl", "x_dahl"),
 )
 _SIZES_OF_NO_LAW = (
-    "mu_fast",
-    "beta_h",
-    "gamma_h",
-    "n_h",
-    "x_h",
-    "p_eta",
-    "p_nu",
-    "sigma",
-    "w",
-    "u_uv",
-    "u_u",
-    "v0",
-    "v_ratio",
-    "v_root",
+    *("mu_fast", "beta_h", "gamma_h", "n_h", "x_h", "sigma", "w", "u_uv", "u_u", "v0", "v_ratio", "v_root"),
+    *("p_eta", "p_nu", "b_eta", "m_eta", "E_eta", "b_nu", "m_nu", "E_nu"),
+    *("p_g", "q_g", "psi_g", "delta_g", "lambda_g", "m_g", "sigma_w", "e_w", "q_w", "p_w", "E_w"),
+    *("x_d", "r_d", "g_d", "u_d"),
+    *(f"{size}_s{side}" for side in ("", "p", "n") for size in "gpwuE"),
 )
 _AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g", "k_bend")
 _SLIDER = ("inv_mu", "R_s", "m_s", "W_s", "Y_s", "n_s", "r_mu", "a_s")
@@ -243,12 +226,18 @@ def beside(link: Link) -> tuple[Part, ...]:
     c, c2, k3, geometric = (p.get(symbol, 0.0) for symbol in ("c", "c2", "k3", "k_geo"))
     add("c", "Viscous", (c, 1.0), "C [N s/m], exponent of the drift rate", c * v)
     add("c2", "Viscous", (c2, 2.0), "C [N s^2/m^2], exponent of the drift rate", c2 * v * np.abs(v))
-    if p.get("F_v", 0.0) != 0.0:
-        power, coefficient = p["p_v"], p["F_v"] * p["v_v"] ** -p["p_v"]
-        damping = coefficient * np.sign(v) * np.abs(v) ** power
-        add("F_v", "Viscous", (coefficient, power), "C [N (s/m)^a], exponent a of the drift rate", damping)
+    for symbol, power, rate in _DAMPERS:
+        if p.get(symbol, 0.0) != 0.0:
+            exponent, coefficient = p[power], p[symbol] * p[rate] ** -p[power]
+            says = "C [N (s/m)^a], exponent a of the drift rate"
+            add(symbol, "Viscous", (coefficient, exponent), says, coefficient * np.sign(v) * np.abs(v) ** exponent)
     add("k_geo", "Elastic", (-geometric,), "stiffness [N/m]: P-Delta", -geometric * u)
     add("k3", "ElasticPowerFunc", ("-coeff", k3, "-exp", 3.0), "coefficient [N/m^3], exponent of the drift", k3 * u**3)
+    if p.get("F_h", 0.0) != 0.0:
+        exponent, coefficient = p["p_h"], p["F_h"] * p["u_h"] ** -p["p_h"]
+        says = "coefficient [N/m^a], exponent a of the drift"
+        pushed = coefficient * np.sign(u) * np.abs(u) ** exponent
+        add("F_h", "ElasticPowerFunc", ("-coeff", coefficient, "-exp", exponent), says, pushed)
     for stiffness, gap, sides in _STOPS:
         if p.get(stiffness, 0.0) != 0.0:
             says = "drifts [m], forces [N] of its corners"
@@ -276,6 +265,8 @@ def beside(link: Link) -> tuple[Part, ...]:
     return tuple(parts)
 
 
+_DAMPERS = (("F_v", "p_v", "v_v"), ("F_q", "p_q", "v_q"))
+"""Force, power and the drift rate at which the force is measured, of each damper that follows a power of the rate."""
 _STOPS = (("k_g", "g", (-1, 1)), ("k_gp", "g_p", (1,)), ("k_gn", "g_n", (-1,)))
 """Stiffness, gap and sides of each form of a stop."""
 

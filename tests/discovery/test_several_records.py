@@ -14,7 +14,7 @@ import pytest
 
 from bwbn_bayes.cli import main
 from bwbn_bayes.discovery import workflow
-from bwbn_bayes.discovery.candidates import hypotheses
+from bwbn_bayes.discovery.candidates import hypotheses, scales_of
 from bwbn_bayes.discovery.cross_validation import cross_validated
 from bwbn_bayes.discovery.held_out import floor_of, predict, set_apart
 from bwbn_bayes.discovery.outcome import Discovery
@@ -344,6 +344,21 @@ def command(shocks: Path, out: Path, *options: str, records: tuple[str, ...]) ->
         with pytest.raises(SystemExit) as leaving:
             main(["discover", str(shocks / "storey.py"), *given, *options, "--out", str(out), "--particles", "300"])
     return int(leaving.value.code or 0), told.getvalue(), heard.getvalue()
+
+
+def test_a_path_begins_anew_where_a_record_finds_the_structure_virgin() -> None:
+    """It was added up over all records, as if each went on from the one before it: priors of losses were narrow."""
+    channels = ["acceleration_1"]
+    shock = simulate(ONE, GROUND.between(0.0, 6.0), TRUTH, snr_db=30.0, seed=1, channels=channels)
+    point = ONE.space.to_unit(ONE.draws(TRUTH))[0]
+    records = shock, join_records([shock, shock]), join_records([shock, shock], in_sequence=True)
+    one, twice, on = (
+        scales_of(Posterior(model=ONE, record=own, engine=ENGINE, noise=default_noise(own)), point)[0].path
+        for own in records
+    )
+    assert one > 0.1
+    assert twice == one
+    assert on > 1.5 * one
 
 
 @pytest.mark.usefixtures("undrawn")

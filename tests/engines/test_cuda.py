@@ -96,6 +96,33 @@ def test_derivatives_are_the_lanes_own() -> None:
     np.testing.assert_array_equal(cuda.information, lanes.information)
 
 
+def test_a_model_without_parameters_has_sums_of_squares() -> None:
+    """Of more draws than one, which fill no sixteen lanes, they could not be reshaped."""
+    model = building(2)
+    draws, record = np.zeros((5, 0)), record_of(model, 0.5)
+    cuda, lanes = (one.normal_equations(model, draws, record) for one in (EmulatedCuda(), Lanes()))
+    np.testing.assert_array_equal(cuda.misfit, lanes.misfit)
+    assert cuda.information.shape == lanes.information.shape
+
+
+@pytest.mark.parametrize("refused", ["room", "call", "read"])
+def test_what_a_card_refuses_in_the_middle_of_a_run_is_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, refused: str
+) -> None:
+    """Memory that another process had taken meanwhile ended a run in a traceback."""
+
+    def refuse(*_: object) -> None:
+        raise CudaError("cuMemAlloc_v2: out of memory")
+
+    model, draws = case(5)
+    card = EmulatedCard()
+    monkeypatch.setattr(EmulatedCuda, "card", card)
+    monkeypatch.setattr(card, refused, refuse)
+    sentence = r"solves no further \(cuMemAlloc_v2: out of memory\): .*, or take --engine lanes$"
+    with pytest.raises(UserError, match=sentence):
+        EmulatedCuda().misfit(model, draws, record_of(model, 0.5))
+
+
 def code_of(model: Structure) -> str:
     safe, programs = programs_of(model.law)
     source = thread_source(safe, programs, driven=False, single=False, n_links=model.n_links, n_channels=1, n_inputs=1)
@@ -139,6 +166,23 @@ def library(refused: str) -> Any:
 def test_a_driver_without_a_card_is_told() -> None:
     with pytest.raises(CudaError, match="cuInit: no CUDA-capable device is detected"):
         Card(library("cuInit"))
+
+
+@pytest.mark.parametrize("own", [(6, 1), (7, 2)])
+def test_a_card_that_is_too_old_is_told_before_it_solves(own: tuple[int, int]) -> None:
+    """Its driver would refuse the code, once all else is done."""
+    asked: list[int] = []
+
+    def attribute(place: Any, which: int, _: object) -> int:
+        asked.append(which)
+        place._obj.value = dict(zip((75, 76), own, strict=True))[which]
+        return 0
+
+    driver = library("cuDevicePrimaryCtxRetain")
+    driver.cuDeviceGetAttribute = attribute
+    with pytest.raises(CudaError, match=rf"has compute capability {own[0]}\.{own[1]}, 7\.5 is needed"):
+        Card(driver)
+    assert asked == [75, 76]
 
 
 def test_each_reason_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

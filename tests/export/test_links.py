@@ -30,7 +30,10 @@ from bwbn_bayes import (
     simulate,
 )
 from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.effects.cubic_stiffness import PowerSpring
+from bwbn_bayes.elements.effects.quadratic_damping import PowerDamper
 from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.export import of_model, script_of
 from bwbn_bayes.export.laws import is_known
 from bwbn_bayes.structures.structure import Structure
@@ -51,6 +54,7 @@ QUASI_STATIC: dict[str, tuple[dict[str, float], tuple[Effect, ...]]] = {
     ),
     "BWBN": (SPRING, (PINCH,)),
     "ElasticPowerFunc": (SPRING, (CubicStiffness(k3=2e10),)),
+    "ElasticPowerFunc, free shape": (SPRING, (PowerSpring(F_h=1e5, p_h=2.3, u_h=0.03),)),
     "ElasticMultiLinear": (SPRING, (GapImpact(k_g=5e7, g=0.01),)),
     "ElasticMultiLinear, one side": (SPRING, (GapImpact(k_g=5e7, g=0.0, side="negative"),)),
     "BoucWen, Dahl's friction": (SPRING, (CoulombFriction(F_c=1e5, x0=1e-3, smoothing="dahl"),)),
@@ -58,6 +62,7 @@ QUASI_STATIC: dict[str, tuple[dict[str, float], tuple[Effect, ...]]] = {
 IN_TIME: dict[str, tuple[Effect, ...]] = {
     "Viscous": (QuadraticDamping(c2=2e6),),
     "Viscous, below one": (ViscousDamper(F_v=1.2e5, p_v=0.6, v_v=0.04),),
+    "Viscous, free shape": (PowerDamper(F_q=2e4, p_q=1.6, v_q=0.1),),
     "Maxwell": (MaxwellBranch(k_m=2e7, tau=0.08),),
 }
 
@@ -157,6 +162,7 @@ def test_units_are_stated_beside_every_material() -> None:
 @pytest.mark.parametrize("effect", registered(), ids=lambda effect: effect.name)
 def test_every_catalogued_parameter_is_known_to_the_export(effect: type[Effect]) -> None:
     """Otherwise it would be called a law of the user's own."""
-    symbols = {p.symbol for form in effect.neutral_forms() for p in form.parameters}
+    forms = (*effect.neutral_forms(), *effect.general_forms(NOMINAL))
+    symbols = {p.symbol for form in forms for p in form.parameters}
     if effect.level != "observation":  # sensors are no part of a structure
         assert {symbol for symbol in symbols if not is_known(symbol)} == set()

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self, override
 
-import numpy as np
 import sympy as sp
 
+from bwbn_bayes.elements.damping import SOURCE, added_damping, equivalent, of_power, power_parameters
 from bwbn_bayes.elements.law import DRIFT_RATE, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import Signature
-from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Value
+from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,15 +35,11 @@ class QuadraticDamping(Effect):
 
     name: ClassVar[str] = "quadratic_damping"
     summary: ClassVar[str] = "a damper that grows with the square of the drift rate"
-    source: ClassVar[str] = "Soong and Constantinou 1994"
+    source: ClassVar[str] = SOURCE
     residual: ClassVar[str] = "a third harmonic in phase with the drift rate"
     confusable: ClassVar[str] = "c and coulomb_friction at one amplitude"
-    signature: ClassVar[Signature] = Signature(
-        measure="damping ratio added at the first mode",
-        plain_name="the shape of the force over drift rate (a quadratic law)",
-        reason="a thousandth of critical damping: no building's own is known better",
-        size=lambda at: at.damping_ratio(at["c2"] * equivalent(at.histories["drift_rate"], 2.0)),
-        least=0.001,
+    signature: ClassVar[Signature] = added_damping(
+        "a quadratic law", lambda at: at.damping_ratio(at["c2"] * equivalent(at.histories["drift_rate"], 2.0))
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
@@ -98,21 +94,8 @@ class PowerDamper(Effect):
     residual: ClassVar[str] = QuadraticDamping.residual
     confusable: ClassVar[str] = QuadraticDamping.confusable
     form: ClassVar[str] = "free shape"
-    signature: ClassVar[Signature] = replace(
-        QuadraticDamping.signature,
-        size=lambda at: at.damping_ratio(
-            at["F_q"] * at["v_q"] ** -at["p_q"] * equivalent(at.histories["drift_rate"], at["p_q"])
-        ),
-    )
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(
-            symbol="F_q", unit="N", neutral=0.0, lower=0.0, description="damper's force at a known rate", source=source
-        ),
-        Parameter(symbol="p_q", unit="", neutral=2.0, lower=1.0, description="power of the drift rate", source=source),
-        Parameter(
-            symbol="v_q", unit="m/s", neutral=1.0, lower=1e-12, description="that drift rate, known", source=source
-        ),
-    )
+    signature: ClassVar[Signature] = added_damping("a quadratic law", of_power("F_q", "p_q", "v_q"))
+    parameters: ClassVar[tuple[Parameter, ...]] = power_parameters("F_q", "p_q", "v_q", neutral=2.0, lower=1.0)
 
     @classmethod
     @override
@@ -129,8 +112,3 @@ class PowerDamper(Effect):
         force, power, largest = (symbol(s) for s in ("F_q", "p_q", "v_q"))
         bent = (sp.Abs(DRIFT_RATE) / largest) ** (power - 1) * DRIFT_RATE / largest
         return replace(slots, added_force=slots.added_force + force * bent)
-
-
-def equivalent(rate: Floats, power: float) -> float:
-    """Viscous coefficient that dissipates as much as ``|v|^(power - 1) v`` along a history ``(n_times,)`` [m/s]."""
-    return float(np.sum(np.abs(rate) ** (power + 1.0)) / max(float(np.sum(np.square(rate))), 1e-300))

@@ -8,7 +8,7 @@ from typing import ClassVar, Self, override
 
 import sympy as sp
 
-from bwbn_bayes.elements.effects.quadratic_damping import equivalent
+from bwbn_bayes.elements.damping import SOURCE, added_damping, of_power, power_parameters
 from bwbn_bayes.elements.law import DRIFT_RATE, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import Signature
@@ -46,27 +46,11 @@ class ViscousDamper(Effect):
     name: ClassVar[str] = "viscous_damper"
     title: ClassVar[str] = "nonlinear viscous damper"
     summary: ClassVar[str] = "a damper whose force grows with a power of the drift rate below one"
-    source: ClassVar[str] = "Soong and Constantinou 1994"
+    source: ClassVar[str] = SOURCE
     residual: ClassVar[str] = "a force in phase with the drift rate, flatter than its sine"
     confusable: ClassVar[str] = "c and coulomb_friction"
-    signature: ClassVar[Signature] = Signature(
-        measure="damping ratio added at the first mode",
-        plain_name="the shape of the force over drift rate (a power law)",
-        reason="a thousandth of critical damping: no building's own is known better",
-        size=lambda at: at.damping_ratio(
-            at["F_v"] * at["v_v"] ** -at["p_v"] * equivalent(at.histories["drift_rate"], at["p_v"])
-        ),
-        least=0.001,
-    )
-    parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(
-            symbol="F_v", unit="N", neutral=0.0, lower=0.0, description="damper's force at a known rate", source=source
-        ),
-        Parameter(symbol="p_v", unit="", neutral=1.0, lower=0.1, description="power of the drift rate", source=source),
-        Parameter(
-            symbol="v_v", unit="m/s", neutral=1.0, lower=1e-12, description="that drift rate, known", source=source
-        ),
-    )
+    signature: ClassVar[Signature] = added_damping("a power law", of_power("F_v", "p_v", "v_v"))
+    parameters: ClassVar[tuple[Parameter, ...]] = power_parameters("F_v", "p_v", "v_v", neutral=1.0, lower=0.1)
 
     @classmethod
     @override

@@ -206,6 +206,12 @@ def test_help_tells_the_particles_of_a_discovery(run: Run) -> None:
     assert f"[default: ({DISCOVERY_PARTICLES})" in run("discover", "--help").out
 
 
+def test_help_keeps_units_in_brackets(run: Run) -> None:
+    """They were taken for markup: "ag = ground_acceleration , roof = acceleration_3 "."""
+    assert "acceleration_3 [g]" in " ".join(run("discover", "--help").out.replace("│", " ").split())
+    assert "[m/s^2]" in run("reproduce", "--help").out
+
+
 def test_help_waits_for_nothing_that_takes_seconds_to_load() -> None:
     """SymPy, numba, SciPy and Matplotlib were all loaded before a word was printed: 3.3 s of processor."""
     code = (

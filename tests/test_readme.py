@@ -11,6 +11,7 @@ import pytest
 
 from bwbn_bayes import Result, read_record
 from bwbn_bayes.cli import main
+from bwbn_bayes.elements.catalogue import catalogue
 from bwbn_bayes.structures.model_file import load_model_file
 
 ROOT = Path(__file__).parents[1]
@@ -54,6 +55,11 @@ def test_the_main_job_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     gap = found["gap"]["held_out"]
     assert gap["after"] < 1.1 * gap["noise_floor"] < gap["before"]
     assert all(check.passed for check in Result.load(tmp_path / "identify" / "result.nc").facts.checks)
+
+
+def test_the_page_counts_the_catalogue() -> None:
+    """It still said 25 when there were 26."""
+    assert f"a catalogue of {len(catalogue())}," in README
 
 
 def test_every_command_of_the_page_exists(capsys: pytest.CaptureFixture[str]) -> None:

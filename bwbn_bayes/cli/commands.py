@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.text import Text
 
 from bwbn_bayes.cli import exporting
@@ -60,13 +61,17 @@ ModelArgument = Annotated[
     typer.Argument(help="Python file that defines `model`, or a record for its starting model.", show_default=False),
 ]
 OutOption = Annotated[Path, typer.Option("--out", help="Directory to write to.")]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="The run is a function of it.")]
+SeedOption = Annotated[
+    int, typer.Option("--seed", min=0, help="Of the random numbers: the same seed, the same result.")
+]
 ColumnsOption = Annotated[
     str | None,
     typer.Option(
         "--columns",
         metavar="MAP",
-        help='What the columns of the record stand for: "ag = ground_acceleration [g], roof = acceleration_3 [g]".',
+        help=escape(
+            'What the columns of the record stand for: "ag = ground_acceleration [g], roof = acceleration_3 [g]".'
+        ),
         show_default=False,
     ),
 ]
@@ -82,7 +87,7 @@ SequenceOption = Annotated[
     typer.Option("--sequence", help="The structure comes to each record as the one before left it, not virgin."),
 ]
 WorkersOption = Annotated[
-    int, typer.Option("--workers", min=1, max=1024, help="Processes that solve; with one, the threads of this.")
+    int, typer.Option("--workers", min=1, max=1024, help="Processes that solve; with one, threads of this process.")
 ]
 SchedulerOption = Annotated[
     str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler whose workers solve.")
@@ -117,7 +122,7 @@ def identify(
             "--method",
             metavar="|".join(METHODS),
             callback=_known_method,
-            help="Way to the posterior; ga finds one point, ipv forces only.",
+            help="How the posterior is sampled; ga finds one point only, ipv storey forces only.",
         ),
     ] = "importance",
     out: Annotated[
@@ -135,7 +140,9 @@ def identify(
         Literal["default", "plain"],
         typer.Option("--variant", help="TMCMC as calibrated or published (plain); SMC batched or PyMC's own (plain)."),
     ] = "default",
-    sampler: Annotated[Literal["pymc", "nutpie"], typer.Option("--sampler", help="Whose NUTS.")] = "pymc",
+    sampler: Annotated[
+        Literal["pymc", "nutpie"], typer.Option("--sampler", help="Which NUTS, with --method nuts.")
+    ] = "pymc",
     alternatives: Annotated[
         bool,
         typer.Option(
@@ -146,12 +153,15 @@ def identify(
         bool,
         typer.Option(
             "--unnamed-force",
-            help="A force of no known law stands beside the model in every storey: intervals know of model error.",
+            help="Put a force of no known law beside every storey, so that intervals allow for errors of the model.",
         ),
     ] = False,
     checkpoint: Annotated[
         Path | None,
-        typer.Option("--checkpoint", help="Where what is solved is kept, without suffix; a run cut off goes on."),
+        typer.Option(
+            "--checkpoint",
+            help="File, without suffix, that keeps what is solved: the same command goes on from there. Not for ipv.",
+        ),
     ] = None,
     workers: WorkersOption = 1,
     scheduler: SchedulerOption = None,
@@ -362,7 +372,9 @@ def starting_model(
 
 @app.command()
 def simulate(
-    model: ModelArgument,
+    model: Annotated[
+        Path, typer.Argument(help="Python file that defines `model` and its `truth`.", show_default=False)
+    ],
     record: Annotated[
         Path | None,
         typer.Option("--record", help="Excitation: CSV, PEER AT2, COSMOS ...; the model file's by default."),
@@ -372,7 +384,7 @@ def simulate(
     seed: SeedOption = 1,
     engine: EngineOption = "reference",
 ) -> None:
-    """Write the record that MODEL gives at its `truth` under its `excitation`, as OUT/MODEL.csv; several numbered."""
+    """Write the record that MODEL gives at its `truth` under its `excitation`: OUT/MODEL.csv, or MODEL_1.csv, ... ."""
     from bwbn_bayes.cli.files import replacing, writable, write_parts
     from bwbn_bayes.engines.available import engine as engine_by_name
     from bwbn_bayes.engines.simulation import simulate as simulate_record
@@ -403,26 +415,34 @@ def reproduce(
     quick: Annotated[bool, typer.Option("--quick", help="A first look: 500 particles, 60 generations.")] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Directory to write to; reports/PAPER by default.")] = None,
     seed: SeedOption = 1,
-    seeds: Annotated[int, typer.Option("--seeds", min=1, max=1000, help="Seeds of TMCMC with noise, group 1.")] = 1,
+    seeds: Annotated[
+        int, typer.Option("--seeds", min=1, max=1000, help="How many seeds of the noise TMCMC of group 1 is run for.")
+    ] = 1,
     particles: Annotated[
         int, typer.Option("--particles", min=100, max=MOST_PARTICLES, help="TMCMC particles.")
     ] = Options.particles,
     generations: Annotated[
-        int, typer.Option("--generations", min=1, max=100_000, help="Of the GA.")
+        int, typer.Option("--generations", min=1, max=100_000, help="Generations of the genetic algorithm.")
     ] = Options.generations,
     whole_record: Annotated[
-        bool, typer.Option("--whole-record", help="GA: judge every generation by the whole record.")
+        bool, typer.Option("--whole-record", help="Genetic algorithm: judge every generation by the whole record.")
     ] = False,
     free_a: Annotated[bool, typer.Option("--free-a", help="Identify A too, as the paper does.")] = False,
-    damage_order: Annotated[DamageOrder, typer.Option("--damage-order", help="Storeys in turn.")] = "123",
-    sine_amplitude: Annotated[float, typer.Option("--sine-amplitude", help="[m/s^2]")] = Options.sine_amplitude,
-    sine_frequency: Annotated[float, typer.Option("--sine-frequency", help="[Hz]")] = Options.sine_frequency_hz,
+    damage_order: Annotated[
+        DamageOrder, typer.Option("--damage-order", help="Storeys in the order in which they are damaged.")
+    ] = "123",
+    sine_amplitude: Annotated[
+        float, typer.Option("--sine-amplitude", help=escape("Of the sine [m/s^2]."))
+    ] = Options.sine_amplitude,
+    sine_frequency: Annotated[
+        float, typer.Option("--sine-frequency", help="Of the sine [Hz].")
+    ] = Options.sine_frequency_hz,
     el_centro: Annotated[
-        Literal["rsn6_180", "chopra"], typer.Option("--el-centro", help="Version of the record.")
+        Literal["rsn6_180", "chopra"], typer.Option("--el-centro", help="Which version of El Centro.")
     ] = "rsn6_180",
-    el_centro_scale: Annotated[float, typer.Option("--el-centro-scale", help="Factor on it.")] = 1.0,
+    el_centro_scale: Annotated[float, typer.Option("--el-centro-scale", help="Factor on El Centro.")] = 1.0,
     error_floor: Annotated[
-        float, typer.Option("--error-floor", help="Of noise-free records, as a share of the rms.")
+        float, typer.Option("--error-floor", help="Error assumed of noise-free records, as a share of their rms.")
     ] = Options.error_floor,
 ) -> None:
     """Run the tables of PAPER again, printed figures beside ours; finished cases are kept."""

@@ -270,7 +270,7 @@ def _explanations(bars: tuple[ExplanationBar, ...], n_weighed: int) -> Drawing |
     return finished(
         figure,
         "explanations.png",
-        f"{more}, with the probability of each. Blue: with the effects of the improved model. Linear up to "
+        f"{more}, with probability or nats behind. Blue: with the effects of the improved model. Linear up to "
         f"{_LINEAR_TO:.0f} nats, logarithmic beyond.",
         "Explanations and their probabilities: " + "; ".join(f"{bar.label}, {bar.probability:.3f}" for bar in bars),
     )

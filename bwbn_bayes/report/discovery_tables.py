@@ -152,8 +152,9 @@ def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:
     notes: list[str] = []
     for one in added:
         effect = one.hypothesis.effect
-        named_from = f" Named from: {effect.signature.reason}." if effect.signature.reason else ""
-        notes.append(f"{_capital(one.title)}: {effect.summary} ({effect.source}).{named_from}")
+        reason = effect.signature.reason
+        least = f" It deserves this name from a least size on: {reason}." if reason else ""
+        notes.append(f"{_capital(one.title)}: {effect.summary} ({effect.source}).{least}")
         notes += one.separation
     return tuple(notes)
 

@@ -55,8 +55,8 @@ BWBN = f"{_FIRST}, q, zetas, p [1/J], Shi [m], deltaShi [m/J], lambda, tolerance
 _NO_LAW = {
     "eta_inf": "a loss of stiffness that saturates",
     "nu_inf": "a loss of strength that saturates",
-    "delta_etas": "a loss of stiffness with the path",
-    "delta_nus": "a loss of strength with the path",
+    "theta_eta": "a loss of stiffness with the path",
+    "theta_nu": "a loss of strength with the path",
     "delta_s": "slip-lock",
     "b": "a play",
     "phi": "asymmetry",

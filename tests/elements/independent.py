@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 PLAIN = {
     "k": 10.0, "c": 0.05, "alpha": 0.01, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 1.5,
     "delta_nu": 0.0, "delta_eta": 0.0, "delta_s": 0.0, "sigma": 1.0,
-    "nu_inf": 0.0, "p_nu": 1.0, "eta_inf": 0.0, "p_eta": 1.0, "delta_nus": 0.0, "delta_etas": 0.0,
+    "nu_inf": 0.0, "p_nu": 1.0, "eta_inf": 0.0, "p_eta": 1.0, "theta_nu": 0.0, "theta_eta": 0.0,
     "zeta_s": 0.0, "p": 1.0, "q": 0.0, "psi_0": 1.0, "delta_psi": 0.0, "lambda_": 1.0,
     "phi": 0.0, "phi_uv": 0.0, "u_uv": 1.0, "phi_u": 0.0, "u_u": 1.0, "k3": 0.0, "c2": 0.0, "k_geo": 0.0,
     "F_v": 0.0, "p_v": 1.0, "v_v": 1.0,
@@ -41,8 +41,8 @@ def storey(
     d_rate = v * min(max((p["b"] - d * sign(v)) / p["w"], 0.0), 1.0)
     u_turn = {width: math.tanh(u / p[width]) for width in ("u_uv", "u_u")}
     u, v = u - d, v - d_rate
-    nu = 1.0 + p["delta_nu"] * eps + p["nu_inf"] * (1.0 - math.exp(-p["p_nu"] * eps)) + p["delta_nus"] * path
-    eta = 1.0 + p["delta_eta"] * eps + p["eta_inf"] * (1.0 - math.exp(-p["p_eta"] * eps)) + p["delta_etas"] * path
+    nu = 1.0 + p["delta_nu"] * eps + p["nu_inf"] * (1.0 - math.exp(-p["p_nu"] * eps)) + p["theta_nu"] * path
+    eta = 1.0 + p["delta_eta"] * eps + p["eta_inf"] * (1.0 - math.exp(-p["p_eta"] * eps)) + p["theta_eta"] * path
     shape = p["beta"] * sign(z * v) + p["gamma"] + p["phi"] * (sign(z) + sign(v))
     shape += p["phi_uv"] * u_turn["u_uv"] * sign(v) + p["phi_u"] * u_turn["u_u"]
     f = (p["A"] - nu * abs(z) ** p["n"] * shape) / eta

@@ -63,7 +63,8 @@ def test_the_form_follows_from_what_is_given(effect_class):
     (delta,), (limit, rate), (path,) = (tuple(p.symbol for p in form.parameters) for form in forms)
     assert [form.form for form in forms] == ["linear", "saturating", "with the path"]
     sentence = f"{effect_class.__name__}: the form follows from what is given: give {delta}, or {limit} and {rate}"
-    for given in ({}, {delta: 0.1, path: 0.1}, {delta: 0.1, limit: 0.1}, {limit: 0.1}, {rate: 0.1}, {delta: 0.1, limit: 0.1, rate: 1.0}):
+    pair = {delta: 0.1, limit: 0.1}
+    for given in ({}, {delta: 0.1, path: 0.1}, pair, {limit: 0.1}, {rate: 0.1}, {**pair, rate: 1.0}):
         with pytest.raises(UserError, match=sentence):
             effect_class(**given)
 
@@ -72,7 +73,7 @@ def test_the_form_follows_from_what_is_given(effect_class):
     ("form_name", "equations"),
     [
         ("saturating", {"η = 1 + η_∞ (1 − exp(−p_η ε))", "ν = 1 + ν_∞ (1 − exp(−p_ν ε))"}),
-        ("with the path", {"x"}),
+        ("with the path", {"η = 1 + s_η θ_η", "ν = 1 + s_ν θ_ν"}),
     ],
 )
 def test_the_equations_say_so(form_name, equations):
@@ -89,7 +90,7 @@ def test_sizes_by_hand():
     """What is left of stiffness and strength in the end, shared among four cycles."""
     path = cyclic_test(CYCLES, 60).excitation
     histories = {"drift": path, "hysteretic_energy": np.linspace(0.0, 5.0, len(path))}
-    values = {"eta_inf": 0.6, "p_eta": 0.3, "nu_inf": 0.9, "p_nu": 0.2, "n": 1.5, "delta_etas": 0.05, "delta_nus": 0.04}
+    values = {"eta_inf": 0.6, "p_eta": 0.3, "nu_inf": 0.9, "p_nu": 0.2, "n": 1.5, "theta_eta": 0.05, "theta_nu": 0.04}
     at = PlaceResponse(histories=histories, parameters=values, scales=NOMINAL)
     kept = {
         StiffnessDegradation: 1.0 / (1.0 + 0.6 * (1.0 - math.exp(-0.3 * 5.0))),

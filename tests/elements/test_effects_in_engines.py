@@ -25,7 +25,7 @@ SIZES = {
     "k3": 0.6, "c2": 0.1,
     "k_g": 4.0, "g": 0.15, "k_gp": 3.0, "g_p": 0.02, "k_gn": 2.0, "g_n": 0.1, "k_m": 2.0, "tau": 0.3,
     "alpha_offset": 0.05, "beta_offset": 0.3, "gamma_offset": -0.3, "n_offset": 0.3,
-    "eta_inf": 0.5, "p_eta": 1.1, "nu_inf": 0.6, "p_nu": 0.7, "delta_etas": 0.2, "delta_nus": 0.3,
+    "eta_inf": 0.5, "p_eta": 1.1, "nu_inf": 0.6, "p_nu": 0.7, "theta_eta": 0.2, "theta_nu": 0.3,
     "F_v": 0.3, "p_v": 0.6, "v_v": 1.1,
     "eta_e": 0.5, "b_eta": 1.1, "m_eta": 0.8, "E_eta": 2.0, "nu_e": 0.6, "b_nu": 0.7, "m_nu": 1.6, "E_nu": 2.0,
     "s_w": 0.1, "sigma_w": 0.2, "e_w": 0.5, "q_w": 0.7, "p_w": 1.5, "E_w": 2.0,

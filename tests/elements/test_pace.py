@@ -26,7 +26,7 @@ AT_STOREYS = [form for form in FORMS if form.level == "link"]
 PATH = [0.3, -0.25, 0.5, -0.55, 0.6]
 SIZES = {
     "delta_eta": 0.3, "eta_inf": 0.8, "p_eta": 1.5, "delta_nu": 0.4, "nu_inf": 1.0, "p_nu": 1.5,
-    "delta_etas": 0.3, "delta_nus": 0.4, "F_v": 0.5, "p_v": 0.5, "v_v": 1.0,
+    "theta_eta": 0.3, "theta_nu": 0.4, "F_v": 0.5, "p_v": 0.5, "v_v": 1.0,
     "delta_s": 0.1, "sigma": 0.05,
     "zeta_s": 0.8, "p": 2.0, "q": 0.2, "psi_0": 0.1, "delta_psi": 0.01, "lambda_": 0.3,
     "phi": 0.8, "phi_uv": 1.0, "u_uv": 0.05, "phi_u": -1.0, "u_u": 0.05, "b": 0.06, "w": 0.02,

@@ -77,7 +77,6 @@ def test_display_scale_keeps_the_value():
 def test_symbols_and_units():
     assert html_symbol("k[2]") == "<i>k</i><sub>2</sub>"
     assert html_symbol("delta_nu") == "<i>δ</i><sub>ν</sub>"
-    assert html_symbol("delta_etas") == "<i>δ</i><sub>ηs</sub>"
     assert math_symbol("delta_nu[3]") == r"$δ_{ν,3}$"
     assert html_unit("m/s^2") == "m/s<sup>2</sup>"
     assert math_unit("") == ""

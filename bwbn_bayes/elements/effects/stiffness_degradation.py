@@ -27,7 +27,7 @@ from bwbn_bayes.parameters import Parameter, Value
 _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="stiffness", delta="delta_eta"),
     SaturatingLoss(what="stiffness", limit="eta_inf", rate="p_eta"),
-    PathLoss(what="stiffness", delta="delta_etas", path="s_eta"),
+    PathLoss(what="stiffness", delta="theta_eta", path="s_eta"),
 )
 _FREE = StretchedLoss(what="stiffness", loss="eta_e", bend="b_eta", power="m_eta", work="E_eta")
 
@@ -39,7 +39,7 @@ class StiffnessDegradation(Effect):
     Or, with ``eta_inf`` and ``p_eta``, up to a limit: ``eta = 1 + eta_inf (1 - exp(-p_eta epsilon))``.
     Or, with the other four, in a free shape: ``eta = 1 + eta_e W(epsilon) / W(E_eta)``,
     ``W(x) = 1 - exp(-b_eta (x/E_eta)^m_eta)``.
-    Or, with ``delta_etas``, with the path: ``eta = 1 + delta_etas s``, ``ds/dt = |v|``.
+    Or, with ``theta_eta``, with the path: ``eta = 1 + theta_eta s``, ``ds/dt = |v|``.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class StiffnessDegradation(Effect):
         Power of the work in the free shape.
     E_eta : float, optional
         Work at which ``eta_e`` is measured. [J]
-    delta_etas : float, Prior or PerStorey, optional
+    theta_eta : float, Prior or PerStorey, optional
         Loss of stiffness per unit of path. [1/m]
 
     Raises
@@ -80,7 +80,7 @@ class StiffnessDegradation(Effect):
     b_eta: Value | None = None
     m_eta: Value | None = None
     E_eta: Value | None = None
-    delta_etas: Value | None = None
+    theta_eta: Value | None = None
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "stiffness_degradation"
@@ -128,7 +128,7 @@ class StiffnessDegradation(Effect):
     @classmethod
     @override
     def neutral_forms(cls) -> tuple[Self, ...]:
-        return cls(delta_eta=0.0), cls(eta_inf=0.0, p_eta=1.0), cls(delta_etas=0.0)
+        return cls(delta_eta=0.0), cls(eta_inf=0.0, p_eta=1.0), cls(theta_eta=0.0)
 
     @classmethod
     @override

@@ -27,7 +27,7 @@ from bwbn_bayes.parameters import Parameter, Value
 _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="strength", delta="delta_nu"),
     SaturatingLoss(what="strength", limit="nu_inf", rate="p_nu"),
-    PathLoss(what="strength", delta="delta_nus", path="s_nu"),
+    PathLoss(what="strength", delta="theta_nu", path="s_nu"),
 )
 _FREE = StretchedLoss(what="strength", loss="nu_e", bend="b_nu", power="m_nu", work="E_nu")
 
@@ -39,7 +39,7 @@ class StrengthDegradation(Effect):
     Or, with ``nu_inf`` and ``p_nu``, up to a limit: ``nu = 1 + nu_inf (1 - exp(-p_nu epsilon))``.
     Or, with the other four, in a free shape: ``nu = 1 + nu_e W(epsilon) / W(E_nu)``,
     ``W(x) = 1 - exp(-b_nu (x/E_nu)^m_nu)``.
-    Or, with ``delta_nus``, with the path: ``nu = 1 + delta_nus s``, ``ds/dt = |v|``.
+    Or, with ``theta_nu``, with the path: ``nu = 1 + theta_nu s``, ``ds/dt = |v|``.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class StrengthDegradation(Effect):
         Power of the work in the free shape.
     E_nu : float, optional
         Work at which ``nu_e`` is measured. [J]
-    delta_nus : float, Prior or PerStorey, optional
+    theta_nu : float, Prior or PerStorey, optional
         Loss of strength per unit of path. [1/m]
 
     Raises
@@ -80,7 +80,7 @@ class StrengthDegradation(Effect):
     b_nu: Value | None = None
     m_nu: Value | None = None
     E_nu: Value | None = None
-    delta_nus: Value | None = None
+    theta_nu: Value | None = None
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "strength_degradation"
@@ -128,7 +128,7 @@ class StrengthDegradation(Effect):
     @classmethod
     @override
     def neutral_forms(cls) -> tuple[Self, ...]:
-        return cls(delta_nu=0.0), cls(nu_inf=0.0, p_nu=1.0), cls(delta_nus=0.0)
+        return cls(delta_nu=0.0), cls(nu_inf=0.0, p_nu=1.0), cls(theta_nu=0.0)
 
     @classmethod
     @override

@@ -79,6 +79,7 @@ class PlaneMap:
 class LoopPair:
     """A storey's measured and modelled force against drift before and, where something was added, after; N and m."""
 
+    storey: int
     title: str
     source: str
     """Where the measured force comes from, in words."""
@@ -121,6 +122,13 @@ class DiscoveryContent:
     def added(self) -> tuple[Added, ...]:
         """Effects of the final model that the given one lacks."""
         return self.discovery.added
+
+    @property
+    def named_loops(self) -> tuple[LoopPair, ...]:
+        """Those of the storeys to which a law was added; none where that is all of them."""
+        added = [one.hypothesis for one in self.added if one.hypothesis.effect.level == "link"]
+        own = tuple(loop for loop in self.loops if any(loop.storey in one.storeys for one in added))
+        return own if len(own) < len(self.loops) else ()
 
     @property
     def limits(self) -> tuple[DetectionLimit, ...]:
@@ -215,6 +223,7 @@ def _loops(discovery: Discovery) -> tuple[LoopPair, ...]:
     of_building = not discovery.model.is_driven
     return tuple(
         LoopPair(
+            storey=storey,
             title=storey_in_words(discovery.model, storey).capitalize(),
             source="the force measured by the floors above" if of_building else "the measured force",
             measured=_measured_force(discovery.model, discovery.record, storey),

@@ -73,7 +73,8 @@ def draw_discovery(content: DiscoveryContent) -> tuple[Drawing, ...]:
             _gap(content.gaps),
             _by_time(content.by_time),
             _by_state(content.by_state),
-            _loops(content.loops),
+            _loops(content.loops, "hysteresis.png"),
+            _loops(content.named_loops, "hysteresis_named.png", row=3.2),
             _explanations(content.explanations, content.n_weighed),
             draw_posterior(content.new_marginals),
             _unnamed(content.discovery.unnamed, content.discovery.record),
@@ -197,14 +198,17 @@ def _by_state(maps: tuple[PlaneMap, ...]) -> Drawing | None:
     )
 
 
-def _loops(loops: tuple[LoopPair, ...]) -> Drawing:
+def _loops(loops: tuple[LoopPair, ...], name: str, *, row: float = 2.0) -> Drawing | None:
+    """Storey by storey, each row so high [in]."""
+    if not loops:
+        return None
     n_columns = len(loops[0].drifts)
-    figure, axes = canvas(len(loops), 0.5 + (2.0 if n_columns > 1 else 1.7) * len(loops), n_columns, share_x=False)
+    figure, axes = canvas(len(loops), 0.5 + (row if n_columns > 1 else 1.7) * len(loops), n_columns, share_x=False)
     length = display_scale("m", max(float(np.abs(d).max()) for loop in loops for d in loop.drifts))
     strength = display_scale("N", max(float(np.abs(f).max()) for loop in loops for f in loop.forces))
     words = ("as given", "improved")
-    for row, loop in enumerate(reversed(loops)):
-        pair = axes[row * n_columns : (row + 1) * n_columns]
+    for number, loop in enumerate(reversed(loops)):
+        pair = axes[number * n_columns : (number + 1) * n_columns]
         for axis, word, drift, force in zip(pair, words, loop.drifts, loop.forces, strict=False):
             _loop(axis, loop, drift, force, length, strength)
             axis.set_title(f"{loop.title}, {word}")
@@ -218,7 +222,7 @@ def _loops(loops: tuple[LoopPair, ...]) -> Drawing:
     measured = any(loop.measured is not None for loop in loops)
     return finished(
         figure,
-        "hysteresis.png",
+        name,
         (f"Grey: {loops[0].source}. " if measured else "")
         + "Blue: the model at its best fit. Measured forces stand against the model's drift.",
         "Storey force against drift, measured and modelled, " + ("before and after." if n_columns > 1 else "as given."),

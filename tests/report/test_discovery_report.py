@@ -129,6 +129,8 @@ def test_every_verdict_renders_with_its_sentences_and_figures(case):
         (UnnamedReading, "The error of no known kind", "unnamed_reading.png"),
     ):
         assert (title in text) == (figure in names) == isinstance(discovery.unnamed, kind)
+    laws = {s for one in discovery.added if one.hypothesis.effect.level == "link" for s in one.hypothesis.storeys}
+    assert ("hysteresis_named.png" in names) == (0 < len(laws) < discovery.model.n_links)
     assert "explanations.png" in names
     assert ("No held-out record" in text) == (discovery.held_out is None)
     assert (files.html.parent / "identify" / "report.html").is_file()

@@ -19,6 +19,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, PerStorey, Prior, Truncated
+from bwbn_bayes.records.cycles import path_of
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.parts import PlacedEffect
 from bwbn_bayes.structures.quantities import modes, parameters_at
@@ -311,7 +312,7 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
             drift=_peak(rows["drift"][i]),
             drift_rate=_peak(rows["drift_rate"][i]),
             hysteretic_displacement=_peak(rows["hysteretic_displacement"][i]),
-            path=max(*(float(np.sum(np.abs(np.diff(rows["drift"][i, run])))) for _, run in record.runs), 1e-12),
+            path=max(*(float(path_of(rows["drift"][i, run])[-1]) for _, run in record.runs), 1e-12),
             energy=_peak(rows["hysteretic_energy"][i]),
             force=_peak(rows["restoring_force"][i]),
             **{name: float(parameters[symbol][i]) for name, symbol in _PARAMETER_SCALES.items()},

@@ -209,7 +209,7 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
 def _rivals(best: Explanation, pool: Pool) -> list[tuple[Explanation, Hypothesis]]:
     """Other effects with forms of free shape, each where it stands best in the place of one of the best explanation's.
 
-    Where the best leaves noise, those that are not far behind it.
+    Where the best leaves nothing of note, those that are not far behind it.
     """
     least = best.evidence.log_evidence - FAR if best.is_quiet else -np.inf
     found: dict[str, tuple[Explanation, Hypothesis]] = {}

@@ -14,6 +14,7 @@ import numpy as np
 from bwbn_bayes.elements.loops import large_half_cycles
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.cycles import path_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +51,7 @@ class PlaceResponse:
     @property
     def path(self) -> float:
         """Drift [m] gone through by the end."""
-        return float(np.sum(np.abs(np.diff(self.histories["drift"]))))
+        return float(path_of(self.histories["drift"])[-1])
 
     @property
     def loop(self) -> tuple[Floats, Floats]:

@@ -25,6 +25,7 @@ from bwbn_bayes.inference.responses import N_DRAWS, Singles, evenly, summarised
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import labels, mean_squares
+from bwbn_bayes.records.cycles import path_of
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import (
     DOUBTS,
@@ -266,7 +267,7 @@ def path_correlation(found: Floats, true: Floats, drift: Floats) -> float:
     Both are resampled on a common grid of as many points along the accumulated absolute drift of the truth, so that
     every stretch of the loop counts by its length, not by the time spent on it.
     """
-    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(drift)))])
+    path = path_of(drift)
     grid = np.linspace(0.0, path[-1], len(path))
     return float(np.corrcoef(np.interp(grid, path, found), np.interp(grid, path, true))[0, 1])
 

@@ -22,6 +22,11 @@ SAME_AMPLITUDE = 0.1
 more (ATC-24, ISO 16670, CUREE)."""
 
 
+def path_of(displacement: Floats) -> Floats:
+    """How far [m] a displacement ``(n_times,)`` [m] has gone by each of its samples, there and back alike."""
+    return np.concatenate([[0.0], np.cumsum(np.abs(np.diff(displacement)))])
+
+
 @dataclass(frozen=True, kw_only=True)
 class HalfCycle:
     """The way from one turning point of a displacement history to the next.

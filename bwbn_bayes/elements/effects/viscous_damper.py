@@ -16,6 +16,8 @@ from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
 _TURN = 500
 """Times smaller than ``v_v`` is the rate below which the force is linear: the power's slope at zero has no end."""
+_STEEP = 50
+"""Times smaller than ``v_v`` is the rate below which it is steep: ten times that at which it becomes linear."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,5 +73,5 @@ class ViscousDamper(Effect):
         return replace(
             slots,
             added_force=slots.added_force + force * bent,
-            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT_RATE, width=largest / 50)),
+            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT_RATE, width=largest / _STEEP)),
         )

@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.cycles import path_of
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.starting_model import initial_stiffness
 
@@ -40,7 +41,7 @@ def unnamed_basis(record: Record) -> Floats:
     displacement = record.excitation
     peak = float(np.max(np.abs(displacement)))
     yielding = float(np.max(np.abs(record.channels["force"]))) / initial_stiffness(record)
-    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(displacement)))])
+    path = path_of(displacement)
     axes = (displacement / peak, _play(displacement / yielding), 2.0 * path / path[-1] - 1.0)
     law = np.ones((record.n_times, 1))
     for place, n, length in zip(axes, _SIZES, _LENGTHS, strict=True):

@@ -33,6 +33,7 @@ from bwbn_bayes.inference.unnamed import N_KINDS
 from bwbn_bayes.inference.unnamed.pulses import Knots, answers, knots_of
 from bwbn_bayes.inference.unnamed.sums import Sums
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.records.cycles import path_of
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -202,7 +203,7 @@ def _covariances(states: Mapping[str, Floats], knots: Knots, place: int) -> dict
     drift, rate, z, work = (every[kind][place] for kind in _KINDS)
     time = knots.times / np.max(knots.times)
     in_one_run = np.equal.outer(knots.runs, knots.runs)
-    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(drift)))])
+    path = path_of(drift)
     (long, short), worn = _LENGTHS, _alike(work, _OF_WORK)
     turned = _alike(np.tanh(rate / _TURNED), 1.0) * worn
     of_states = [

@@ -12,8 +12,7 @@ from bwbn_bayes.discovery.evidence import autoregressive, autoregressive_bound, 
 from bwbn_bayes.discovery.explanation import Explanation, Key
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.probability import Beliefs
-from bwbn_bayes.discovery.run import Run, all_but, on_one_thread, on_threads
-from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.discovery.run import Run, on_one_thread, on_threads
 from bwbn_bayes.inference.unnamed import N_KINDS, UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.further_link import further_links
 from bwbn_bayes.inference.unnamed.reading import ReadingError, reading_errors
@@ -32,8 +31,6 @@ class _Asked(NamedTuple):
     """How far it is behind the best. [nat]"""
     rng: np.random.Generator
     """Of its own."""
-    others: tuple[Effect, ...]
-    """Effects that share the law of all with its own."""
     n_threads: int
     """For solves of what is found."""
     known: Explanation
@@ -104,7 +101,6 @@ def _ask(kind: Callable[[_Asked], list[Explanation]], keys: Iterable[Key], pool:
             pool.plain[key],
             float(behind[key]),
             own,
-            all_but(pool.plain[key].added, run),
             run.settings.n_workers,
             best.best,
         )
@@ -147,7 +143,7 @@ def _to_first_order(asked: _Asked) -> list[Explanation]:
     """An explanation with an unnamed force in each storey, and in all."""
     one = asked.one
     posterior, best = on_one_thread(one.evidence.posterior), one.evidence.modes[0].point
-    found = unnamed_forces(posterior, best, UNNAMED_SCALE, asked.others, matters=asked.behind)
+    found = unnamed_forces(posterior, best, UNNAMED_SCALE, matters=asked.behind)
     evidence = one.evidence
     return [
         replace(

@@ -239,10 +239,9 @@ def _points(modes: Sequence[Mode]) -> Floats:
 def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
     """Compile laws beside the first fits; the thread that waits for a specimen's, which has but one.
 
-    Of a building they are the last laws of the first round and those of all effects, by which later ones are scored and
-    pulses are answered. Laws do not
-    depend on the sizes that effects are expected to have, so that any sizes do; where a user's effect has no prior at
-    these, nothing is compiled ahead.
+    Of a building they are the last laws of the first round, that of all effects, by which later ones are scored, and
+    that by which the model as given answers to pulses. Laws do not depend on the sizes that effects are expected to
+    have, so that any sizes do; where a user's effect has no prior at these, nothing is compiled ahead.
     """
     sizes = replace(NOMINAL, onset=0.1 * record.duration, duration=record.duration, time_step=record.time_step)
     try:
@@ -260,7 +259,7 @@ def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
     if model.excitation_kind == "displacement":
         precompile({one.law: False for one in of_all}, driven=True)
         return precompile({one.law: True for one in of_all}, driven=True, single=True)
-    common = [law for one in of_all for law in (one.law, with_pulse(one, 1, 1.0, one.carried).law)]
+    common = [*(one.law for one in of_all), with_pulse(model, 1, 1.0).law]
     later = list(dict.fromkeys(h.model.law for h in considered if h.carried))[1:]
     precompile(dict.fromkeys(later[: -1 - _LAWS_AHEAD : -1], True), driven=False, single=True)
     precompile(dict.fromkeys(common, False), driven=False)

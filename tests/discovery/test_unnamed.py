@@ -139,7 +139,7 @@ def test_answers_are_those_of_the_equation_of_motion(storey: int) -> None:
         model=LINEAR, record=GROUND, engine=ENGINE, noise=IntegratedNoise(shape=1.0, scale=(1.0, 1.0))
     )
     history = np.exp(-np.square((np.arange(200) - 80) / 15.0)) * np.sin(np.arange(200) / 9.0)
-    shown = answers(posterior, np.array([0.5]), storey, np.array([history, 2.0 * history]), 50.0, ())
+    shown = answers(posterior, np.array([0.5]), storey, np.array([history, 2.0 * history]), 50.0)
     mass, drifts = np.diag([2.0, 1.0]), np.array([[1.0, 0.0], [-1.0, 1.0]])
     stiffness = drifts.T @ drifts
     rate = -np.linalg.solve(mass, np.hstack([60.0 * stiffness, 0.4 * stiffness]))

@@ -131,7 +131,6 @@ def answers(
     storey: int,
     histories: Floats,
     largest: float,
-    carried: tuple[Effect, ...],
 ) -> Floats:
     """What channels show of forces in a storey, to first order.
 
@@ -147,8 +146,6 @@ def answers(
         Of each force, at :func:`knots_of` the record and model. [N]
     largest : float
         The storey's largest force. [N]
-    carried : tuple of Effect
-        Others that share the compiled law.
 
     Returns
     -------
@@ -166,7 +163,7 @@ def answers(
         if not run.channels:
             continue
         shown, done = result[:, [names.index(name) for name in run.channels], place], 0
-        model = with_pulse(posterior.model, storey, stretch.width, carried)
+        model = with_pulse(posterior.model, storey, stretch.width)
         for rows in _pulses(replace(posterior, record=run), model, point, stretch.times, _NEAR * largest):
             shown += np.tensordot(own[:, done : done + len(rows)], rows, axes=1)
             done += len(rows)
@@ -191,7 +188,7 @@ def _pulses(posterior: Posterior, model: Structure, point: Floats, times: Floats
         yield (posterior.engine.simulate(model, draws, record).values - at_rest) / size
 
 
-def with_pulse(base: Structure, storey: int, width: float, carried: tuple[Effect, ...]) -> Structure:
-    """The model with a pulse in a storey, under a law that it shares with others."""
+def with_pulse(base: Structure, storey: int, width: float) -> Structure:
+    """The model with a pulse in a storey, and nothing else that it does not need: it is solved a thousand times."""
     placed = PlacedEffect(effect=Pulse(width=width), storeys=(storey,))
-    return replace(base, carried=carried, effects=(*base.effects, placed))
+    return replace(base, carried=(), effects=(*base.effects, placed))

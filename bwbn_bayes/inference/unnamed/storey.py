@@ -4,8 +4,8 @@ A Gaussian process over histories of force, of one of four kinds. Of the storey'
 are alike where hysteretic displacement and direction, drift, drift rate and the work done by then are. Linear in these
 states, with factors that change in time. Linear in the drifts of the other storeys. Or all of this, with a part that
 forgets itself within a quarter of a cycle: what no law of few parameters holds. What the sensors show of a force
-follows to first order (:mod:`~bwbn_bayes.inference.unnamed.pulses`), so that its evidence is a closed form: no law is
-compiled for it and nothing is fitted, whatever functions it is made of. The scale is integrated out, and so is the
+follows to first order (:mod:`~bwbn_bayes.inference.unnamed.pulses`), so that its evidence is a closed form: nothing is
+fitted for it, whatever functions it is made of. The scale is integrated out, and so is the
 kind.
 
 References
@@ -25,7 +25,6 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.special import logsumexp
 
-from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.summary import observe
@@ -91,7 +90,7 @@ class Estimate:
 
 
 def unnamed_forces(
-    posterior: Posterior, point: Floats, share: float, carried: tuple[Effect, ...] = (), *, matters: float = 0.0
+    posterior: Posterior, point: Floats, share: float, *, matters: float = 0.0
 ) -> dict[tuple[int, ...], Estimate]:
     """Unnamed forces beside a model: in each of its storeys, and in all of them.
 
@@ -106,12 +105,10 @@ def unnamed_forces(
         Its fit, in the unit cube.
     share : float
         Standard deviation of the scale's half-normal prior, over the largest force of each storey.
-    carried : tuple of Effect
-        Others that share the compiled law.
     matters : float
         Gain from which the model with it is as good as others. [nat]
     """
-    start = Neighbourhood(posterior=posterior, point=point, share=share, carried=carried)
+    start = Neighbourhood(posterior=posterior, point=point, share=share)
     found = {place: start.estimate(place, start.alone) for place in places_of(posterior.model.n_links)}
     best = max(found, key=lambda place: found[place].gain)
     if found[best].gain > max(_SMALL, (1.0 - _INEXACT) * matters):
@@ -254,15 +251,12 @@ class Neighbourhood:
         By storey. [N]
     share : float
         Standard deviation of the scale's half-normal prior, over the largest force of each storey.
-    carried : tuple of Effect
-        Others that share the compiled law.
     """
 
     posterior: Posterior
     point: Floats
     share: float
     forces: Mapping[int, Floats] = field(default_factory=dict)
-    carried: tuple[Effect, ...] = ()
 
     @cached_property
     def view(self) -> Posterior:
@@ -325,7 +319,7 @@ class Neighbourhood:
             own = {kind: self.share * largest * one for kind, one in self.functions_in(storey).items()}
             n_knots = next(iter(own.values())).shape[1]
             histories = np.vstack([*own.values(), self.forces.get(storey, np.zeros(n_knots))])
-            shown = self.slopes.scaled(answers(self.view, self.point, storey, histories, largest, self.carried))
+            shown = self.slopes.scaled(answers(self.view, self.point, storey, histories, largest))
             *answered, to_present = np.split(shown, np.cumsum([len(one) for one in own.values()]))
             for (kind, one), answer in zip(own.items(), answered, strict=True):
                 found.setdefault(kind, {})[storey] = one, np.concatenate([answer, to_present])

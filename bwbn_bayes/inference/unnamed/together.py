@@ -136,7 +136,7 @@ class Together:
         return np.concatenate([self._answers(storey, own) for storey, own in self.functions.items()])
 
     def _answers(self, storey: int, histories: Floats) -> Floats:
-        return answers(self.here.view, self.point, storey, histories, float(self.here.largest[storey - 1]), ())
+        return answers(self.here.view, self.point, storey, histories, float(self.here.largest[storey - 1]))
 
     @cached_property
     def given(self) -> Weights:

@@ -78,7 +78,7 @@ def combine(
             if below and slots.base_states != below:
                 raise UserError("two effects of the model put the building on a base that moves: leave one of them out")
         own = tuple(parameter for effect in effects for parameter in effect.parameters)
-        _COMBINED[key] = _law_of(parameters + own, constraints, derived, slots)
+        _COMBINED[key] = _law_of(parameters + own, len(parameters), constraints, derived, slots)
     return _COMBINED[key]
 
 
@@ -99,6 +99,7 @@ _COMBINED: dict[tuple[object, ...], StoreyLaw] = {}
 
 def _law_of(
     parameters: tuple[Parameter, ...],
+    n_of_element: int,
     constraints: tuple[sp.Basic, ...],
     derived: tuple[Definition, ...],
     slots: Slots,
@@ -148,6 +149,7 @@ def _law_of(
         acceleration=acceleration,
         base=_base_law(slots, outputs),
         initial=slots.initial,
+        n_of_element=n_of_element,
     )
 
 

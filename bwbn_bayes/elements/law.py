@@ -380,6 +380,8 @@ class StoreyLaw:
     base: BaseLaw | None = None
     initial: tuple[tuple[sp.Symbol, sp.Symbol], ...] = ()
     """States that do not start at zero, each with the parameter that it starts at."""
+    n_of_element: int = 0
+    """Parameters of the element itself, the first ones; the others are of what was added to it."""
 
     @property
     def bends(self) -> bool:
@@ -409,6 +411,28 @@ class StoreyLaw:
         }
         nought = 0.0 * cast(Any, own[0])  # a number takes the shape of the parameters
         return {name: value + nought if isinstance(value, int) else value for name, value in values.items()}
+
+    @cached_property
+    def bare(self) -> tuple[sp.Expr, ...] | None:
+        """Force of a link on which nothing acts but its element, and the rates of its two states.
+
+        None where nothing else ever acts, or a floor asks for a state of what may act there.
+        """
+        spare = self.states[2 : self.n_storey_states]
+        floor = (*self.rates[self.n_storey_states :], *([] if self.acceleration is None else [self.acceleration]))
+        if not self.added or any(set(spare) & one.free_symbols for one in floor):
+            return None
+        absent: dict[sp.Expr, sp.Expr] = dict.fromkeys(spare, sp.S.Zero)
+        added = zip(self.symbols[self.n_of_element :], self.parameters[self.n_of_element :], strict=True)
+        absent |= {symbol: sp.nsimplify(parameter.neutral) for symbol, parameter in added}
+        found = tuple(one.xreplace(absent) for one in (self.force, *self.rates[:2]))
+        return None if any(one.has(sp.nan, sp.zoo, sp.oo) for one in found) else found
+
+    @cached_property
+    def added(self) -> tuple[int, ...]:
+        """Positions of the parameters, not the element's own, of which a link's force or states are functions."""
+        used = self.force.free_symbols.union(*(rate.free_symbols for rate in self.rates[: self.n_storey_states]))
+        return tuple(i for i, own in enumerate(self.symbols) if i >= self.n_of_element and own in used)
 
     @cached_property
     def event_parameters(self) -> tuple[int, ...]:

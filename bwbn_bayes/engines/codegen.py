@@ -269,19 +269,21 @@ class LawPrograms:
     The storey's outputs are the force (row 0) and the rates of its own states. A floor's are its acceleration (last
     row) and the rates of its states; None where the acceleration is ``F_net / m_i``. The base's are its
     acceleration (row 0 of a table of its own) and the rates of its states, which are its first variables; its other
-    variables are numbered as the storey's are.
+    variables are numbered as the storey's are. ``bare`` is the storey where nothing acts but its element: the force and
+    the rates of two states; None where the law has nothing else.
     """
 
     storey: Part
     floor: Part | None
     base: Part | None
+    bare: Part | None
     variables: tuple[sp.Symbol, ...]
     """Columns: drift, drift rate, states, parameters, then what comes from around: what bends a storey, where it
     matters, and last the net force on a floor or on the base."""
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """Those there are."""
+        """Those there are, of which a structure with anything on every link needs all."""
         return tuple(part for part in (self.storey, self.floor, self.base) if part is not None)
 
     @property
@@ -344,7 +346,9 @@ def law_programs(law: StoreyLaw) -> LawPrograms:
         columns = (*law.base.states, *own[len(law.base.states) :], *variables[len(own) :])
         first = (floor or storey).end
         base = _part(base_outputs, tuple(range(len(base_outputs))), columns, constants, first)
-    return LawPrograms(storey=storey, floor=floor, base=base, variables=variables)
+    last_part = base or floor or storey
+    bare = None if law.bare is None else _part(law.bare, (0, 1, 2), variables, constants, last_part.end)
+    return LawPrograms(storey=storey, floor=floor, base=base, bare=bare, variables=variables)
 
 
 def _variables(law: StoreyLaw) -> tuple[sp.Symbol, ...]:
@@ -355,14 +359,17 @@ def _variables(law: StoreyLaw) -> tuple[sp.Symbol, ...]:
 
 def packed(programs: LawPrograms) -> list[dict[str, Any] | None]:
     """Programs as plain data; the variables are the law's own."""
-    return [None if part is None else asdict(part) for part in (programs.storey, programs.floor, programs.base)]
+    return [
+        None if part is None else asdict(part)
+        for part in (programs.storey, programs.floor, programs.base, programs.bare)
+    ]
 
 
 def unpacked(plain: Sequence[Mapping[str, Any] | None], law: StoreyLaw) -> LawPrograms:
     """The programs of a law from what :func:`packed` made of them."""
-    storey, floor, base = (None if part is None else _unpacked_part(part) for part in plain)
+    storey, floor, base, bare = (None if part is None else _unpacked_part(part) for part in plain)
     assert storey is not None
-    return LawPrograms(storey=storey, floor=floor, base=base, variables=_variables(law))
+    return LawPrograms(storey=storey, floor=floor, base=base, bare=bare, variables=_variables(law))
 
 
 def _unpacked_part(plain: Mapping[str, Any]) -> Part:

@@ -258,18 +258,21 @@ class Problem:
         return numbers.astype(self.real, copy=False)
 
     def gathered(self, block: Block, part: Part, stored: Floats) -> Outcome:
-        """What a run of a block stored, each draw in a lane of its own again, summed as a run sums it."""
+        """What a run of a block stored, each draw by itself again, summed as a run sums it."""
         c, d = len(self.channels.names), block.whole.n
-        width = (1 + block.directions.n) * c * LANES
-        row, lane = block.sources(self.n_parameters)
-        source = np.full((1 + d, c, LANES), -1, dtype=np.int64)
-        place = (row[:, None] * c + np.arange(c)[:, None]) * LANES + lane[:, None]
-        source[:, :, : block.n_draws] = np.where(row[:, None] >= 0, place, -1)
+        width, n_parts = (1 + block.directions.n) * c * LANES, d // LANES + 1
+        row, lane = (found.T[:, None] for found in block.sources(self.n_parameters))
+        place = (row * c + np.arange(c)[:, None]) * LANES + lane
+        source = np.full((block.n_draws, c, n_parts * LANES), -1, dtype=np.int64)
+        source[:, :, : d + 1] = np.where(row >= 0, place, -1)
+        gram = np.zeros((block.n_draws, c, d + 1, n_parts * LANES))
+        value, sums = _aligned((n_parts * LANES,), self.real), summarise(self.real == np.float32)
+        for own, found in zip(source, gram, strict=True):
+            sums(c, d, n_parts, part.measured, stored, width, own.ravel(), found.ravel(), value)
         outcome = Outcome.empty(c, d, stored=stored)
-        value = np.zeros(c * (d + 1) * LANES, dtype=self.real)
-        summarise(self.real == np.float32)(
-            c, d, part.measured, stored, width, source.ravel(), outcome.misfit, outcome.gram, value
-        )
+        packed = np.moveaxis(gram[:, :, *np.tril_indices(d + 1)], 0, 2)
+        outcome.misfit.reshape(c, LANES)[:, : block.n_draws] = packed[:, 0]
+        outcome.gram.reshape(c, -1, LANES)[..., : block.n_draws] = packed[:, 1:]
         return outcome
 
     def started(self, block: Block) -> tuple[Floats, Floats]:
@@ -415,7 +418,7 @@ def _moved(model: Structure, place: LaneLayout) -> NDArray[np.int64]:
 def _joints(model: Structure, forced_floors: tuple[int, ...]) -> NDArray[np.int64]:
     """Blocks of the nodes that each link joins, in the order of the sweep, and whether each was pulled at before.
 
-    Last the block of the link that it runs on from, 0 for none.
+    Then the block of the link that it runs on from, 0 for none; last whether nothing acts on it but its element.
     """
     n, pulled = model.n_links, set(forced_floors)
     others = [end for number, pair in enumerate(model.joints, 1) for end in pair if end != number]
@@ -427,6 +430,7 @@ def _joints(model: Structure, forced_floors: tuple[int, ...]) -> NDArray[np.int6
         below = model.runs_on_from[number - 1]
         runs_on_from = n + 1 - below if below else 0
         kept = -1 if alone else int(lower in pulled)
-        rows.append((n + 1 - lower, n + 1 - upper, kept, int(upper in pulled), runs_on_from))
+        bare = int(model.bare[number - 1])
+        rows.append((n + 1 - lower, n + 1 - upper, kept, int(upper in pulled), runs_on_from, bare))
         pulled |= {lower, upper} - {number}
     return np.array(rows, dtype=np.int64)

@@ -9,6 +9,7 @@ node comes after all others that join it, so that one sweep finds all accelerati
 ``pull``, but for one that is alone there and stands in the block before, as in a chain: it is read where it stands, and
 -1 says so. The fifth number is the block of the link that it runs on from, or 0: where forces depend on how much a
 storey drifts beyond its neighbours, a link tells the one below in its row ``bending``, which is read and emptied there.
+The sixth says whether nothing acts on the link but its element: then it is solved as if the law had nothing else.
 The distance between rows is a constant, so that the compiler needs no check for overlap. Derivatives stand in ``t``,
 one building of smaller blocks per direction. Each stage of a Runge-Kutta scheme uses the rates of the stage before
 only: state ``y + share * step * rate``, result ``y + sum(weight * step * rate)``.
@@ -17,7 +18,9 @@ only: state ``y + share * step * rate``, result ``y + sum(weight * step * rate)`
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +120,7 @@ def lane_layout(law: StoreyLaw, programs: LawPrograms) -> LaneLayout:
     bending = pull if programs.bending is None else pull + 1
     parameters = bending + 2
     derived = parameters + len(law.parameters)
-    happened = derived + programs.n_hoisted
+    happened = derived + (programs.bare or programs.parts[-1]).end
     sharpness = happened + len(law.events)
     before = sharpness + len(law.sharp_features)
     n_columns = len(programs.variables) + 2
@@ -167,7 +170,7 @@ def lane_source(
         ``slope``.
     """
     place = lane_layout(law, programs)
-    n = place.n_states
+    n, bare = place.n_states, None if driven else programs.bare
     fields: dict[str, object] = {
         "lanes": lanes,
         "bits": 32 if single else 64,
@@ -186,7 +189,7 @@ def lane_source(
         "force": place.force,
         "acceleration": place.acceleration,
         "pull": place.pull,
-        "prepare": _prepare(law, programs, place),
+        "prepare": _prepare(law, programs, place, bare),
         "n_blocks": "n_links + 1" if law.base_states else "n_links",
         "acceleration_of_drift": n + 1,
         "ground_drift": "0.0" if driven else f"w[a + {place.acceleration} * LANES + l] - ground[l]",
@@ -198,9 +201,9 @@ def lane_source(
         "next_event": _indent(_next_event(law, place), 3),
     }
     stages = STAGE.format(
-        law=_indent(_law(law, programs, place, with_slopes=False), 3),
-        tangent_law=_indent(_law(law, programs, place, with_slopes=True), 3),
-        chain=_chain(programs, place),
+        law=_where_bare(partial(_law, law, programs, place, with_slopes=False), bare, 2),
+        tangent_law=_where_bare(partial(_law, law, programs, place, with_slopes=True), bare, 2),
+        chain=_where_bare(partial(_chain, law, programs, place), bare, 3),
         **_neighbours(programs),
         base=_base(law, programs, place, fields, with_slopes=False),
         tangent_base=_base(law, programs, place, fields, with_slopes=True),
@@ -251,7 +254,26 @@ def _indent(lines: list[str], depth: int) -> str:
     return "\n".join(" " * 4 * depth + line for line in lines or ["pass"])
 
 
-def _states(names: list[str], array: str, first: str, place: LaneLayout) -> list[str]:
+def _where_bare(lines: Callable[[Part | None], list[str]], bare: Part | None, depth: int) -> str:
+    """Lines for every lane: what is left of them where nothing acts on a link but its element, and the whole."""
+
+    def of(part: Part | None, depth: int) -> str:
+        return f"{' ' * 4 * depth}for l in range(LANES):\n{_indent(lines(part), depth + 1)}"
+
+    if bare is None:
+        return of(None, depth)
+    is_bare, other = (_indent([line], depth) for line in ("if joints[i, 5] > 0:", "else:"))
+    return "\n".join([is_bare, of(bare, depth + 1), other, of(None, depth + 1)])
+
+
+def _rows(law: StoreyLaw, bare: Part | None) -> dict[str, int]:
+    """Rows of a link's states; where nothing acts on it but its element, those of the element and the floor."""
+    own = (DRIFT, DRIFT_RATE, *law.states)
+    idle = () if bare is None else law.states[len(bare.rows) - 1 : law.n_storey_states]
+    return {str(state): row for row, state in enumerate(own) if state not in idle}
+
+
+def _states(names: Mapping[str, int], array: str, first: str, place: LaneLayout) -> list[str]:
     n = place.n_states
     return [
         line.format(
@@ -261,7 +283,7 @@ def _states(names: list[str], array: str, first: str, place: LaneLayout) -> list
             rate=f"{first} + {n + r} * LANES + l",
             total=f"{first} + {2 * n + r} * LANES + l",
         )
-        for r, name in enumerate(names)
+        for name, r in names.items()
         for line in _HEAD
     ]
 
@@ -324,9 +346,11 @@ def _bending(place: LaneLayout, array: str, own: str, drift: str) -> list[str]:
     ]
 
 
-def _law(law: StoreyLaw, programs: LawPrograms, place: LaneLayout, *, with_slopes: bool) -> list[str]:
+def _law(
+    law: StoreyLaw, programs: LawPrograms, place: LaneLayout, bare: Part | None, *, with_slopes: bool
+) -> list[str]:
     """Rates of one link but for its drift rate's, and the acceleration of the node that it carries."""
-    names = [str(s) for s in (DRIFT, DRIFT_RATE, *law.states)]
+    part = bare or programs.storey
     rates = [f"w[a + BLOCK + {place.n_states + 2 + i} * LANES + l] = {{}}" for i in range(len(law.states))]
     own = [
         f"w[a + BLOCK + {place.n_states} * LANES + l] = v",
@@ -338,12 +362,12 @@ def _law(law: StoreyLaw, programs: LawPrograms, place: LaneLayout, *, with_slope
         f"w[a + BLOCK + {place.acceleration} * LANES + l] = acceleration",
         f"w[a + {place.n_states + 1} * LANES + l] = w[a + {place.acceleration} * LANES + l] - acceleration",
     ]
-    storey = ["force = {}", *rates[: law.n_storey_states]]
+    storey = ["force = {}", *rates[: len(part.rows) - 1]]
     end = own if programs.floor is not None else [*own, plain, *joined]
-    lines = _states(names, "w", "a + BLOCK", place)
+    lines = _states(_rows(law, bare), "w", "a + BLOCK", place)
     if programs.bending is not None:
         lines += _bending(place, "w", "a + BLOCK", str(DRIFT))
-    lines += _code(law, programs.storey, place, storey, end, with_slopes=with_slopes)
+    lines += _code(law, part, place, storey, end, with_slopes=with_slopes)
     if programs.floor is not None:
         lines += [f"{INPUT_NAMES[NET_FORCE]} = {net}", _RECORDED]
         floor = ["acceleration = {}", *rates[law.n_storey_states :]]
@@ -365,7 +389,7 @@ def _base(
     """The acceleration of what the building stands on."""
     if programs.base is None:
         return (ON_GROUND_TANGENT if with_slopes else ON_GROUND).format(**fields)
-    n, base_states = place.n_states, [str(s) for s in law.base_states]
+    n, base_states = place.n_states, {str(s): row for row, s in enumerate(law.base_states)}
     lines = _states(base_states, "w", "a + BLOCK", place)
     lines += [f"{INPUT_NAMES[NET_FORCE]} = w[p + l]", _RECORDED]
     rates = [f"w[a + BLOCK + {n + r} * LANES + l] = {{}}" for r in range(len(base_states))]
@@ -374,7 +398,7 @@ def _base(
         f"w[a + {n + 1} * LANES + l] = w[a + {place.acceleration} * LANES + l] - below",
     ]
     lines += _code(law, programs.base, place, ["below = {}", *rates], end, "a", with_slopes=with_slopes)
-    chain = _states([f"t{r}" for r in range(len(base_states))], "t", "o + TANGENT_BLOCK", place)
+    chain = _states({f"t{r}": r for r in range(len(base_states))}, "t", "o + TANGENT_BLOCK", place)
     tangents = {r: f"t{r}" for r in range(len(base_states))}
     tangents[len(programs.variables) - 1] = "net"
     chain += ["net = t[p + l]"]
@@ -389,9 +413,9 @@ def _base(
     return template.format(base_law=_indent(lines, 2), base_chain=_indent(chain, 3), **fields)
 
 
-def _prepare(law: StoreyLaw, programs: LawPrograms, place: LaneLayout) -> str:
+def _prepare(law: StoreyLaw, programs: LawPrograms, place: LaneLayout, bare: Part | None) -> str:
     lines: list[str] = []
-    for part in programs.parts:
+    for part in (*programs.parts, *([] if bare is None else [bare])):
         for program, first in ((part.rates, part.first_rates), (part.tangent, part.first_tangent)):
             lines += _constants(law, program, place, first, [source for _, source in program.hoisted])
             for position, (name, source) in enumerate(program.hoisted):
@@ -424,10 +448,11 @@ def _slope(part: Part, row: int, place: LaneLayout, tangents: dict[int, str]) ->
     return " + ".join(terms)
 
 
-def _chain(programs: LawPrograms, place: LaneLayout) -> str:
-    n = place.n_states
-    lines = _states([f"t{r}" for r in range(n)], "t", "o + TANGENT_BLOCK", place)
-    tangents = {r: f"t{r}" for r in range(n)}
+def _chain(law: StoreyLaw, programs: LawPrograms, place: LaneLayout, bare: Part | None) -> list[str]:
+    """Rates of a direction's tangents at one link, as :func:`_law` has those of the states."""
+    n, part = place.n_states, bare or programs.storey
+    tangents = {r: f"t{r}" for r in _rows(law, bare).values()}
+    lines = _states({name: r for r, name in tangents.items()}, "t", "o + TANGENT_BLOCK", place)
     if programs.bending is not None:
         lines += _bending(place, "t", "o + TANGENT_BLOCK", "t0")
         tangents[programs.bending] = INPUT_NAMES[BENDING_DRIFT]
@@ -436,7 +461,7 @@ def _chain(programs: LawPrograms, place: LaneLayout) -> str:
         *(f"t[o + TANGENT_BLOCK + {n + 1 + row} * LANES + l]" for row in range(1, n - 1)),
         "acceleration",
     ]
-    lines += [f"{targets[row]} = {_slope(programs.storey, row, place, tangents)}" for row in programs.storey.rows]
+    lines += [f"{targets[row]} = {_slope(part, row, place, tangents)}" for row in part.rows]
     lines += [
         f"t[o + TANGENT_BLOCK + {n} * LANES + l] = t1",
         f"t[o + TANGENT_BLOCK + {place.force} * LANES + l] = force",
@@ -451,7 +476,7 @@ def _chain(programs: LawPrograms, place: LaneLayout) -> str:
         f"t[o + TANGENT_BLOCK + {place.acceleration} * LANES + l] = acceleration",
         f"t[o + {n + 1} * LANES + l] = t[o + {place.acceleration} * LANES + l] - acceleration",
     ]
-    return _indent(lines, 4)
+    return lines
 
 
 def _refine(law: StoreyLaw, place: LaneLayout) -> str:

@@ -133,8 +133,7 @@ def stage(n_links, n_directions, weight, share, inside, step, ground, joints, fo
     for i in range(n_links):
         a = i * BLOCK
         p = a + {force} * LANES if handed_on(i, joints) else a + BLOCK + {pull} * LANES
-{neighbour}        for l in range(LANES):
-{law}
+{neighbour}{law}
         if joints[i, 2] >= 0:
             hold(a + BLOCK, joints[i, 0] * BLOCK, 1.0, float(joints[i, 2]), w)
         if joints[i, 1] != i + 1:
@@ -156,8 +155,7 @@ def stage_with_tangents(n_links, n_directions, weight, share, inside, step, grou
     for i in range(n_links):
         a = i * BLOCK
         p = a + {force} * LANES if handed_on(i, joints) else a + BLOCK + {pull} * LANES
-{neighbour}        for l in range(LANES):
-{tangent_law}
+{neighbour}{tangent_law}
         if joints[i, 2] >= 0:
             hold(a + BLOCK, joints[i, 0] * BLOCK, 1.0, float(joints[i, 2]), w)
         if joints[i, 1] != i + 1:
@@ -170,8 +168,7 @@ def stage_with_tangents(n_links, n_directions, weight, share, inside, step, grou
                 gather(a + BLOCK + {slope} * LANES, seed[m * LANES:], w)
             moved = w[a + column[m] * LANES:]
             moves = active[m * LANES:]
-{tangent_neighbour}            for l in range(LANES):
-{chain}
+{tangent_neighbour}{chain}
             if joints[i, 2] >= 0:
                 u = (k * (n_links + 2) + joints[i, 0]) * TANGENT_BLOCK
                 hold(o + TANGENT_BLOCK, u, 1.0, float(joints[i, 2]), t)
@@ -319,13 +316,24 @@ def accumulate(n_channels, n_directions, j, measured, value, misfit, gram):
 
 SUMMARY = """
 
-def summarise(n_channels: int, n_directions: int, measured: floats_2d, stored: floats, width: int, source: integers,
-              misfit: doubles, gram: doubles, value: floats):
-    # What ``run`` sums when it does not store, from what it stored, ``width`` numbers a sample, in another order.
+def summarise(n_channels: int, n_directions: int, n_parts: int, measured: floats_2d, stored: floats, width: int,
+              source: integers, gram: doubles, value: floats):
+    # What ``run`` sums when it does not store, from what it stored, ``width`` numbers a sample, of one draw: its
+    # residual and derivatives stand where ``run`` has draws, in parts of as many as there are lanes.
     for j in range(measured.shape[1]):
-        for r in range(value.shape[0]):
-            value[r] = stored[j * width + source[r]] if source[r] >= 0 else 0.0
-        accumulate(n_channels, n_directions, j, measured, value, misfit, gram)
+        for c in range(n_channels):
+            first = c * n_parts * LANES
+            for r in range(n_directions + 1):
+                value[r] = stored[j * width + source[first + r]] if source[first + r] >= 0 else 0.0
+            value[0] = measured[c, j] - value[0]
+            for a in range(n_directions + 1):
+                g = (c * (n_directions + 1) + a) * n_parts * LANES
+                left = value[a]
+                for k in range(n_parts):
+                    o = k * LANES
+                    if o <= a:
+                        for l in range(LANES):
+                            gram[g + o + l] += left * value[o + l]
 """
 
 MARCH = """

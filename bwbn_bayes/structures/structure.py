@@ -283,6 +283,14 @@ class Structure:
         return combine(self.element.parameters, self.element.constraints, (*added, *kinds), self.element.derived)
 
     @cached_property
+    def bare(self) -> tuple[bool, ...]:
+        """Of each link, whether nothing acts on it but its element: what other links have is neutral there."""
+        added = list(self.law.added)
+        neutral = [self.law.parameters[i].neutral for i in added]
+        known = (self.table.index[:, added] < 0) & (self.table.fixed[:, added] == neutral)
+        return tuple(np.all(known, axis=1).tolist())
+
+    @cached_property
     def sensors(self) -> SensorLaw:
         """What the accelerometers show of the floors' accelerations."""
         return combine_sensors(self._kinds(self._all_effects, of_sensors=True))

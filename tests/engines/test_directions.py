@@ -7,7 +7,9 @@ import pytest
 from engine_cases import FREE, building, record_of
 
 from bwbn_bayes.engines.directions import Directions
+from bwbn_bayes.engines.lane_source import LANES
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.parameters import PerStorey, Uniform
 
 NOWHERE = 9
 MOVED = np.array([[4, 4], [5, NOWHERE], [NOWHERE, 5], [NOWHERE, 6], [NOWHERE, NOWHERE]])
@@ -47,12 +49,14 @@ def test_a_row_is_divided_among_its_shares() -> None:
 
 @pytest.mark.parametrize("n_draws", [1, 3, 8, 18])
 def test_a_draw_that_fills_several_lanes_gives_the_same_bits(n_draws: int) -> None:
-    model = building(2, FREE)
+    each = {name: PerStorey(one) if isinstance(one, Uniform) else one for name, one in FREE.items()}
+    model = building(2, {**each, "delta_nu": PerStorey(Uniform(0.0, 0.1)), "delta_s": PerStorey(Uniform(0.0, 0.2))})
     record = record_of(model, 3.0)
     rng = np.random.default_rng(6)
     draws = model.space.from_unit(model.space.sample_unit(rng, 32))
     free = rng.random(draws.shape) < 0.7
     engine = Lanes(substeps=2, resolution=0.5, n_threads=1)
+    assert model.space.n_dim == LANES  # with the residual one more
     full, few = engine.normal_equations(model, draws, record, free=free), slice(0, n_draws)
     part = engine.normal_equations(model, draws[few], record, free=free[few])
     np.testing.assert_array_equal(part.misfit, full.misfit[few])

@@ -17,6 +17,7 @@ from scipy.special import gammaln, logsumexp
 
 from bwbn_bayes.discovery.consistency import probability_of_being_better
 from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.inference.unnamed.further_link import Span
 from bwbn_bayes.parameters import Floats
 
 NOTHING_MISSING = 0.5
@@ -325,8 +326,8 @@ def law_errors(explanations: Sequence[Explanation], n_samples: int) -> tuple[Flo
     whose level of noise is unknown; in units of the noise they explain ``Q = n (exp(2 N / n) - 1) / 2``. Where they err
     by a share r of what they do, they leave ``r^2 Q``: so many nats may be had by further effects that are not there.
     With r half-normal of scale s = :data:`LAW_ERROR`, an error that explains g nats costs ``r^2 / (2 s^2)`` of them,
-    ``r^2 = g / Q``. It is taken to explain whatever other explanations with the same effects do, which is the most that
-    it could.
+    ``r^2 = g / Q``. It is taken to explain whatever other explanations with the same effects do by what acts where
+    these act, a force of no known law among it, which is the most that it could.
 
     Parameters
     ----------
@@ -346,11 +347,26 @@ def law_errors(explanations: Sequence[Explanation], n_samples: int) -> tuple[Flo
         if not one.added or gained_by_laws <= 0.0:
             continue
         explained = 0.5 * n_samples * np.expm1(min(2.0 * gained_by_laws / n_samples, _MOST))
-        alike = [one.placed <= other.placed and one.unnamed in (None, other.unnamed) for other in explanations]
+        alike = [one.placed <= other.placed and _stays_where(one, other) for other in explanations]
         gained = float(np.max(log_evidence[alike]) - log_evidence[number])
         law_error[number] = np.sqrt(gained / explained)
         forgiven[number] = max(gained - 0.5 * (law_error[number] / LAW_ERROR) ** 2, 0.0)
     return law_error, forgiven
+
+
+def _stays_where(one: Explanation, other: Explanation) -> bool:
+    """Whether what another explanation adds acts nowhere but where the laws of this one do.
+
+    What a law errs by is a force there: a change of another storey, or a sensor's error, is none of its.
+    """
+    where = {(own.effect.level, place) for own in one.added for place in own.storeys or (None,)}
+    further = [own for own in other.added if (own.name, own.storeys) not in one.placed]
+    places = {(own.effect.level, place) for own in further for place in own.storeys or (None,)}
+    if one.unnamed is None and other.unnamed is not None:
+        if not isinstance(other.unnamed, tuple) or isinstance(other.unnamed, Span):
+            return False
+        places |= {("link", storey) for storey in other.unnamed}
+    return places <= where and one.unnamed in (None, other.unnamed)
 
 
 def _log_evidences(explanations: Sequence[Explanation]) -> Floats:

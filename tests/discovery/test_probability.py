@@ -25,7 +25,7 @@ N_EFFECTS = 20
 
 
 def hypothesis(name: str, *storeys: int, n_brought: int = 1) -> Any:
-    effect = SimpleNamespace(family=FAMILIES.get(name, ""))
+    effect = SimpleNamespace(family=FAMILIES.get(name, ""), level="link")
     return SimpleNamespace(name=name, symbols=(name,), storeys=storeys, n_brought=n_brought, effect=effect)
 
 
@@ -205,6 +205,29 @@ def test_in_much_noise_no_error_of_a_law_is_seen() -> None:
     given, alone = explanation(evidence_of(2.0 * n, n)), explanation(evidence_of(1.1 * n, n), SLIP)
     _, forgiven = law_errors((given, alone, explanation(evidence_of(n, n), SLIP, CUBIC)), n)
     assert np.all(forgiven == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("second", "unnamed", "forgiven"),
+    [
+        (hypothesis("cubic_stiffness", 2), None, True),
+        (hypothesis("cubic_stiffness", 3), None, False),
+        (hypothesis("cubic_stiffness", 1, 2, 3), None, False),
+        (hypothesis("input_scale"), None, False),
+        (None, (2,), True),
+        (None, (1, 2, 3), False),
+        (None, Span(0, 2), False),
+        (None, "acceleration_2", False),
+    ],
+)
+def test_a_law_errs_where_it_acts(second: Any, unnamed: Any, forgiven: bool) -> None:
+    """Two hundred nats by a change of another storey are no error of two per cent of a pinch in this one."""
+    n, size = 4000, 30.0
+    given = explanation(evidence_of(n * (1.0 + size**2), n))
+    alone = explanation(evidence_of(1.1 * n, n), SLIP)
+    both = explanation(evidence_of(n, n), SLIP, *([] if second is None else [second]), unnamed=unnamed)
+    _, found = law_errors((given, alone, both), n)
+    assert (found[1] > 100.0) == forgiven
 
 
 def test_a_law_in_another_form_has_the_name_too() -> None:

@@ -16,6 +16,7 @@ from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects.sliding_base import SlidingBase
 from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import guide_of
 from bwbn_bayes.engines.base import Engine, Status
 from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lane_laws import kernel_of
@@ -264,8 +265,9 @@ SCALES = Scales(
 def test_priors_and_starts_of_discovery():
     """Amplitudes are centred on neutral, starts lie inside the priors, and their number is small."""
     for kind in KINDS.values():
-        for form in type(kind).default_prior(SCALES):
-            grid = form.start_grid(SCALES)
+        guide = guide_of(type(kind))
+        for form in guide.priors(SCALES):
+            grid = guide.starts(form, SCALES)
             assert set(grid) == {s for s, value in form.values.items() if isinstance(value, Prior)}
             assert 2 <= np.prod([len(values) for values in grid.values()]) <= 20
             for symbol, values in grid.items():
@@ -280,7 +282,7 @@ def test_priors_and_starts_of_discovery():
 
 def test_sliders_may_be_stiff_beside_the_drift_without_them():
     """A building shaken on a fixed base drifts by several times what it does on sliders: theirs lay below the prior."""
-    (form,) = SlidingBase.default_prior(SCALES)
+    (form,) = guide_of(SlidingBase).priors(SCALES)
     prior = form.values["Y_s"]
     assert isinstance(prior, Prior)
     assert np.isfinite(prior.log_density(3e-4 * SCALES.drift))

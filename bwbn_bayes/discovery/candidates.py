@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -14,6 +15,7 @@ from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.elements.catalogue import registered, title_of
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guide_of, is_sought
 from bwbn_bayes.engines.base import masses
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
@@ -47,6 +49,8 @@ class Hypothesis:
         Where it acts, one place or, of a storey's law, every storey alike; empty for the whole building.
     scales : Scales
         Sizes at that place.
+    guide : SearchGuide
+        How the effect is looked for.
     carried : tuple of Effect
         Others that share its compiled law, neutral here.
     """
@@ -55,6 +59,7 @@ class Hypothesis:
     effect: Effect
     storeys: tuple[int, ...]
     scales: Scales
+    guide: SearchGuide[Any] = field(compare=False, repr=False)
     carried: tuple[Effect, ...] = ()
 
     @property
@@ -68,9 +73,10 @@ class Hypothesis:
         return tuple(p.symbol for p in self.effect.parameters)
 
     @property
-    def free_shapes(self) -> tuple[Effect, ...]:
-        """Forms of free shape that contain the effect's own, or come close to it."""
-        return type(self.effect).general_forms(self.scales)
+    def free_shapes(self) -> tuple[Hypothesis, ...]:
+        """The same with the effect in forms of free shape that contain its own, or come close to it."""
+        forms = self.guide.free_shapes(self.scales)
+        return tuple(replace(self, effect=form, guide=guide_of(type(form))) for form in forms)
 
     @property
     def label(self) -> str:
@@ -122,7 +128,7 @@ class Hypothesis:
     def starts(self, base_points: Floats) -> Floats:
         """Points of the new model's unit cube ``(n, n_dim)``: every base point with every combination of the grid."""
         space = self.model.space
-        grid = self.effect.start_grid(self.scales)
+        grid = self.guide.starts(self.effect, self.scales)
         symbols = {p.name: p.symbol for p in space.parameters}
         points = self._points(base_points, [grid[symbols[name]] for name in self.brought])
         points = np.clip(points, 1e-4, 1.0 - 1e-4)
@@ -138,7 +144,7 @@ class Hypothesis:
             In the new model's unit cube; the amplitude is ``near`` in prior probability above neutral.
         """
         space = self.model.space
-        grid = self.effect.start_grid(self.scales)
+        grid = self.guide.starts(self.effect, self.scales)
         symbols = {p.name: p.symbol for p in space.parameters}
         choices = [(self.neutral(name),) if name in self.amplitudes else grid[symbols[name]] for name in self.brought]
         points = self._points(base_point[None], choices)
@@ -197,20 +203,21 @@ def hypotheses(
         Whether there is one beginning; where several records find the structure virgin, what happens at an instant
         takes no part: it would happen in each of them.
     effects : sequence of Effect classes, optional
-        The whole catalogue by default. An effect that does not say what sizes to expect takes no part.
+        The whole catalogue by default. An effect without a guide takes no part.
     most_carried : float
         Parameters that the effects of one compiled law may bring in all. More make every solve slower; with infinity
         there is one law for every hypothesis but a second base, whatever the present model has of the catalogue.
     """
     result = []
     addable: dict[tuple[str, ...], bool] = {}
-    for effect_class in filter(lambda one: one.is_sought(), effects if effects is not None else registered()):
+    for effect_class in filter(is_sought, effects if effects is not None else registered()):
+        guide = guide_of(effect_class)
         for storeys in _places(effect_class, base, measured):
             own = mean_scales([scales[storey - 1] for storey in storeys] or scales[:1])
-            for effect in effect_class.default_prior(own):
+            for effect in guide.priors(own):
                 if (not has_time and effect.needs_time) or (not in_one_go and effect.is_an_event):
                     continue
-                hypothesis = Hypothesis(base=base, effect=effect, storeys=storeys, scales=own)
+                hypothesis = Hypothesis(base=base, effect=effect, storeys=storeys, scales=own, guide=guide)
                 if hypothesis.symbols not in addable:
                     addable[hypothesis.symbols] = _addable(base, effect)
                 if addable[hypothesis.symbols] and not is_present(base, effect, storeys):

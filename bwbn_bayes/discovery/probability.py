@@ -229,8 +229,8 @@ class Beliefs:
         """
         kin: dict[str, set[str]] = {}
         for hypothesis in (one for explanation in self.explanations for one in explanation.added):
-            if hypothesis.effect.family:
-                kin.setdefault(hypothesis.effect.family, set()).add(hypothesis.name)
+            if hypothesis.guide.family:
+                kin.setdefault(hypothesis.guide.family, set()).add(hypothesis.name)
         found = [self.family(title, frozenset(names)) for title, names in kin.items() if len(names) > 1]
         return tuple(sorted(found, key=lambda one: -one.probability))
 

@@ -131,8 +131,7 @@ class Run:
         """Begin with the hypotheses of the first round; each name's share of the prior is split over its own."""
         self.considered_first = first
         usual = {(h.name, h.symbols, h.storeys) for h in first}
-        shapes = ((form, h) for h in first for form in h.free_shapes)
-        free = {(form.name, tuple(p.symbol for p in form.parameters), h.storeys) for form, h in shapes}
+        free = {(form.name, form.symbols, form.storeys) for h in first for form in h.free_shapes}
         names = {name for name, *_ in usual}
         self.variants = Counter(name for name, *_ in usual | free if name in names)
 

@@ -198,7 +198,7 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
         if base is None or run.must_stop():
             continue
         forms = [form for form in plain.free_shapes if form.name in considered]
-        every = [replace(plain, base=base.model, effect=form, carried=()) for form in forms]
+        every = [replace(form, base=base.model, carried=()) for form in forms]
         every = [one for one in every if base.effects_key | key_of([one]) not in pool.reshaped]
         pool.reshaped.update(base.effects_key | key_of([one]) for one in every)
         if every:

@@ -1,7 +1,8 @@
 """Storey laws: the Bouc-Wen element, the effects that extend it, and how they combine.
 
 What the author of an effect needs stands here: a class of :class:`Effect` fills :class:`Slots` with expressions of
-:data:`DRIFT`, :data:`DRIFT_RATE`, :data:`HYSTERETIC_DISPLACEMENT`, :data:`ENERGY` and its parameters' symbols.
+:data:`DRIFT`, :data:`DRIFT_RATE`, :data:`HYSTERETIC_DISPLACEMENT`, :data:`ENERGY` and its parameters' symbols; a
+:class:`SearchGuide` beside it lets ``discover`` look for it.
 """
 
 from bwbn_bayes.elements.catalogue import register
@@ -17,6 +18,7 @@ from bwbn_bayes.elements.law import (
     symbol,
 )
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.parameters import Parameter
 
@@ -31,8 +33,10 @@ __all__ = [
     "Parameter",
     "PlaceResponse",
     "Scales",
+    "SearchGuide",
     "Signature",
     "Slots",
+    "guides",
     "register",
     "symbol",
 ]

@@ -7,6 +7,8 @@ A user's own effect joins it the same way::
     @register
     @dataclass(frozen=True, kw_only=True)
     class MyEffect(Effect): ...
+
+and searches look for it where it has a guide (:mod:`~bwbn_bayes.elements.search_guide`).
 """
 
 from __future__ import annotations

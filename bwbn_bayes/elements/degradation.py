@@ -76,14 +76,6 @@ class LinearLoss:
         """The loss by the end of a response."""
         return at[self.delta] * at.energy
 
-    def priors(self, scales: Scales) -> dict[str, Value]:
-        """By the end the factor may have doubled."""
-        return {self.delta: HalfNormal(1.0 / scales.energy)}
-
-    def starts(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        """A small loss and a large one."""
-        return {self.delta: (0.1 / scales.energy, 0.6 / scales.energy)}
-
 
 @dataclass(frozen=True, kw_only=True)
 class SaturatingLoss:
@@ -123,19 +115,6 @@ class SaturatingLoss:
     def reached(self, at: PlaceResponse) -> float:
         """The loss by the end of a response."""
         return at[self.limit] * -math.expm1(-at[self.rate] * at.energy)
-
-    def priors(self, scales: Scales) -> dict[str, Value]:
-        """The factor may double, most of it within a tenth to all of the work.
-
-        With slower rates the loss is the linear one; with faster ones it is there before the first cycle has ended,
-        and the storey's own parameters say the same.
-        """
-        rate = LogNormal(5.0 / scales.energy, 1.0).truncated(0.5 / scales.energy, 100.0 / scales.energy)
-        return {self.limit: HalfNormal(1.0), self.rate: rate}
-
-    def starts(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        """A small loss and a large one, early and late."""
-        return {self.limit: (0.15, 0.8), self.rate: tuple(rate / scales.energy for rate in (2.0, 8.0, 30.0))}
 
 
 _OFFSET = 1e-5
@@ -198,19 +177,6 @@ class StretchedLoss:
 
         return at[self.loss] * risen(abs(at.energy) / at[self.work]) / risen(1.0)
 
-    def priors(self, scales: Scales) -> dict[str, Value]:
-        """By the end the factor may have doubled, in any shape between an early step and a late one."""
-        return {
-            self.loss: HalfNormal(1.0),
-            self.bend: LogNormal(0.5, 2.0).truncated(1e-3, 100.0),
-            self.power: LogNormal(1.0, 0.5).truncated(0.3, 3.0),
-            self.work: scales.energy,
-        }
-
-    def starts(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        """A small loss and a large one, on to the end and ended early, slower and faster at first."""
-        return {self.loss: (0.15, 0.8), self.bend: (0.05, 5.0), self.power: (0.6, 1.0, 1.7)}
-
 
 @dataclass(frozen=True, kw_only=True)
 class PathLoss:
@@ -249,14 +215,6 @@ class PathLoss:
         """The loss by the end of a response."""
         return at[self.delta] * at.path
 
-    def priors(self, scales: Scales) -> dict[str, Value]:
-        """By the end the factor may have doubled."""
-        return {self.delta: HalfNormal(1.0 / scales.path)}
-
-    def starts(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        """A small loss and a large one."""
-        return {self.delta: (0.1 / scales.path, 0.6 / scales.path)}
-
 
 Loss = LinearLoss | SaturatingLoss | StretchedLoss | PathLoss
 
@@ -275,3 +233,38 @@ def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Valu
             return loss
     choices = ", or ".join(" and ".join(p.symbol for p in loss.parameters) for loss in losses)
     raise UserError(f"{effect_name}: the form follows from what is given: give {choices}")
+
+
+def priors_of(loss: Loss, scales: Scales) -> dict[str, Value]:
+    """What a search gives the parameters of a loss, by symbol: by the end the factor may have doubled."""
+    energy = scales.energy
+    match loss:
+        case LinearLoss():
+            return {loss.delta: HalfNormal(1.0 / energy)}
+        case SaturatingLoss():
+            # Most of it within a tenth to all of the work. With slower rates the loss is the linear one; with faster
+            # ones it is there before the first cycle has ended, and the storey's own parameters say the same.
+            rate = LogNormal(5.0 / energy, 1.0).truncated(0.5 / energy, 100.0 / energy)
+            return {loss.limit: HalfNormal(1.0), loss.rate: rate}
+        case StretchedLoss():  # in any shape between an early step and a late one
+            return {
+                loss.loss: HalfNormal(1.0),
+                loss.bend: LogNormal(0.5, 2.0).truncated(1e-3, 100.0),
+                loss.power: LogNormal(1.0, 0.5).truncated(0.3, 3.0),
+                loss.work: energy,
+            }
+        case PathLoss():
+            return {loss.delta: HalfNormal(1.0 / scales.path)}
+
+
+def starts_of(loss: Loss, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+    """Where fits of a loss start, by symbol: a small one and a large one."""
+    match loss:
+        case LinearLoss():
+            return {loss.delta: (0.1 / scales.energy, 0.6 / scales.energy)}
+        case SaturatingLoss():  # early and late
+            return {loss.limit: (0.15, 0.8), loss.rate: tuple(rate / scales.energy for rate in (2.0, 8.0, 30.0))}
+        case StretchedLoss():  # on to the end and ended early, slower and faster at first
+            return {loss.loss: (0.15, 0.8), loss.bend: (0.05, 5.0), loss.power: (0.6, 1.0, 1.7)}
+        case PathLoss():
+            return {loss.delta: (0.1 / scales.path, 0.6 / scales.path)}

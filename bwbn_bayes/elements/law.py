@@ -15,7 +15,6 @@ from typing import Any, ClassVar, Protocol, Self, cast
 
 import sympy as sp
 
-from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import NO_SIGNATURE, Signature
 from bwbn_bayes.parameters import Parameter, Value
 
@@ -217,9 +216,6 @@ class Effect(Addition, Protocol):
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen", "linear", "friction_pendulum")
     """Names of the elements that it can act on, where it acts on a link."""
-    family: ClassVar[str] = ""
-    """What it and its kin are, in words, such as "a loss of strength or stiffness": that one of them is there may be
-    certain where which one is not."""
     makes: ClassVar[str] = ""
     """Name of the element that a link is once it has the effect, where it becomes another."""
 
@@ -253,34 +249,6 @@ class Effect(Addition, Protocol):
     def form(self) -> str:
         """Which form of the effect this is, in a few words; empty where there is only one."""
         return ""
-
-    @classmethod
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        """The effect with the priors that discovery gives it, once for each form worth trying.
-
-        An amplitude has a prior of one sign or both (half-normal, normal) that is centred on its neutral value and as
-        wide as the sizes to expect, so that it can be made wider and narrower; what vanishes at neutral (a width, a
-        time, a gap) has a bounded prior.
-        """
-        raise NotImplementedError(f"{cls.__name__} does not say what sizes to expect: it takes no part in discovery")
-
-    @classmethod
-    def is_sought(cls) -> bool:
-        """Whether discovery tries it: it says what sizes to expect."""
-        return cls.default_prior.__func__ is not Effect.default_prior.__func__  # type: ignore[attr-defined]
-
-    @classmethod
-    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:  # noqa: ARG003  as default_prior's
-        """Forms with a free shape that contain those of :meth:`default_prior`, with priors.
-
-        They are tried where one of these leads and leaves more than noise. They have its mechanism, and symbols of
-        their own; sizes that their parameters are measured by, such as the largest drift, are known parameters.
-        """
-        return ()
-
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        """Values of each identified parameter from which fits start; discovery tries every combination."""
-        raise NotImplementedError(f"{type(self).__name__} does not say where to start: it takes no part in discovery")
 
     @property
     def needs_time(self) -> bool:

@@ -171,7 +171,7 @@ def test_neutral_points_differ_from_neutral_by_little() -> None:
     assert len(points) == 3
     np.testing.assert_allclose(points[:, space.names.index(amplitude)], 1e-3)
     widths = space.from_unit(points)[:, space.names.index("sigma[2]")]
-    np.testing.assert_allclose(widths, slip.effect.start_grid(SCALES)["sigma"])
+    np.testing.assert_allclose(widths, slip.guide.starts(slip.effect, SCALES)["sigma"])
     np.testing.assert_allclose(
         points[:, [space.names.index(name) for name in BASE.space.names]], POINT[None].repeat(3, 0)
     )

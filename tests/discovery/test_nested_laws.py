@@ -57,9 +57,8 @@ def every(posterior: Posterior, point: Floats) -> tuple[Hypothesis, ...]:
     usual = hypotheses(
         posterior.model, scales_of(posterior, point), measured=("force",), has_time=False, most_carried=np.inf
     )
-    general = {type(form): form for one in usual for form in type(one.effect).general_forms(one.scales)}
-    first = {one.name: one for one in usual}
-    return (*usual, *(replace(first[form.name], effect=form, carried=()) for form in general.values()))
+    general = {type(form.effect): form for one in usual for form in one.free_shapes}
+    return (*usual, *(replace(form, carried=()) for form in general.values()))
 
 
 @cache

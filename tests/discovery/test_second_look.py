@@ -15,6 +15,7 @@ from bwbn_bayes.discovery.second_look import crossed, leading, rescanned, search
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, StoreyParameter, SuddenDamage
 from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.elements.search_guide import guide_of
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -58,8 +59,13 @@ def base_points(present: Posterior) -> Floats:
     return polish(present, start, n_iterations=30)[0]
 
 
+def at(present: Posterior, base_points: Floats, effect: Effect, storey: int) -> Hypothesis:
+    scales = scales_of(present, base_points[0])[storey - 1]
+    return Hypothesis(base=MODEL, effect=effect, storeys=(storey,), scales=scales, guide=guide_of(type(effect)))
+
+
 def hypothesis(present: Posterior, base_points: Floats, effect: Effect) -> Hypothesis:
-    return Hypothesis(base=MODEL, effect=effect, storeys=(2,), scales=scales_of(present, base_points[0])[1])
+    return at(present, base_points, effect, storey=2)
 
 
 def narrow(present: Posterior, base_points: Floats, sd: float) -> Fit:
@@ -188,7 +194,7 @@ def test_a_time_between_two_starts_is_found(base_points: Floats) -> None:
     record = GROUND.with_channels(dict(zip(CHANNELS, measured, strict=True)))
     present = Posterior(model=MODEL, record=record, engine=Lanes(n_threads=1), noise=default_noise(record))
     effect = SuddenDamage(parameter="k", jump=Normal(0.0, 20.0), time=Uniform(0.5, 8.0))
-    own = Hypothesis(base=MODEL, effect=effect, storeys=(1,), scales=scales_of(present, base_points[0])[0])
+    own = at(present, base_points, effect, storey=1)
     posterior = present.with_model(own.model)
     known = dict(zip(MODEL.space.names, MODEL.space.from_unit(base_points)[0].tolist(), strict=True))
     values = [{**known, "k_jump[1]": -1.0, "k_time[1]": 7.0}[name] for name in posterior.space.names]
@@ -213,8 +219,8 @@ def test_a_form_starts_beside_what_another_form_of_its_effect_makes_of_the_rest(
     points = polish(present, MODEL.space.to_unit(np.array([[60.0, 0.4, 0.15, 2.0]])), n_iterations=30)[0]
     scales = scales_of(present, points[0])[1]
     step, ramp = (
-        Hypothesis(base=MODEL, effect=effect, storeys=(2,), scales=scales)
-        for effect in SuddenDamage.default_prior(scales)
+        Hypothesis(base=MODEL, effect=effect, storeys=(2,), scales=scales, guide=guide_of(SuddenDamage))
+        for effect in guide_of(SuddenDamage).priors(scales)
     )
     (leads,) = race(present, [ramp], points)
     under = present.with_model(step.model)

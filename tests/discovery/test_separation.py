@@ -10,6 +10,7 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, SensorBias, SensorGain
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import guide_of
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -49,7 +50,7 @@ def measured(model: ShearBuilding) -> Record:
 
 def fit(model: Structure, record: Record, effect: Effect, floor: int, value: float) -> Fit:
     """A hypothesis that ended at a first stiffness of 150 N/m and a value of its own."""
-    hypothesis = Hypothesis(base=model, effect=effect, storeys=(floor,), scales=SCALES)
+    hypothesis = Hypothesis(base=model, effect=effect, storeys=(floor,), scales=SCALES, guide=guide_of(type(effect)))
     engine = Lanes(substeps=2, n_threads=1)
     posterior = Posterior(model=hypothesis.model, record=record, engine=engine, noise=default_noise(record))
     points = posterior.space.to_unit(np.array([[150.0, value]]))

@@ -14,6 +14,7 @@ from bwbn_bayes.discovery.signatures import place_of, signature_of, spread_of
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock
 from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.elements.search_guide import guide_of
 from bwbn_bayes.elements.signature import NO_SIGNATURE
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
@@ -43,7 +44,9 @@ def by_hand(force: Floats) -> float:
 
 @pytest.fixture(scope="module")
 def present() -> Explanation:
-    hypothesis = Hypothesis(base=Specimen(storey=STOREY), effect=EFFECT, storeys=(1,), scales=NOMINAL)
+    hypothesis = Hypothesis(
+        base=Specimen(storey=STOREY), effect=EFFECT, storeys=(1,), scales=NOMINAL, guide=guide_of(SlipLock)
+    )
     model = hypothesis.model
     point = model.space.to_unit(np.array([[TRUTH[name] for name in model.space.names]]))
     record = Record(name="cycles", time_step=0.01, excitation=PATH, channels={}, excitation_kind="displacement")

@@ -25,6 +25,7 @@ from benchmarks.blind.scoring import case_outcome
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.search_guide import is_sought
 from bwbn_bayes.structures.model_file import load_model_file
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
@@ -43,7 +44,7 @@ LATER: dict[str, tuple[Kind, int]] = {
     "sliding_base": ("later", 0), "storey_coupling": ("later", 2), "viscous_damper": ("outside", 6),
 }  # fmt: skip
 """Kind and case of those that joined the catalogue later."""
-SOUGHT = tuple(effect.name for effect in registered() if effect.is_sought() and "bouc_wen" in effect.elements)
+SOUGHT = tuple(effect.name for effect in registered() if is_sought(effect) and "bouc_wen" in effect.elements)
 """What discovery looks for in a building whose storeys are Bouc-Wen's."""
 EFFECTS = tuple(sorted(SOUGHT, key=lambda name: name in LATER))
 """Those that joined later last."""

@@ -1,6 +1,6 @@
 """A discovery from end to end: the verdict is the evidence's, whatever there is to weigh."""
 
-from typing import Any, Self
+from typing import Any, override
 
 import numpy as np
 import pytest
@@ -13,8 +13,10 @@ from bwbn_bayes.discovery.run import DiscoverySettings, Run
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping
+from bwbn_bayes.elements.effects.cubic_stiffness import CubicStiffnessSearch
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import guides
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.errors import UserError
@@ -98,12 +100,15 @@ def test_laws_compiled_ahead_are_those_of_the_run(record: Record, monkeypatch: p
 
 @pytest.mark.usefixtures("without_unnamed")
 def test_an_effect_without_a_prior_at_nominal_sizes_takes_part(record: Record) -> None:
-    class OfSmallDrifts(CubicStiffness):
-        @classmethod
-        def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+    class OfSmallDrifts(CubicStiffness): ...
+
+    @guides(OfSmallDrifts)
+    class _OfSmallDriftsSearch(CubicStiffnessSearch):
+        @override
+        def priors(self, scales: Scales) -> tuple[CubicStiffness, ...]:
             if scales.drift > 0.9:
                 raise UserError("no such drift")
-            return (cls(k3=HalfNormal(1e5)),)
+            return (OfSmallDrifts(k3=HalfNormal(1e5)),)
 
     found = discover(MODEL, record, settings=DiscoverySettings(particles=100, effects=(OfSmallDrifts,)))
     assert [added.hypothesis.name for added in found.added] == ["cubic_stiffness"]

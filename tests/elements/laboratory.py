@@ -33,6 +33,7 @@ from bwbn_bayes.elements.effects import (
 )
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.elements.search_guide import guide_of, is_sought
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.parameters import Prior, Value
 from bwbn_bayes.records.record import Record
@@ -42,12 +43,8 @@ from bwbn_bayes.structures.structure import Structure
 
 NO_DRAW = np.zeros((1, 0))
 
-SEARCHED: tuple[type[Effect], ...] = tuple(
-    effect_class
-    for effect_class in registered()
-    if effect_class.default_prior.__func__ is not Effect.default_prior.__func__  # type: ignore[attr-defined]
-)
-"""Effects that say which sizes to expect, and so take part in discovery."""
+SEARCHED: tuple[type[Effect], ...] = tuple(filter(is_sought, registered()))
+"""Effects that discovery looks for."""
 
 FURTHER_LOSSES: tuple[Effect, ...] = tuple(
     form for effect_class in (StiffnessDegradation, StrengthDegradation) for form in effect_class.neutral_forms()[1:]
@@ -93,8 +90,8 @@ def neutral(form: Effect) -> Effect:
 FREE: tuple[Effect, ...] = tuple(
     {
         tuple(p.symbol for p in form.parameters): neutral(form)
-        for effect_class in registered()
-        for form in effect_class.general_forms(NOMINAL)
+        for effect_class in SEARCHED
+        for form in guide_of(effect_class).free_shapes(NOMINAL)
     }.values()
 )
 """Every form of free shape at its neutral values, once: two pinches share one."""

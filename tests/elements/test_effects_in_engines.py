@@ -77,7 +77,7 @@ def check(engine: Engine, forms: tuple[Effect, ...]) -> None:
     response, own = engine.sensitivities(model, draw, record(), CHANNELS)
     assert nrmse(response.values, values) < 1e-5
     errors = {name: nrmse(own[:, k], slopes[:, k]) for k, name in enumerate(model.space.names)}
-    assert max(errors.values()) < 2e-3, errors
+    assert max(errors.values()) < 1e-3, errors
 
 
 REPRESENTATIVES = tuple(form for form in OTHER_FORMS if form.form in ONE_OF_EACH)

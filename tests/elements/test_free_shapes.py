@@ -9,15 +9,15 @@ import independent
 import numpy as np
 import pytest
 import sympy as sp
-from laboratory import FREE, NO_DRAW, cyclic_test, having, neutral, nrmse, shaking, storey
+from laboratory import FREE, NO_DRAW, SEARCHED, cyclic_test, having, neutral, nrmse, shaking, storey
 from scipy.special import gamma
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import FolientePinching, SlipLock
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Effect
 from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.elements.search_guide import guide_of
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.errors import UserError
@@ -189,16 +189,18 @@ def test_a_contact_that_turns_between_two_samples_is_solved(exponent: float) -> 
 
 
 def test_both_pinches_share_a_free_shape() -> None:
-    assert SlipLock.general_forms(NOMINAL) == FolientePinching.general_forms(NOMINAL)[1:]
+    slip, pinch = (guide_of(one).free_shapes(NOMINAL) for one in (SlipLock, FolientePinching))
+    assert slip == pinch[1:]
 
 
 def test_a_free_shape_is_of_the_same_mechanism() -> None:
-    for effect_class in registered():
-        for form in effect_class.general_forms(NOMINAL):
+    for effect_class in SEARCHED:
+        freer = guide_of(effect_class).free_shapes(NOMINAL)
+        for form in freer:
             (usual, *_) = effect_class.neutral_forms()
             assert form.mechanism == usual.mechanism
             assert form.form.startswith("free shape")
-            assert form.general_forms(NOMINAL) in ((), effect_class.general_forms(NOMINAL))
+            assert guide_of(type(form)).free_shapes(NOMINAL) in ((), freer)
             assert form.needs_time <= any(one.needs_time for one in effect_class.neutral_forms())
             assert neutral(form).values[form.parameters[0].symbol] == 0.0
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
@@ -9,11 +10,11 @@ import pytest
 from laboratory import SEARCHED
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects import FolientePinching, SlipLock, StoreyParameter, SuddenDamage
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import guide_of
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, Normal, Prior, Truncated
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -28,15 +29,19 @@ FORMS: list[Effect] = [
     form
     for effect in SEARCHED
     if effect.level == "link"
-    for form in (*effect.default_prior(SCALES), *effect.general_forms(SCALES))
+    for form in (*guide_of(effect).priors(SCALES), *guide_of(effect).free_shapes(SCALES))
 ]
+
+
+def starts_of(form: Effect) -> Mapping[str, tuple[float, ...]]:
+    return guide_of(type(form)).starts(form, SCALES)
 
 
 @pytest.mark.parametrize("form", FORMS, ids=lambda form: f"{form.name} {form.form}")
 def test_starts_lie_in_the_priors_and_are_few(form):
     storey = STOREY if "bouc_wen" in form.elements else Linear(k=8e6, c=6e4)
     model = ShearBuilding(masses=[1.2e4, 1.2e4], storey=storey).with_effect(form, storeys=[2])
-    grid = form.start_grid(SCALES)
+    grid = starts_of(form)
     assert [p.symbol for p in model.space.parameters] == list(grid)
     starts = np.array(list(product(*grid.values())))
     assert 1 <= len(starts) <= (30 if isinstance(form, SuddenDamage) else 12)
@@ -54,7 +59,7 @@ def test_the_first_parameter_is_an_amplitude_with_a_prior_about_neutral(form):
     assert amplitude.neutral == 0.0
     assert isinstance(parent, HalfNormal) == (amplitude.lower == 0.0)
     assert getattr(parent, "location", 0.0) == 0.0
-    starts = form.start_grid(SCALES)[amplitude.symbol]
+    starts = starts_of(form)[amplitude.symbol]
     signed = isinstance(parent, Normal) and not isinstance(form, SuddenDamage)
     assert (min(starts) < 0.0 < max(starts)) == signed
     for nuisance in nuisances:
@@ -63,36 +68,36 @@ def test_the_first_parameter_is_an_amplitude_with_a_prior_about_neutral(form):
 
 def test_forms_of_one_effect_can_stand_in_one_building():
     """Their parameters have symbols of their own: otherwise one storey would follow the other's form."""
-    for effect in registered():
+    for effect in SEARCHED:
         if effect.level == "link":
-            forms = (*effect.neutral_forms(), *effect.general_forms(SCALES))
+            forms = (*effect.neutral_forms(), *guide_of(effect).free_shapes(SCALES))
             symbols = [p.symbol for form in forms for p in form.parameters]
             assert len(set(symbols)) == len(symbols)
 
 
 def test_damage_starts_at_every_second_and_a_half_of_the_strong_motion():
     step = next(form for form in FORMS if form.form == "k, step")
-    times = np.array(step.start_grid(SCALES)["k_time"])
+    times = np.array(starts_of(step)["k_time"])
     assert np.all(np.diff(times) <= 1.5)
     assert times[0] - SCALES.onset <= 0.75 and SCALES.duration - times[-1] <= 0.75
 
 
 def test_the_slip_is_narrow():
     """A wider sigma imitates stiffness_degradation."""
-    (form,) = SlipLock.default_prior(SCALES)
+    (form,) = guide_of(SlipLock).priors(SCALES)
     np.testing.assert_allclose(form.sigma.support, (0.03 * 0.012, 0.5 * 0.012))
 
 
 def test_the_pinch_identifies_all_its_parameters():
     # With delta_psi and lambda held at usual values a hidden pinch was named, and a slip that is not there beside it.
-    (form,) = FolientePinching.default_prior(SCALES)
-    assert set(form.start_grid(SCALES)) == {p.symbol for p in FolientePinching.parameters}
+    (form,) = guide_of(FolientePinching).priors(SCALES)
+    assert set(starts_of(form)) == {p.symbol for p in FolientePinching.parameters}
 
 
 def test_a_pinch_may_be_there_from_the_start_and_in_the_middle():
     """With p = 1e3 / E a hundredth of the work done brings it out; q = 0 needs no z_u, which the base may not have."""
-    (form,) = FolientePinching.default_prior(SCALES)
-    grid = form.start_grid(SCALES)
+    (form,) = guide_of(FolientePinching).priors(SCALES)
+    grid = starts_of(form)
     assert max(grid["p"]) * SCALES.energy == pytest.approx(1e3)
     assert form.p.support[1] > max(grid["p"])
     assert 0.0 in grid["q"]

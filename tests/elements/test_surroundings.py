@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 
 import independent_surroundings
 import numpy as np
 import pytest
 from independent_surroundings import OF_THE_BUILDING
-from laboratory import NO_DRAW, nrmse, shaking, with_everything
+from laboratory import NO_DRAW, finer, nrmse, shaking, with_everything
 from laboratory import storey as element
 from surroundings import BASES, KINDS, OTHERS, SIZES, building, placed, together
 
@@ -16,6 +17,7 @@ from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects.sliding_base import SlidingBase
 from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import guide_of
 from bwbn_bayes.engines.base import Engine, Status
 from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lane_laws import kernel_of
@@ -138,6 +140,63 @@ def test_all_together_agree_with_the_independent_implementation(base: str):
         assert nrmse(mine[channel], other[channel]) < (1e-4 if channel == "acceleration_2" else TOLERANCE), channel
 
 
+@pytest.mark.parametrize("base", BASES)
+def test_energy_put_in_is_kept_stored_or_lost_above_and_below(base: str):
+    """Work of the ground's inertia: kinetic, elastic, viscous, on the hysteretic springs, in the base and its losses.
+
+    The share of friction that a contact has reached is no output: it is followed from the slab's speed. Quadrature at
+    1/2000 s, and a speed that is a difference of displacements, leave 1e-6 of the work.
+    """
+    record, size = finer(shaking(4.0), 80), SIZES[base]
+    kinds = ("drift", "drift_rate", "hysteretic_energy")
+    names = ["displacement_1", *(f"{kind}_{i}" for kind in kinds for i in (1, 2))]
+    model = placed(building(MASSES, OTHERS, base, alpha=0.1, c=0.1), base, size, None)
+    x, *rows = Lanes(substeps=4, n_threads=1).simulate(model, NO_DRAW, record, names).values[0]
+    u, v, eps = np.reshape(rows, (3, 2, -1))
+    slab = x - u[0]
+    slab_rate = np.gradient(slab, record.time_step, edge_order=2)
+    mass, rates = np.array([size.get("m_b", size.get("m_s")), *MASSES]), slab_rate + np.cumsum([0.0 * x, *v], axis=0)
+    if base == "sliding_base":
+        stored = 0.5 * size["W_s"] / size["R_s"] * slab**2
+        force = size["W_s"] * friction_of(size, slab_rate) * mobilised(size, slab_rate, record.time_step)
+    else:
+        stored = 0.5 / size["compliance"] * slab**2
+        force = size["c_b"] * slab_rate
+
+    def work(power: Floats) -> Floats:
+        return np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1])) * record.time_step])
+
+    lost = work(force * slab_rate)
+    held = 0.5 * mass @ rates**2 + 0.5 * 0.1 * 10.0 * np.sum(u**2, axis=0) + stored
+    supplied = work(-record.excitation * (mass @ rates))
+    spent = lost + np.sum(eps, axis=0) + work(np.sum(0.1 * v**2, axis=0))
+    np.testing.assert_allclose(held + spent, supplied, atol=1e-5 * np.max(supplied))
+    assert lost[-1] > 0.01 * np.max(supplied)
+
+
+def friction_of(size: dict[str, float], rate: Floats) -> Floats:
+    return (1.0 - size["r_mu"] * np.exp(-size["a_s"] * np.abs(rate))) / size["inv_mu"]
+
+
+def mobilised(size: dict[str, float], rate: Floats, time_step: float) -> Floats:
+    """Share of the friction ``(n_times,)`` that the contact has reached, of the slab's speed at the samples."""
+    drift, n = size["Y_s"], size["n_s"]
+
+    def slope(share: float, speed: float) -> float:
+        return (1.0 - (abs(share) ** n if share * speed > 0.0 else 0.0)) * speed / drift
+
+    share, found = 0.0, [0.0]
+    for start, end in pairwise(rate.tolist()):
+        middle = 0.5 * (start + end)
+        one = slope(share, start)
+        two = slope(share + 0.5 * time_step * one, middle)
+        three = slope(share + 0.5 * time_step * two, middle)
+        four = slope(share + time_step * three, end)
+        share += time_step * (one + 2.0 * two + 2.0 * three + four) / 6.0
+        found.append(share)
+    return np.array(found)
+
+
 @cache
 def differences(name: str) -> tuple[Structure, Floats, Floats, Floats]:
     """Model, draw, and the reference's response and derivatives by finite differences, two seconds long."""
@@ -163,7 +222,7 @@ def test_every_engine_and_its_derivatives_agree_with_the_reference(engine: str, 
     assert nrmse(response.values, values) < 1e-5
     for k, parameter in enumerate(model.space.names):
         assert np.any(slopes[:, k] != 0.0), parameter
-        assert nrmse(own[:, k], slopes[:, k]) < 2e-3, parameter
+        assert nrmse(own[:, k], slopes[:, k]) < 1e-3, parameter
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -176,7 +235,7 @@ def test_a_jump_at_an_unknown_time_reaches_floors_and_base(engine: str):
     values, slopes = (Reference().sensitivities(model, draw, shaking(2.0), CHANNELS)[i] for i in (0, 1))
     response, own = ENGINES[engine].sensitivities(model, draw, shaking(2.0), CHANNELS)
     assert nrmse(response.values, values.values) < 1e-5
-    assert nrmse(own, slopes) < 2e-3
+    assert nrmse(own, slopes) < 1e-3
 
 
 def test_normal_equations_are_the_explicit_sums_where_sensors_act():
@@ -264,8 +323,9 @@ SCALES = Scales(
 def test_priors_and_starts_of_discovery():
     """Amplitudes are centred on neutral, starts lie inside the priors, and their number is small."""
     for kind in KINDS.values():
-        for form in type(kind).default_prior(SCALES):
-            grid = form.start_grid(SCALES)
+        guide = guide_of(type(kind))
+        for form in guide.priors(SCALES):
+            grid = guide.starts(form, SCALES)
             assert set(grid) == {s for s, value in form.values.items() if isinstance(value, Prior)}
             assert 2 <= np.prod([len(values) for values in grid.values()]) <= 20
             for symbol, values in grid.items():
@@ -280,7 +340,7 @@ def test_priors_and_starts_of_discovery():
 
 def test_sliders_may_be_stiff_beside_the_drift_without_them():
     """A building shaken on a fixed base drifts by several times what it does on sliders: theirs lay below the prior."""
-    (form,) = SlidingBase.default_prior(SCALES)
+    (form,) = guide_of(SlidingBase).priors(SCALES)
     prior = form.values["Y_s"]
     assert isinstance(prior, Prior)
     assert np.isfinite(prior.log_density(3e-4 * SCALES.drift))

@@ -34,6 +34,7 @@ from bwbn_bayes.elements.effects.cubic_stiffness import PowerSpring
 from bwbn_bayes.elements.effects.quadratic_damping import PowerDamper
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.elements.search_guide import guide_of, is_sought
 from bwbn_bayes.export import of_model, script_of
 from bwbn_bayes.export.laws import is_known
 from bwbn_bayes.structures.structure import Structure
@@ -162,7 +163,8 @@ def test_units_are_stated_beside_every_material() -> None:
 @pytest.mark.parametrize("effect", registered(), ids=lambda effect: effect.name)
 def test_every_catalogued_parameter_is_known_to_the_export(effect: type[Effect]) -> None:
     """Otherwise it would be called a law of the user's own."""
-    forms = (*effect.neutral_forms(), *effect.general_forms(NOMINAL))
+    freer = guide_of(effect).free_shapes(NOMINAL) if is_sought(effect) else ()
+    forms = (*effect.neutral_forms(), *freer)
     symbols = {p.symbol for form in forms for p in form.parameters}
     if effect.level != "observation":  # sensors are no part of a structure
         assert {symbol for symbol in symbols if not is_known(symbol)} == set()

@@ -19,13 +19,11 @@ from bwbn_bayes import (
     ShearBuilding,
     Uniform,
     UserError,
-    simulate,
 )
 from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
-from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.structures.model_source import ModelWriter
 from bwbn_bayes.structures.quantities import engineering_quantities, landmarks_of
 from bwbn_bayes.structures.structure import Structure
@@ -235,38 +233,6 @@ def test_an_isolated_building_is_written_as_a_person_would_write_it():
     read: dict[str, Structure] = {}
     exec("\n".join([*writer.header(), source]), read)
     assert read["model"] == model
-
-
-def test_pymc_has_the_same_density_and_slopes():
-    pytest.importorskip("pymc")
-    from bwbn_bayes import to_pymc
-
-    prior = {"R": Uniform(1.0, 3.0), "mu_fast": Uniform(0.06, 0.12), "mu_slow": Uniform(0.02, 0.06)}
-    model = isolated(FrictionPendulum(**{**SLIDER, "Y": 0.01, **prior}))
-    truth = {"R[1]": 2.0, "mu_slow[1]": 0.04, "mu_fast[1]": 0.09}
-    record = simulate(model, shaking(101), truth, snr_db=30.0, channels=["acceleration_1", "acceleration_3"])
-    engine, noise = Lanes(substeps=8, resolution=0.06, n_threads=1), default_noise(record)
-    twin = to_pymc(model, record, noise=noise, engine=engine)
-    posterior = Posterior(model=model, record=record, engine=engine, noise=noise)
-    log_density, slope = twin.compile_logp(), twin.compile_dlogp()
-    start = twin.initial_point()
-    unit = np.full(3, 0.48)
-
-    def at(unit: np.ndarray) -> dict[str, np.ndarray]:
-        symbols = [parameter.symbol for parameter in model.space.parameters]
-        logit = dict(zip(symbols, np.log(unit / (1.0 - unit)), strict=True))
-        return {name: np.full(np.shape(value), logit[name.split("_interval")[0]]) for name, value in start.items()}
-
-    def own(unit: np.ndarray) -> float:
-        return float(posterior.log_likelihood(unit[None])[0] + np.sum(np.log(unit * (1.0 - unit))))
-
-    other = np.array([0.5, 0.47, 0.5])
-    assert float(log_density(at(unit)) - log_density(at(other))) == pytest.approx(own(unit) - own(other), rel=1e-8)
-    found = dict(zip((name.split("_interval")[0] for name in start), slope(at(unit)), strict=True))
-    for column, name in enumerate(parameter.symbol for parameter in model.space.parameters):
-        step = 1e-5 * np.eye(3)[column]
-        expected = (own(unit + step) - own(unit - step)) / 2e-5 * unit[column] * (1.0 - unit[column])
-        assert found[name] == pytest.approx(expected, rel=0.02), name
 
 
 @pytest.mark.parametrize(

@@ -2,50 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar, override
-
 import numpy as np
-import sympy as sp
+from cable import Cable
 from scipy.integrate import solve_ivp
 
-from bwbn_bayes import CubicStiffness, Linear, Oscillator, Uniform, el_centro, simulate
-from bwbn_bayes.elements.law import DRIFT, Addition, Slots, symbol
+from bwbn_bayes import CubicStiffness, Oscillator, Uniform, el_centro, simulate
 from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
-from bwbn_bayes.parameters import Parameter, Value
 
-TENSION = Parameter(symbol="k_t", unit="N/m", neutral=0.0, description="stiffness where it pulls", source="test")
 MASS, SPRING, DAMPER, CABLE = 2.0, 60.0, 1.0, 90.0
 GROUND = el_centro("chopra", duration=10.0)
 NOTHING = np.empty((1, 0))
-
-
-@dataclass(frozen=True)
-class _Pulls:
-    """``F + k_t max(u, 0)``."""
-
-    parameters: ClassVar[tuple[Parameter, ...]] = (TENSION,)
-
-    def fill(self, slots: Slots) -> Slots:
-        return replace(slots, added_force=slots.added_force + symbol("k_t") * (DRIFT + sp.Abs(DRIFT)) / 2)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cable(Linear):
-    """A spring and a dashpot with a cable beside them that only pulls."""
-
-    k_t: Value
-
-    adds: ClassVar[tuple[Addition, ...]] = (_Pulls(),)
-    parameters: ClassVar[tuple[Parameter, ...]] = (*Linear.parameters, TENSION)
-
-    @property
-    @override
-    def values(self) -> Mapping[str, Value]:
-        return {**super().values, "k_t": self.k_t}
 
 
 def moved(cubic: float = 0.0) -> np.ndarray:

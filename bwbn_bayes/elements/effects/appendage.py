@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import numpy as np
 import sympy as sp
 
 from bwbn_bayes.elements.law import FLOOR_ACCELERATION, MASS, AddedState, Definition, Effect, Slots, step, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
 
@@ -66,17 +67,6 @@ class Appendage(Effect):
         Parameter(symbol="zeta_t", unit="", neutral=0.05, lower=0.0, description="its damping ratio", source=source),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(mu_t=HalfNormal(0.05), f_t=Uniform(*_band(scales)), zeta_t=Uniform(0.005, 0.2)),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        lowest, highest = _band(scales)
-        frequencies = np.geomspace(1.1 * lowest, highest / 1.1, 20)
-        return {"mu_t": (0.03,), "f_t": tuple(frequencies.tolist()), "zeta_t": (0.03,)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         omega = step("omega_t")
@@ -94,6 +84,21 @@ class Appendage(Effect):
             floor_force=slots.floor_force + symbol("mu_t") * MASS * spring,
             floor_states=(*slots.floor_states, *states),
         )
+
+
+@guides(Appendage)
+class AppendageSearch(SearchGuide[Appendage]):
+    """How a search looks for a tuned mass."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[Appendage, ...]:
+        return (Appendage(mu_t=HalfNormal(0.05), f_t=Uniform(*_band(scales)), zeta_t=Uniform(0.005, 0.2)),)
+
+    @override
+    def starts(self, effect: Appendage, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        lowest, highest = _band(scales)
+        frequencies = np.geomspace(1.1 * lowest, highest / 1.1, 20)
+        return {"mu_t": (0.03,), "f_t": tuple(frequencies.tolist()), "zeta_t": (0.03,)}
 
 
 def _band(scales: Scales) -> tuple[float, float]:

@@ -19,6 +19,7 @@ from bwbn_bayes.elements.law import (
 )
 from bwbn_bayes.elements.loops import peak_asymmetry
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Normal, Parameter, Value
@@ -139,25 +140,6 @@ class Asymmetry(Effect):
     def neutral_forms(cls) -> tuple[Self, ...]:
         return tuple(cls(phi=0.0, term=term, width=1.0 if len(s) == 2 else None) for term, s in _SYMBOLS.items())
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        bound = scales.beta + scales.gamma
-        if bound <= 0.0:  # no room for the term
-            return ()
-        width = _WIDTH * scales.drift
-        return (
-            cls(phi=Normal(0.0, 0.25 * bound)),
-            cls(phi=Normal(0.0, 0.5 * bound), term="sgn u sgn v", width=width),
-            cls(phi=Normal(0.0, 0.5 * bound), term="sgn u", width=width),
-        )
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        size = _SYMBOLS[self.term][0]
-        start = (scales.beta + scales.gamma) * (0.15 if size == "phi" else 0.3)
-        return {size: (-start, start)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         phi, *widths = (symbol(s) for s in _SYMBOLS[self.term])
@@ -173,6 +155,29 @@ class Asymmetry(Effect):
             sharp_features=(*slots.sharp_features, *(SharpFeature(state=DRIFT, width=w) for w in widths)),
             constraints=(*slots.constraints, bound >= reach, bound >= -reach),
         )
+
+
+@guides(Asymmetry)
+class AsymmetrySearch(SearchGuide[Asymmetry]):
+    """How a search looks for asymmetry."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[Asymmetry, ...]:
+        bound = scales.beta + scales.gamma
+        if bound <= 0.0:  # no room for the term
+            return ()
+        width = _WIDTH * scales.drift
+        return (
+            Asymmetry(phi=Normal(0.0, 0.25 * bound)),
+            Asymmetry(phi=Normal(0.0, 0.5 * bound), term="sgn u sgn v", width=width),
+            Asymmetry(phi=Normal(0.0, 0.5 * bound), term="sgn u", width=width),
+        )
+
+    @override
+    def starts(self, effect: Asymmetry, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        size = _SYMBOLS[effect.term][0]
+        start = (scales.beta + scales.gamma) * (0.15 if size == "phi" else 0.3)
+        return {size: (-start, start)}
 
 
 def _of_strengths(term: float, n: float) -> float:

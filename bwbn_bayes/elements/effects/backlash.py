@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import sympy as sp
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Definition, Effect, SharpFeature, Slots, step, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
@@ -66,15 +67,6 @@ class Backlash(Effect):
         ),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(b=HalfNormal(0.15 * scales.drift), w=0.004 * scales.drift),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"b": tuple(share * scales.drift for share in (0.01, 0.04, 0.12, 0.25))}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         room = step("xi")
@@ -89,3 +81,16 @@ class Backlash(Effect):
             sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=4 * symbol("w"), everywhere=True)),
             steps=(*slots.steps, Definition(caption="room ahead in the play, in w", subject=room, expression=ahead)),
         )
+
+
+@guides(Backlash)
+class BacklashSearch(SearchGuide[Backlash]):
+    """How a search looks for play."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[Backlash, ...]:
+        return (Backlash(b=HalfNormal(0.15 * scales.drift), w=0.004 * scales.drift),)
+
+    @override
+    def starts(self, effect: Backlash, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"b": tuple(share * scales.drift for share in (0.01, 0.04, 0.12, 0.25))}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import numpy as np
 import sympy as sp
@@ -20,6 +20,7 @@ from bwbn_bayes.elements.law import (
     symbol,
 )
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Floats, HalfNormal, Parameter, Uniform, Value
 
@@ -85,25 +86,6 @@ class BaseFlexibility(Effect):
         Parameter(symbol="c_b", unit="N s/m", neutral=0.0, lower=0.0, description="damping of the base", source=source),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (
-            cls(
-                compliance=HalfNormal(0.5 / scales.stiffness),
-                m_b=Uniform(0.3 * scales.mass, 3.0 * scales.mass),
-                c_b=Uniform(0.0, 0.5 * _critical(scales)),
-            ),
-        )
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {
-            "compliance": (0.05 / scales.stiffness, 0.3 / scales.stiffness),
-            "m_b": (scales.mass,),
-            "c_b": (0.03 * _critical(scales), 0.15 * _critical(scales)),
-        }
-
     @override
     def fill(self, slots: Slots) -> Slots:
         compliance, mass, damping, inertial = symbol("compliance"), symbol("m_b"), symbol("c_b"), step("f_b")
@@ -127,6 +109,29 @@ class BaseFlexibility(Effect):
             ),
             base_acceleration=slots.base_acceleration + acceleration,
         )
+
+
+@guides(BaseFlexibility)
+class BaseFlexibilitySearch(SearchGuide[BaseFlexibility]):
+    """How a search looks for a base that sways."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[BaseFlexibility, ...]:
+        return (
+            BaseFlexibility(
+                compliance=HalfNormal(0.5 / scales.stiffness),
+                m_b=Uniform(0.3 * scales.mass, 3.0 * scales.mass),
+                c_b=Uniform(0.0, 0.5 * _critical(scales)),
+            ),
+        )
+
+    @override
+    def starts(self, effect: BaseFlexibility, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {
+            "compliance": (0.05 / scales.stiffness, 0.3 / scales.stiffness),
+            "m_b": (scales.mass,),
+            "c_b": (0.03 * _critical(scales), 0.15 * _critical(scales)),
+        }
 
 
 def _critical(scales: Scales) -> float:

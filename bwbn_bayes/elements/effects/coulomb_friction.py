@@ -8,9 +8,10 @@ from typing import ClassVar, Self, override
 
 import sympy as sp
 
-from bwbn_bayes.elements.effects.free_friction import FreeFriction
+from bwbn_bayes.elements.effects.free_friction import FreeFrictionSearch
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
@@ -137,37 +138,13 @@ class CoulombFriction(Effect):
     @classmethod
     @override
     def neutral_forms(cls) -> tuple[Self, ...]:
-        return cls._every_form(0.0, 1.0, 1.0)
+        return cls.every_form(0.0, v0=1.0, x0=1.0)
 
     @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        v0, x0 = (
-            LogNormal(0.03 * largest, 0.8).truncated(0.004 * largest, 0.3 * largest)
-            for largest in (scales.drift_rate, scales.drift)
-        )
-        return cls._every_form(HalfNormal(0.3 * scales.force), v0, x0)
-
-    @classmethod
-    def _every_form(cls, force: Value, v0: Value, x0: Value) -> tuple[Self, ...]:
+    def every_form(cls, force: Value, *, v0: Value, x0: Value) -> tuple[Self, ...]:
+        """One of each smoothing, with the same force [N] and the width that it has [m/s], [m]."""
         rates = tuple(cls(F_c=force, v0=v0, smoothing=smoothing) for smoothing in ("tanh", "ratio", "root"))
         return (*rates, cls(F_c=force, x0=x0, smoothing="dahl"))
-
-    @classmethod
-    @override
-    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        return FreeFriction.default_prior(scales)
-
-    def _largest(self, scales: Scales) -> float:
-        return scales.drift if self._sticks else scales.drift_rate
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        force, width = _SYMBOLS[self.smoothing]
-        return {
-            force: (0.03 * scales.force, 0.15 * scales.force),
-            width: tuple(share * self._largest(scales) for share in (0.015, 0.08)),
-        }
 
     @override
     def fill(self, slots: Slots) -> Slots:
@@ -188,3 +165,29 @@ class CoulombFriction(Effect):
             # q_f follows the drift within x0: a step of a stable scheme must be shorter than a few.
             sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=4 * width, everywhere=True)),
         )
+
+
+@guides(CoulombFriction)
+class CoulombFrictionSearch(SearchGuide[CoulombFriction]):
+    """How a search looks for dry friction."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[CoulombFriction, ...]:
+        v0, x0 = (
+            LogNormal(0.03 * largest, 0.8).truncated(0.004 * largest, 0.3 * largest)
+            for largest in (scales.drift_rate, scales.drift)
+        )
+        return CoulombFriction.every_form(HalfNormal(0.3 * scales.force), v0=v0, x0=x0)
+
+    @override
+    def starts(self, effect: CoulombFriction, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        force, width = _SYMBOLS[effect.smoothing]
+        largest = scales.drift if effect.smoothing == "dahl" else scales.drift_rate
+        return {
+            force: (0.03 * scales.force, 0.15 * scales.force),
+            width: tuple(share * largest for share in (0.015, 0.08)),
+        }
+
+    @override
+    def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
+        return FreeFrictionSearch().priors(scales)

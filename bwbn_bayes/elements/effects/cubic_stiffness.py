@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import sympy as sp
 
 from bwbn_bayes.elements.law import DRIFT, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import LogNormal, Normal, Parameter, Value
 
@@ -46,24 +47,27 @@ class CubicStiffness(Effect):
         Parameter(symbol="k3", unit="N/m^3", neutral=0.0, description="cubic stiffness", source=source),
     )
 
-    @classmethod
     @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(k3=Normal(0.0, 0.5 * scales.force / scales.drift**3)),)
+    def fill(self, slots: Slots) -> Slots:
+        return replace(slots, added_force=slots.added_force + symbol("k3") * DRIFT**3)
 
-    @classmethod
-    @override
-    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        return PowerSpring.default_prior(scales)
+
+@guides(CubicStiffness)
+class CubicStiffnessSearch(SearchGuide[CubicStiffness]):
+    """How a search looks for cubic stiffness."""
 
     @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+    def priors(self, scales: Scales) -> tuple[CubicStiffness, ...]:
+        return (CubicStiffness(k3=Normal(0.0, 0.5 * scales.force / scales.drift**3)),)
+
+    @override
+    def starts(self, effect: CubicStiffness, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         start = 0.1 * scales.force / scales.drift**3
         return {"k3": (-start, start)}
 
     @override
-    def fill(self, slots: Slots) -> Slots:
-        return replace(slots, added_force=slots.added_force + symbol("k3") * DRIFT**3)
+    def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
+        return PowerSpringSearch().priors(scales)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,18 +110,22 @@ class PowerSpring(Effect):
         Parameter(symbol="u_h", unit="m", neutral=1.0, lower=1e-12, description="that drift, known", source=source),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        power = LogNormal(3.0, 0.4).truncated(1.3, 6.0)
-        return (cls(F_h=Normal(0.0, 0.5 * scales.force), p_h=power, u_h=scales.drift),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"F_h": (-0.1 * scales.force, 0.1 * scales.force), "p_h": (2.0, 3.0, 4.5)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         force, power, largest = (symbol(s) for s in ("F_h", "p_h", "u_h"))
         bent = (sp.Abs(DRIFT) / largest) ** (power - 1) * DRIFT / largest
         return replace(slots, added_force=slots.added_force + force * bent)
+
+
+@guides(PowerSpring)
+class PowerSpringSearch(SearchGuide[PowerSpring]):
+    """How a search looks for another power of the drift."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[PowerSpring, ...]:
+        power = LogNormal(3.0, 0.4).truncated(1.3, 6.0)
+        return (PowerSpring(F_h=Normal(0.0, 0.5 * scales.force), p_h=power, u_h=scales.drift),)
+
+    @override
+    def starts(self, effect: PowerSpring, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"F_h": (-0.1 * scales.force, 0.1 * scales.force), "p_h": (2.0, 3.0, 4.5)}

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import sympy as sp
 
-from bwbn_bayes.elements.effects.slip_lock import FreeSlip
+from bwbn_bayes.elements.effects.slip_lock import FreeSlipSearch
 from bwbn_bayes.elements.law import (
     DRIFT_RATE,
     ENERGY,
@@ -23,6 +23,7 @@ from bwbn_bayes.elements.law import (
 )
 from bwbn_bayes.elements.loops import is_full, pinching_index
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Uniform, Value
 
@@ -111,12 +112,21 @@ class FolientePinching(Effect):
         _parameter("lambda_", "", 1.0, 1e-9, "floor of the width"),
     )
 
-    @classmethod
     @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+    def fill(self, slots: Slots) -> Slots:
+        own = tuple(symbol(parameter.symbol) for parameter in self.parameters)
+        return _pinched(slots, own, lambda square: sp.exp(-square))
+
+
+@guides(FolientePinching)
+class FolientePinchingSearch(SearchGuide[FolientePinching]):
+    """How a search looks for a pinch by Foliente's law."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[FolientePinching, ...]:
         z = scales.hysteretic_displacement
         return (
-            cls(
+            FolientePinching(
                 # A pinch that slips entirely has no stiffness: z would never come out of it again.
                 zeta_s=HalfNormal(0.5).truncated(0.0, 0.99),
                 # The largest of them: a pinch that is there from the start.
@@ -129,14 +139,8 @@ class FolientePinching(Effect):
             ),
         )
 
-    @classmethod
     @override
-    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        # One mechanism: what a pinch by this law leaves, the slip in a free shape may take up.
-        return (*FreePinch.default_prior(scales), *FreeSlip.default_prior(scales))
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+    def starts(self, effect: FolientePinching, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         return {
             "zeta_s": (0.5,),
             "p": tuple(rate / scales.energy for rate in (1.0, 10.0, 1e3)),
@@ -148,9 +152,9 @@ class FolientePinching(Effect):
         }
 
     @override
-    def fill(self, slots: Slots) -> Slots:
-        own = tuple(symbol(parameter.symbol) for parameter in self.parameters)
-        return _pinched(slots, own, lambda square: sp.exp(-square))
+    def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
+        # One mechanism: what a pinch by this law leaves, the slip in a free shape may take up.
+        return (*FreePinchSearch().priors(scales), *FreeSlipSearch().priors(scales))
 
 
 def _pinched(slots: Slots, own: tuple[sp.Symbol, ...], dip: Callable[[sp.Expr], sp.Expr], mark: str = "") -> Slots:
@@ -231,20 +235,6 @@ class FreePinch(Effect):
         replace(_parameter("m_g", "", 2.0, 0.5, "power in the dip of the pinch"), source=_GENERALISED),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        (usual,) = FolientePinching.default_prior(scales)
-        priors = dict(zip(_OF_FREE_SHAPE, usual.values.values(), strict=True))
-        return (cls(**priors, m_g=LogNormal(2.0, 0.4).truncated(0.8, 8.0)),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        (usual,) = FolientePinching.default_prior(scales)
-        grid = usual.start_grid(scales)
-        of_usual = (grid[parameter.symbol] for parameter in usual.parameters)
-        return {**dict(zip(_OF_FREE_SHAPE, of_usual, strict=True)), "m_g": (1.7,)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         *own, power = (symbol(parameter.symbol) for parameter in self.parameters)
@@ -254,3 +244,22 @@ class FreePinch(Effect):
             return sp.exp(_ROUNDING**power - (square + _ROUNDING**2) ** (power / 2))
 
         return _pinched(slots, tuple(own), dip, mark="_g")
+
+
+@guides(FreePinch)
+class FreePinchSearch(SearchGuide[FreePinch]):
+    """How a search looks for a pinch in a free shape."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[FreePinch, ...]:
+        (usual,) = FolientePinchingSearch().priors(scales)
+        priors = dict(zip(_OF_FREE_SHAPE, usual.values.values(), strict=True))
+        return (FreePinch(**priors, m_g=LogNormal(2.0, 0.4).truncated(0.8, 8.0)),)
+
+    @override
+    def starts(self, effect: FreePinch, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        guide = FolientePinchingSearch()
+        (usual,) = guide.priors(scales)
+        grid = guide.starts(usual, scales)
+        of_usual = (grid[parameter.symbol] for parameter in usual.parameters)
+        return {**dict(zip(_OF_FREE_SHAPE, of_usual, strict=True)), "m_g": (1.7,)}

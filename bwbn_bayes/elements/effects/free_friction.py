@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import sympy as sp
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, Parameter, Value
 
@@ -84,27 +85,6 @@ class FreeFriction(Effect):
         _parameter("u_d", "m", 1.0, 1e-12, "that drift, known"),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        one = cls(
-            F_d=HalfNormal(0.3 * scales.force),
-            x_d=LogNormal(0.03 * scales.drift, 0.8).truncated(0.004 * scales.drift, 0.3 * scales.drift),
-            r_d=LogNormal(1.0, 0.5).truncated(0.3, 3.0),
-            g_d=Normal(0.0, 0.5).truncated(-0.95, 5.0),
-            u_d=scales.drift,
-        )
-        return (one,)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {
-            "F_d": (0.03 * scales.force, 0.15 * scales.force),
-            "x_d": (0.015 * scales.drift, 0.08 * scales.drift),
-            "r_d": (0.8,),
-            "g_d": (-0.2, 0.3),
-        }
-
     @override
     def fill(self, slots: Slots) -> Slots:
         force, width, exponent, growth, largest = (symbol(parameter.symbol) for parameter in self.parameters)
@@ -126,3 +106,28 @@ class FreeFriction(Effect):
                 SharpFeature(state=SHARE, width=sp.Float(_TURNED), everywhere=True),
             ),
         )
+
+
+@guides(FreeFriction)
+class FreeFrictionSearch(SearchGuide[FreeFriction]):
+    """How a search looks for dry friction in a free shape."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[FreeFriction, ...]:
+        one = FreeFriction(
+            F_d=HalfNormal(0.3 * scales.force),
+            x_d=LogNormal(0.03 * scales.drift, 0.8).truncated(0.004 * scales.drift, 0.3 * scales.drift),
+            r_d=LogNormal(1.0, 0.5).truncated(0.3, 3.0),
+            g_d=Normal(0.0, 0.5).truncated(-0.95, 5.0),
+            u_d=scales.drift,
+        )
+        return (one,)
+
+    @override
+    def starts(self, effect: FreeFriction, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {
+            "F_d": (0.03 * scales.force, 0.15 * scales.force),
+            "x_d": (0.015 * scales.drift, 0.08 * scales.drift),
+            "r_d": (0.8,),
+            "g_d": (-0.2, 0.3),
+        }

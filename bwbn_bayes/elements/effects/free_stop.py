@@ -11,6 +11,7 @@ import sympy as sp
 
 from bwbn_bayes.elements.law import DRIFT, ENERGY, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Measure, PlaceResponse, Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
@@ -155,11 +156,22 @@ class FreeStop(Effect):
     def neutral_forms(cls) -> tuple[Self, ...]:
         return tuple(cls(k_h=0.0, g=1.0, p=1.0, w=0.0, u=1.0, E=1.0, side=side) for side in _SIGNS)
 
-    @classmethod
     @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
+    def fill(self, slots: Slots) -> Slots:
+        k, g, p, w, u, work = (symbol(s) for s in self._symbols)
+        gap = g * (1 + w * sp.Abs(ENERGY) / work)
+        pushed = [sign * sp.Max((sign * DRIFT - gap) / u, _OPEN) ** p for sign in _SIGNS[self.side]]
+        return replace(slots, added_force=slots.added_force + k * u * sp.Add(*pushed))
+
+
+@guides(FreeStop)
+class FreeStopSearch(SearchGuide[FreeStop]):
+    """How a search looks for a stop in a free shape."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[FreeStop, ...]:
         return tuple(
-            cls(
+            FreeStop(
                 k_h=HalfNormal(3.0 * scales.stiffness),
                 g=Uniform(0.02 * scales.drift, 1.5 * scales.drift),
                 p=Uniform(1.0, 3.0),
@@ -172,18 +184,11 @@ class FreeStop(Effect):
         )
 
     @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        k, g, p, w, _, _ = self._symbols
+    def starts(self, effect: FreeStop, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        k, g, p, w, *_ = (parameter.symbol for parameter in effect.parameters)
         return {
             k: (0.3 * scales.stiffness, 2.0 * scales.stiffness),
             g: tuple(share * scales.drift for share in (0.3, 0.5, 0.7)),
             p: (1.2, 1.7),
             w: (0.1,),
         }
-
-    @override
-    def fill(self, slots: Slots) -> Slots:
-        k, g, p, w, u, work = (symbol(s) for s in self._symbols)
-        gap = g * (1 + w * sp.Abs(ENERGY) / work)
-        pushed = [sign * sp.Max((sign * DRIFT - gap) / u, _OPEN) ** p for sign in _SIGNS[self.side]]
-        return replace(slots, added_force=slots.added_force + k * u * sp.Add(*pushed))

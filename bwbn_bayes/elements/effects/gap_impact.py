@@ -9,9 +9,10 @@ from typing import ClassVar, Self, override
 import numpy as np
 import sympy as sp
 
-from bwbn_bayes.elements.effects.free_stop import FreeStop, stop_signature
+from bwbn_bayes.elements.effects.free_stop import FreeStopSearch, stop_signature
 from bwbn_bayes.elements.law import DRIFT, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
@@ -105,28 +106,31 @@ class GapImpact(Effect):
     def neutral_forms(cls) -> tuple[Self, ...]:
         return tuple(cls(k_g=0.0, g=1.0, side=side) for side in _SYMBOLS)
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        gap = Uniform(0.02 * scales.drift, 1.5 * scales.drift)
-        return tuple(cls(k_g=HalfNormal(3.0 * scales.stiffness), g=gap, side=side) for side in _SYMBOLS)
-
-    @classmethod
-    @override
-    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        return FreeStop.default_prior(scales)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        stiffness, gap = _SYMBOLS[self.side]
-        return {
-            stiffness: (0.3 * scales.stiffness, 2.0 * scales.stiffness),
-            gap: tuple(share * scales.drift for share in (0.25, 0.45, 0.65, 0.85)),
-        }
-
     @override
     def fill(self, slots: Slots) -> Slots:
         stiffness, gap = (symbol(s) for s in _SYMBOLS[self.side])
         above, below = (sp.Max(side * DRIFT - gap, 0) for side in (1, -1))
         closed = {"both": above - below, "positive": above, "negative": -below}[self.side]
         return replace(slots, added_force=slots.added_force + stiffness * closed)
+
+
+@guides(GapImpact)
+class GapImpactSearch(SearchGuide[GapImpact]):
+    """How a search looks for a stop."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[GapImpact, ...]:
+        gap = Uniform(0.02 * scales.drift, 1.5 * scales.drift)
+        return tuple(GapImpact(k_g=HalfNormal(3.0 * scales.stiffness), g=gap, side=side) for side in _SYMBOLS)
+
+    @override
+    def starts(self, effect: GapImpact, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        stiffness, gap = _SYMBOLS[effect.side]
+        return {
+            stiffness: (0.3 * scales.stiffness, 2.0 * scales.stiffness),
+            gap: tuple(share * scales.drift for share in (0.25, 0.45, 0.65, 0.85)),
+        }
+
+    @override
+    def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
+        return FreeStopSearch().priors(scales)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import numpy as np
 import sympy as sp
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Value
 
@@ -77,23 +78,6 @@ class Hysteresis(Effect):
         Parameter(symbol="x_h", unit="m", neutral=1.0, lower=1e-12, description="that drift, known", source=source),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (
-            cls(
-                r_h=HalfNormal(0.5).truncated(0.0, 1.0),
-                beta_h=Uniform(0.0, 6.0),
-                gamma_h=Uniform(-5.0, 5.0),
-                n_h=LogNormal(1.3, 0.3).truncated(1.0, 4.0),
-                x_h=scales.drift,
-            ),
-        )
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"r_h": (0.3, 0.8), "beta_h": (0.5, 2.0), "gamma_h": (-1.0, 0.5), "n_h": (1.2,)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         share, n, drift = symbol("r_h"), symbol("n_h"), symbol("x_h")
@@ -104,6 +88,27 @@ class Hysteresis(Effect):
             base = symbol(name)
             increments[base] = increments.get(base, sp.Integer(0)) + change
         return replace(slots, increments=increments)
+
+
+@guides(Hysteresis)
+class HysteresisSearch(SearchGuide[Hysteresis]):
+    """How a search looks for a spring that yields."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[Hysteresis, ...]:
+        return (
+            Hysteresis(
+                r_h=HalfNormal(0.5).truncated(0.0, 1.0),
+                beta_h=Uniform(0.0, 6.0),
+                gamma_h=Uniform(-5.0, 5.0),
+                n_h=LogNormal(1.3, 0.3).truncated(1.0, 4.0),
+                x_h=scales.drift,
+            ),
+        )
+
+    @override
+    def starts(self, effect: Hysteresis, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"r_h": (0.3, 0.8), "beta_h": (0.5, 2.0), "gamma_h": (-1.0, 0.5), "n_h": (1.2,)}
 
 
 def _equivalent_damping(share: float, bend: float, n: float) -> float:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
@@ -44,15 +45,19 @@ class InputScale(Effect):
         ),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(s_g=Normal(1.0, 0.3)),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"s_g": (0.85, 1.15)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, ground_factor=slots.ground_factor * symbol("s_g"))
+
+
+@guides(InputScale)
+class InputScaleSearch(SearchGuide[InputScale]):
+    """How a search looks for a wrong scale of the excitation."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[InputScale, ...]:
+        return (InputScale(s_g=Normal(1.0, 0.3)),)
+
+    @override
+    def starts(self, effect: InputScale, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"s_g": (0.85, 1.15)}

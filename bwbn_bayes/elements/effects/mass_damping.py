@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import numpy as np
 
 from bwbn_bayes.elements.law import FLOOR_VELOCITY, MASS, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
@@ -52,18 +53,22 @@ class MassDamping(Effect):
         ),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(c_m=HalfNormal(_largest(scales))),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"c_m": (0.1 * _largest(scales), 0.5 * _largest(scales))}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, floor_force=slots.floor_force - symbol("c_m") * MASS * FLOOR_VELOCITY)
+
+
+@guides(MassDamping)
+class MassDampingSearch(SearchGuide[MassDamping]):
+    """How a search looks for damping against the ground."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[MassDamping, ...]:
+        return (MassDamping(c_m=HalfNormal(_largest(scales))),)
+
+    @override
+    def starts(self, effect: MassDamping, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"c_m": (0.1 * _largest(scales), 0.5 * _largest(scales))}
 
 
 def _largest(scales: Scales) -> float:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
@@ -46,15 +47,19 @@ class MassError(Effect):
         ),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(e_m=Normal(0.0, 0.2)),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"e_m": (-0.1, 0.1)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, mass_factor=slots.mass_factor * (1 + symbol("e_m")))
+
+
+@guides(MassError)
+class MassErrorSearch(SearchGuide[MassError]):
+    """How a search looks for a wrong mass."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[MassError, ...]:
+        return (MassError(e_m=Normal(0.0, 0.2)),)
+
+    @override
+    def starts(self, effect: MassError, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"e_m": (-0.1, 0.1)}

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 from bwbn_bayes.elements.law import DRIFT_RATE, AddedState, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
@@ -54,19 +55,6 @@ class MaxwellBranch(Effect):
         Parameter(symbol="tau", unit="s", neutral=1.0, lower=1e-6, description="relaxation time", source=source),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        tau = LogNormal(0.2 * scales.period, 1.3).truncated(0.02 * scales.period, 5.0 * scales.period)
-        return (cls(k_m=HalfNormal(0.5 * scales.stiffness), tau=tau),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {
-            "k_m": (0.05 * scales.stiffness, 0.3 * scales.stiffness),
-            "tau": tuple(share * scales.period for share in (0.03, 0.15, 0.7)),
-        }
-
     @override
     def fill(self, slots: Slots) -> Slots:
         rate = symbol("k_m") * DRIFT_RATE - BRANCH_FORCE / symbol("tau")
@@ -75,3 +63,20 @@ class MaxwellBranch(Effect):
             added_force=slots.added_force + BRANCH_FORCE,
             added_states=(*slots.added_states, AddedState(state=BRANCH_FORCE, rate=rate)),
         )
+
+
+@guides(MaxwellBranch)
+class MaxwellBranchSearch(SearchGuide[MaxwellBranch]):
+    """How a search looks for a Maxwell branch."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[MaxwellBranch, ...]:
+        tau = LogNormal(0.2 * scales.period, 1.3).truncated(0.02 * scales.period, 5.0 * scales.period)
+        return (MaxwellBranch(k_m=HalfNormal(0.5 * scales.stiffness), tau=tau),)
+
+    @override
+    def starts(self, effect: MaxwellBranch, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {
+            "k_m": (0.05 * scales.stiffness, 0.3 * scales.stiffness),
+            "tau": tuple(share * scales.period for share in (0.03, 0.15, 0.7)),
+        }

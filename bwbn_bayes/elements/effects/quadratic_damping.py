@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import sympy as sp
 
 from bwbn_bayes.elements.damping import SOURCE, added_damping, equivalent, of_power, power_parameters
 from bwbn_bayes.elements.law import DRIFT_RATE, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
@@ -47,23 +48,26 @@ class QuadraticDamping(Effect):
         ),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(c2=HalfNormal(0.5 * scales.force / scales.drift_rate**2)),)
-
-    @classmethod
-    @override
-    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        return PowerDamper.default_prior(scales)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"c2": tuple(share * scales.force / scales.drift_rate**2 for share in (0.03, 0.2))}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, added_force=slots.added_force + symbol("c2") * DRIFT_RATE * sp.Abs(DRIFT_RATE))
+
+
+@guides(QuadraticDamping)
+class QuadraticDampingSearch(SearchGuide[QuadraticDamping]):
+    """How a search looks for quadratic damping."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[QuadraticDamping, ...]:
+        return (QuadraticDamping(c2=HalfNormal(0.5 * scales.force / scales.drift_rate**2)),)
+
+    @override
+    def starts(self, effect: QuadraticDamping, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"c2": tuple(share * scales.force / scales.drift_rate**2 for share in (0.03, 0.2))}
+
+    @override
+    def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
+        return PowerDamperSearch().priors(scales)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,18 +101,22 @@ class PowerDamper(Effect):
     signature: ClassVar[Signature] = added_damping("a quadratic law", of_power("F_q", "p_q", "v_q"))
     parameters: ClassVar[tuple[Parameter, ...]] = power_parameters("F_q", "p_q", "v_q", neutral=2.0, lower=1.0)
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        power = LogNormal(2.0, 0.35).truncated(1.2, 4.0)
-        return (cls(F_q=HalfNormal(0.5 * scales.force), p_q=power, v_q=scales.drift_rate),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"F_q": (0.03 * scales.force, 0.2 * scales.force), "p_q": (1.5, 2.0, 3.0)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         force, power, largest = (symbol(s) for s in ("F_q", "p_q", "v_q"))
         bent = (sp.Abs(DRIFT_RATE) / largest) ** (power - 1) * DRIFT_RATE / largest
         return replace(slots, added_force=slots.added_force + force * bent)
+
+
+@guides(PowerDamper)
+class PowerDamperSearch(SearchGuide[PowerDamper]):
+    """How a search looks for another power of the drift rate."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[PowerDamper, ...]:
+        power = LogNormal(2.0, 0.35).truncated(1.2, 4.0)
+        return (PowerDamper(F_q=HalfNormal(0.5 * scales.force), p_q=power, v_q=scales.drift_rate),)
+
+    @override
+    def starts(self, effect: PowerDamper, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"F_q": (0.03 * scales.force, 0.2 * scales.force), "p_q": (1.5, 2.0, 3.0)}

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
@@ -42,15 +43,19 @@ class SensorBias(Effect):
         Parameter(symbol="bias", unit="m/s^2", neutral=0.0, description="added to the acceleration", source=source),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(bias=Normal(0.0, 0.2 * scales.acceleration)),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"bias": (-0.05 * scales.acceleration, 0.05 * scales.acceleration)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, sensor_bias=slots.sensor_bias + symbol("bias"))
+
+
+@guides(SensorBias)
+class SensorBiasSearch(SearchGuide[SensorBias]):
+    """How a search looks for an offset of a sensor."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[SensorBias, ...]:
+        return (SensorBias(bias=Normal(0.0, 0.2 * scales.acceleration)),)
+
+    @override
+    def starts(self, effect: SensorBias, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"bias": (-0.05 * scales.acceleration, 0.05 * scales.acceleration)}

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Normal, Parameter, Value
 
@@ -42,15 +43,19 @@ class SensorGain(Effect):
         Parameter(symbol="gain", unit="", neutral=1.0, description="shown over true acceleration", source=source),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(gain=Normal(1.0, 0.2)),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"gain": (0.9, 1.1)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, sensor_gain=slots.sensor_gain * symbol("gain"))
+
+
+@guides(SensorGain)
+class SensorGainSearch(SearchGuide[SensorGain]):
+    """How a search looks for a wrong gain of a sensor."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[SensorGain, ...]:
+        return (SensorGain(gain=Normal(1.0, 0.2)),)
+
+    @override
+    def starts(self, effect: SensorGain, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"gain": (0.9, 1.1)}

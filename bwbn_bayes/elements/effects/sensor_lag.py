@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
@@ -42,15 +43,19 @@ class SensorLag(Effect):
         Parameter(symbol="lag", unit="s", neutral=0.0, lower=0.0, description="how late it is", source=source),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(lag=HalfNormal(0.05)),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"lag": (0.005, 0.02, 0.05)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, sensor_lag=slots.sensor_lag + symbol("lag"))
+
+
+@guides(SensorLag)
+class SensorLagSearch(SearchGuide[SensorLag]):
+    """How a search looks for a sensor that lags."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[SensorLag, ...]:
+        return (SensorLag(lag=HalfNormal(0.05)),)
+
+    @override
+    def starts(self, effect: SensorLag, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"lag": (0.005, 0.02, 0.05)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import numpy as np
 import sympy as sp
@@ -23,6 +23,7 @@ from bwbn_bayes.elements.law import (
     symbol,
 )
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Value
 
@@ -145,43 +146,6 @@ class SlidingBase(Effect):
         ),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        weight = _weight(scales)
-        return (
-            cls(
-                inv_mu=HalfNormal(4.0 * weight / scales.force),
-                R_s=LogNormal(_radius(5.0, scales), 1.5).truncated(_radius(1.0, scales), _radius(_SLOWEST, scales)),
-                m_s=Uniform(0.3 * scales.mass, 3.0 * scales.mass),
-                W_s=weight,
-                # Not known: other effects make up for a contact that is too soft or too stiff. One that gives way by a
-                # quarter of a storey's drift is a spring; at the lower end next to nothing is cut off, since the drift
-                # without the sliders may be several times what it is with them.
-                Y_s=LogNormal(0.01 * scales.drift, 1.5).truncated(0.0001 * scales.drift, 0.25 * scales.drift),
-                # From a gradual onset to a spring that breaks off. Held at 2, a sharp one leaves hundreds of nats that
-                # backlash in the first storey takes up.
-                n_s=LogNormal(2.0, 1.0).truncated(1.0, 20.0),
-                # Sliders are of PTFE nearly always. Held at one friction, measured ones leave hundreds of nats that a
-                # storey whose stiffness changes in time takes up. How fast it grows is not asked: where it does not, no
-                # record tells, and a posterior that is wide in it takes minutes to follow.
-                r_mu=Uniform(0.0, 0.9),
-                a_s=_GROWTH,
-            ),
-        )
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        least = _weight(scales) / scales.force
-        return {
-            "inv_mu": (1.3 * least, 2.5 * least, 6.0 * least),
-            "R_s": (_radius(2.5, scales), _radius(8.0, scales)),
-            "m_s": (scales.mass,),
-            "Y_s": (0.005 * scales.drift, 0.05 * scales.drift),
-            "n_s": (2.0,),
-            "r_mu": (0.3,),
-        }
-
     @override
     def fill(self, slots: Slots) -> Slots:
         slipperiness, radius, mass, weight, drift, n, missing, growth = (symbol(p.symbol) for p in self.parameters)
@@ -220,6 +184,47 @@ class SlidingBase(Effect):
                 SharpFeature(state=TIME, width=radian / off_zero(sp.sign(slipperiness)), everywhere=True),
             ),
         )
+
+
+@guides(SlidingBase)
+class SlidingBaseSearch(SearchGuide[SlidingBase]):
+    """How a search looks for a base that slides."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[SlidingBase, ...]:
+        weight = _weight(scales)
+        return (
+            SlidingBase(
+                inv_mu=HalfNormal(4.0 * weight / scales.force),
+                R_s=LogNormal(_radius(5.0, scales), 1.5).truncated(_radius(1.0, scales), _radius(_SLOWEST, scales)),
+                m_s=Uniform(0.3 * scales.mass, 3.0 * scales.mass),
+                W_s=weight,
+                # Not known: other effects make up for a contact that is too soft or too stiff. One that gives way by a
+                # quarter of a storey's drift is a spring; at the lower end next to nothing is cut off, since the drift
+                # without the sliders may be several times what it is with them.
+                Y_s=LogNormal(0.01 * scales.drift, 1.5).truncated(0.0001 * scales.drift, 0.25 * scales.drift),
+                # From a gradual onset to a spring that breaks off. Held at 2, a sharp one leaves hundreds of nats that
+                # backlash in the first storey takes up.
+                n_s=LogNormal(2.0, 1.0).truncated(1.0, 20.0),
+                # Sliders are of PTFE nearly always. Held at one friction, measured ones leave hundreds of nats that a
+                # storey whose stiffness changes in time takes up. How fast it grows is not asked: where it does not, no
+                # record tells, and a posterior that is wide in it takes minutes to follow.
+                r_mu=Uniform(0.0, 0.9),
+                a_s=_GROWTH,
+            ),
+        )
+
+    @override
+    def starts(self, effect: SlidingBase, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        least = _weight(scales) / scales.force
+        return {
+            "inv_mu": (1.3 * least, 2.5 * least, 6.0 * least),
+            "R_s": (_radius(2.5, scales), _radius(8.0, scales)),
+            "m_s": (scales.mass,),
+            "Y_s": (0.005 * scales.drift, 0.05 * scales.drift),
+            "n_s": (2.0,),
+            "r_mu": (0.3,),
+        }
 
 
 def _weight(scales: Scales) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import sympy as sp
 
@@ -20,6 +20,7 @@ from bwbn_bayes.elements.law import (
 )
 from bwbn_bayes.elements.loops import is_full, pinching_index
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Uniform, Value
 
@@ -80,25 +81,6 @@ class SlipLock(Effect):
         Parameter(symbol="sigma", unit="m", neutral=1.0, lower=1e-9, description="width of the slip", source=source),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        # A wider sigma slips everywhere and imitates stiffness_degradation.
-        width = Uniform(0.03 * scales.hysteretic_displacement, 0.5 * scales.hysteretic_displacement)
-        return (cls(delta_s=HalfNormal(0.3 * scales.drift / scales.energy), sigma=width),)
-
-    @classmethod
-    @override
-    def general_forms(cls, scales: Scales) -> tuple[Effect, ...]:
-        return FreeSlip.default_prior(scales)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {
-            "delta_s": (0.03 * scales.drift / scales.energy, 0.2 * scales.drift / scales.energy),
-            "sigma": tuple(share * scales.hysteretic_displacement for share in (0.06, 0.15, 0.35)),
-        }
-
     @override
     def fill(self, slots: Slots) -> Slots:
         sigma = symbol("sigma")
@@ -114,6 +96,28 @@ class SlipLock(Effect):
             ),
             sharp_features=(*slots.sharp_features, SharpFeature(state=HYSTERETIC_DISPLACEMENT, width=sigma)),
         )
+
+
+@guides(SlipLock)
+class SlipLockSearch(SearchGuide[SlipLock]):
+    """How a search looks for a slip."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[SlipLock, ...]:
+        # A wider sigma slips everywhere and imitates stiffness_degradation.
+        width = Uniform(0.03 * scales.hysteretic_displacement, 0.5 * scales.hysteretic_displacement)
+        return (SlipLock(delta_s=HalfNormal(0.3 * scales.drift / scales.energy), sigma=width),)
+
+    @override
+    def starts(self, effect: SlipLock, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {
+            "delta_s": (0.03 * scales.drift / scales.energy, 0.2 * scales.drift / scales.energy),
+            "sigma": tuple(share * scales.hysteretic_displacement for share in (0.06, 0.15, 0.35)),
+        }
+
+    @override
+    def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
+        return FreeSlipSearch().priors(scales)
 
 
 _ROUNDING = 0.05
@@ -187,30 +191,6 @@ class FreeSlip(Effect):
         _free_parameter("E_w", "J", 1.0, 1e-12, "that work, known"),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        z, energy = scales.hysteretic_displacement, scales.energy
-        one = cls(
-            s_w=HalfNormal(0.3 * scales.drift),
-            sigma_w=Uniform(0.03 * z, 0.7 * z),
-            e_w=LogNormal(0.1 * energy, 2.0).truncated(1e-3 * energy, 10.0 * energy),
-            q_w=LogNormal(1.0, 0.7).truncated(0.05, 3.0),
-            p_w=LogNormal(2.0, 0.6).truncated(0.8, 10.0),
-            E_w=energy,
-        )
-        return (one,)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {
-            "s_w": (0.03 * scales.drift, 0.2 * scales.drift),
-            "sigma_w": tuple(share * scales.hysteretic_displacement for share in (0.09, 0.2, 0.45)),
-            "e_w": (0.02 * scales.energy, scales.energy),
-            "q_w": (0.8,),
-            "p_w": (1.7,),
-        }
-
     @override
     def fill(self, slots: Slots) -> Slots:
         s_w, sigma, e_w, q, p, work = (symbol(parameter.symbol) for parameter in self.parameters)
@@ -230,3 +210,31 @@ class FreeSlip(Effect):
             ),
             sharp_features=(*slots.sharp_features, SharpFeature(state=HYSTERETIC_DISPLACEMENT, width=sigma / 2)),
         )
+
+
+@guides(FreeSlip)
+class FreeSlipSearch(SearchGuide[FreeSlip]):
+    """How a search looks for a slip in a free shape."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[FreeSlip, ...]:
+        z, energy = scales.hysteretic_displacement, scales.energy
+        one = FreeSlip(
+            s_w=HalfNormal(0.3 * scales.drift),
+            sigma_w=Uniform(0.03 * z, 0.7 * z),
+            e_w=LogNormal(0.1 * energy, 2.0).truncated(1e-3 * energy, 10.0 * energy),
+            q_w=LogNormal(1.0, 0.7).truncated(0.05, 3.0),
+            p_w=LogNormal(2.0, 0.6).truncated(0.8, 10.0),
+            E_w=energy,
+        )
+        return (one,)
+
+    @override
+    def starts(self, effect: FreeSlip, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {
+            "s_w": (0.03 * scales.drift, 0.2 * scales.drift),
+            "sigma_w": tuple(share * scales.hysteretic_displacement for share in (0.09, 0.2, 0.45)),
+            "e_w": (0.02 * scales.energy, scales.energy),
+            "q_w": (0.8,),
+            "p_w": (1.7,),
+        }

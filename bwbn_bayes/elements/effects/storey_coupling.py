@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import numpy as np
 
 from bwbn_bayes.elements.law import BENDING_DRIFT, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
@@ -60,18 +61,22 @@ class StoreyCoupling(Effect):
         ),
     )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(k_bend=HalfNormal(0.5 * scales.stiffness)),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"k_bend": (0.05 * scales.stiffness, 0.3 * scales.stiffness)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         return replace(slots, added_force=slots.added_force + symbol("k_bend") * BENDING_DRIFT)
+
+
+@guides(StoreyCoupling)
+class StoreyCouplingSearch(SearchGuide[StoreyCoupling]):
+    """How a search looks for bending between storeys."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[StoreyCoupling, ...]:
+        return (StoreyCoupling(k_bend=HalfNormal(0.5 * scales.stiffness)),)
+
+    @override
+    def starts(self, effect: StoreyCoupling, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"k_bend": (0.05 * scales.stiffness, 0.3 * scales.stiffness)}
 
 
 def _share_of_force(at: PlaceResponse) -> float:

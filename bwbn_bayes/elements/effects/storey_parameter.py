@@ -10,6 +10,7 @@ import sympy as sp
 
 from bwbn_bayes.elements.law import Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Normal, Parameter, Value
@@ -106,17 +107,6 @@ class StoreyParameter(Effect):
     def neutral_forms(cls) -> tuple[Self, ...]:
         return tuple(cls(parameter=parameter, offset=0.0) for parameter in _UNITS)
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        sizes = _sizes(scales)
-        return tuple(cls(parameter=parameter, offset=Normal(0.0, sizes[parameter])) for parameter in _UNITS)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        start = 0.4 * _sizes(scales)[self.parameter]
-        return {f"{self.parameter}_offset": (-start, start)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         base, offset = symbol(self.parameter), symbol(f"{self.parameter}_offset")
@@ -124,6 +114,21 @@ class StoreyParameter(Effect):
         bounds = {"alpha": (base >= -1, base <= 1), "n": (base >= 1,)}.get(self.parameter, ())
         increments = {**slots.increments, base: slots.increments.get(base, sp.Integer(0)) + offset}
         return replace(slots, increments=increments, constraints=(*slots.constraints, *bounds))
+
+
+@guides(StoreyParameter)
+class StoreyParameterSearch(SearchGuide[StoreyParameter]):
+    """How a search looks for a deviating parameter."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[StoreyParameter, ...]:
+        sizes = _sizes(scales)
+        return tuple(StoreyParameter(parameter=parameter, offset=Normal(0.0, sizes[parameter])) for parameter in _UNITS)
+
+    @override
+    def starts(self, effect: StoreyParameter, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        start = 0.4 * _sizes(scales)[effect.parameter]
+        return {f"{effect.parameter}_offset": (-start, start)}
 
 
 def _sizes(scales: Scales) -> dict[str, float]:

@@ -17,10 +17,13 @@ from bwbn_bayes.elements.degradation import (
     SaturatingLoss,
     StretchedLoss,
     loss_of,
+    priors_of,
+    starts_of,
 )
 from bwbn_bayes.elements.law import Effect, Slots
 from bwbn_bayes.elements.loops import strength_lost_per_cycle
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Parameter, Value
 
@@ -84,17 +87,17 @@ class StrengthDegradation(Effect):
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "strength_degradation"
-    family: ClassVar[str] = DEGRADATION
     summary: ClassVar[str] = "strength falls with the work done on the hysteretic spring, or with the path"
     source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}; {PATH_SOURCE}"
     residual: ClassVar[str] = "peaks are clipped more as work is done"
     confusable: ClassVar[str] = "falling n or beta"
 
     def __post_init__(self) -> None:
-        _ = self._loss  # refuses what belongs to no form
+        _ = self.loss  # refuses what belongs to no form
 
     @property
-    def _loss(self) -> Loss:
+    def loss(self) -> Loss:
+        """By which it is lost: the form whose parameters are given."""
         every = (*_LOSSES, _FREE)
         given = {p.symbol: getattr(self, p.symbol) for loss in every for p in loss.parameters}
         return loss_of(type(self).__name__, every, given)
@@ -102,13 +105,13 @@ class StrengthDegradation(Effect):
     @property
     @override
     def form(self) -> str:
-        return self._loss.form
+        return self.loss.form
 
     @property
     @override
     def signature(self) -> Signature:
         """Strength lost per cycle."""
-        reached = self._loss.reached
+        reached = self.loss.reached
         return Signature(
             measure="strength lost per cycle",
             plain_name="the height of later loops (a strength law in the work done)",
@@ -123,28 +126,33 @@ class StrengthDegradation(Effect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of the form; their symbols tell the forms apart."""
-        return self._loss.parameters
+        return self.loss.parameters
 
     @classmethod
     @override
     def neutral_forms(cls) -> tuple[Self, ...]:
         return cls(delta_nu=0.0), cls(nu_inf=0.0, p_nu=1.0), cls(theta_nu=0.0)
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        return tuple(cls(**loss.priors(scales)) for loss in _LOSSES)
-
-    @classmethod
-    @override
-    def general_forms(cls, scales: Scales) -> tuple[Self, ...]:
-        return (cls(**_FREE.priors(scales)),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return self._loss.starts(scales)
-
     @override
     def fill(self, slots: Slots) -> Slots:
-        loss = self._loss
+        loss = self.loss
         return replace(slots, nu=slots.nu + loss.expression, added_states=(*slots.added_states, *loss.states))
+
+
+@guides(StrengthDegradation)
+class StrengthDegradationSearch(SearchGuide[StrengthDegradation]):
+    """How a search looks for a loss of strength."""
+
+    family: ClassVar[str] = DEGRADATION
+
+    @override
+    def priors(self, scales: Scales) -> tuple[StrengthDegradation, ...]:
+        return tuple(StrengthDegradation(**priors_of(loss, scales)) for loss in _LOSSES)
+
+    @override
+    def starts(self, effect: StrengthDegradation, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return starts_of(effect.loss, scales)
+
+    @override
+    def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
+        return (StrengthDegradation(**priors_of(_FREE, scales)),)

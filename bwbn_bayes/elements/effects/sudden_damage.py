@@ -12,6 +12,7 @@ import sympy as sp
 
 from bwbn_bayes.elements.law import AddedState, Effect, Event, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Normal, Parameter, Uniform, Value
@@ -132,27 +133,6 @@ class SuddenDamage(Effect):
             for parameter in _UNITS
         )
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        change = Normal(0.0, 0.3 * scales.stiffness)
-        time = Uniform(min(scales.onset, 0.9 * scales.duration), scales.duration)
-        longest = max(2.0 * scales.period, 0.5 * (scales.duration - scales.onset))
-        lasting = Uniform(0.25 * scales.period, longest)
-        return (
-            cls(parameter="k", jump=change, time=time),
-            cls(parameter="k", jump=change, time=time, duration=lasting),
-        )
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        change, time, *durations = self._symbols
-        sizes = {"k": -0.15 * scales.stiffness, "c": 0.5 * scales.damping, "alpha": 0.5 * max(scales.alpha, 0.05)}
-        size = sizes.get(self.parameter, 0.5 / scales.energy)
-        size = size * scales.drift if self.parameter == "delta_s" else size
-        starts = {change: (size,), time: _times(scales, 1 if not durations else 2)}
-        return {**starts, **dict.fromkeys(durations, (1.5 * scales.period,))}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         base, (jump, time, *durations) = symbol(self.parameter), map(symbol, self._symbols)
@@ -171,6 +151,31 @@ class SuddenDamage(Effect):
             events=(*slots.events, Event(time=time, indicator=started)),
             constraints=(*slots.constraints, *bounds),
         )
+
+
+@guides(SuddenDamage)
+class SuddenDamageSearch(SearchGuide[SuddenDamage]):
+    """How a search looks for a sudden change."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[SuddenDamage, ...]:
+        change = Normal(0.0, 0.3 * scales.stiffness)
+        time = Uniform(min(scales.onset, 0.9 * scales.duration), scales.duration)
+        longest = max(2.0 * scales.period, 0.5 * (scales.duration - scales.onset))
+        lasting = Uniform(0.25 * scales.period, longest)
+        return (
+            SuddenDamage(parameter="k", jump=change, time=time),
+            SuddenDamage(parameter="k", jump=change, time=time, duration=lasting),
+        )
+
+    @override
+    def starts(self, effect: SuddenDamage, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        change, time, *durations = (parameter.symbol for parameter in effect.parameters)
+        sizes = {"k": -0.15 * scales.stiffness, "c": 0.5 * scales.damping, "alpha": 0.5 * max(scales.alpha, 0.05)}
+        size = sizes.get(effect.parameter, 0.5 / scales.energy)
+        size = size * scales.drift if effect.parameter == "delta_s" else size
+        starts = {change: (size,), time: _times(scales, 1 if not durations else 2)}
+        return {**starts, **dict.fromkeys(durations, (1.5 * scales.period,))}
 
 
 def _times(scales: Scales, spacings: int) -> tuple[float, ...]:

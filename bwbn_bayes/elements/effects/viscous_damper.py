@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self, override
+from typing import ClassVar, override
 
 import sympy as sp
 
 from bwbn_bayes.elements.damping import SOURCE, added_damping, of_power, power_parameters
 from bwbn_bayes.elements.law import DRIFT_RATE, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
 
@@ -54,17 +55,6 @@ class ViscousDamper(Effect):
     signature: ClassVar[Signature] = added_damping("a power law", of_power("F_v", "p_v", "v_v"))
     parameters: ClassVar[tuple[Parameter, ...]] = power_parameters("F_v", "p_v", "v_v", neutral=1.0, lower=0.1)
 
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        # With less than a quarter it is dry friction; with more than .85 hardly another than the storey's own damping.
-        power = LogNormal(0.5, 0.35).truncated(0.25, 0.85)
-        return (cls(F_v=HalfNormal(0.5 * scales.force), p_v=power, v_v=scales.drift_rate),)
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"F_v": (0.03 * scales.force, 0.2 * scales.force), "p_v": (0.35, 0.7)}
-
     @override
     def fill(self, slots: Slots) -> Slots:
         force, power, largest = (symbol(s) for s in ("F_v", "p_v", "v_v"))
@@ -75,3 +65,18 @@ class ViscousDamper(Effect):
             added_force=slots.added_force + force * bent,
             sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT_RATE, width=largest / _STEEP)),
         )
+
+
+@guides(ViscousDamper)
+class ViscousDamperSearch(SearchGuide[ViscousDamper]):
+    """How a search looks for a nonlinear viscous damper."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[ViscousDamper, ...]:
+        # With less than a quarter it is dry friction; with more than .85 hardly another than the storey's own damping.
+        power = LogNormal(0.5, 0.35).truncated(0.25, 0.85)
+        return (ViscousDamper(F_v=HalfNormal(0.5 * scales.force), p_v=power, v_v=scales.drift_rate),)
+
+    @override
+    def starts(self, effect: ViscousDamper, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        return {"F_v": (0.03 * scales.force, 0.2 * scales.force), "p_v": (0.35, 0.7)}

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple, Self, override
+from typing import ClassVar, NamedTuple, override
 
 import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import AddedState, Effect, Slots, symbol
-from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.inference.accuracy import in_doubles
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.parameters import Floats, Normal, Parameter, Uniform, Value
@@ -67,15 +66,6 @@ class Pulse(Effect):
     def values(self) -> Mapping[str, Value]:
         free = {_FORCE.symbol: Normal(0.0, 1.0), _TIME.symbol: Uniform(0.0, 1.0)}
         return {**free, _WIDTH.symbol: self.width}
-
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        raise NotImplementedError("a pulse is a probe, not an effect that a structure may have")
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {_FORCE.symbol: (0.0,), _TIME.symbol: (0.0,)}
 
     @override
     def fill(self, slots: Slots) -> Slots:

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtri
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, Effect, Slots, symbol
-from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, best_of, cloud, distinct, first_window, polish, windows
 from bwbn_bayes.inference.slopes import Slopes
@@ -102,15 +101,6 @@ class StateFunction(Effect):
     def values(self) -> Mapping[str, Value]:
         weights = {p.symbol: Normal(0.0, self.scale * one.sd) for p, one in zip(_WEIGHTS, HATS, strict=True)}
         return {**weights, **{p.symbol: 1.0 / self.reach if at == self.state else 0.0 for at, p in _PER.items()}}
-
-    @classmethod
-    @override
-    def default_prior(cls, scales: Scales) -> tuple[Self, ...]:
-        raise NotImplementedError("a force of no known law is no effect of the catalogue")
-
-    @override
-    def start_grid(self, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {parameter.symbol: (0.0,) for parameter in _WEIGHTS}
 
     @override
     def fill(self, slots: Slots) -> Slots:

@@ -22,9 +22,9 @@ from pytensor.graph.replace import vectorize_graph
 from bwbn_bayes import Uniform
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
-from bwbn_bayes.elements.effects import PDelta
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import Scales
+from bwbn_bayes.elements.search_guide import guide_of, is_sought
 from bwbn_bayes.engines.base import Engine, NormalEquations, Response
 from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes
@@ -91,8 +91,7 @@ SCALES = Scales(
     damping=0.3, alpha=0.1, beta=2.0, gamma=1.0, n=1.5, mass=1.0, floor_rate=1.5, acceleration=3.0,
     ground_acceleration=2.0, period=0.8, onset=0.3, duration=2.0, total_mass=3, time_step=0.02,
 )  # fmt: skip
-FORMS: list[Effect] = [form for effect in registered() if effect is not PDelta for form in effect.default_prior(SCALES)]
-"""P-Delta is exactly a change of k and alpha, and has no prior."""
+FORMS: list[Effect] = [form for effect in filter(is_sought, registered()) for form in guide_of(effect).priors(SCALES)]
 
 
 def around_truth(n: int) -> Floats:
@@ -154,7 +153,7 @@ def test_pullback_of_every_effect(form: Effect) -> None:
     model = ShearBuilding(masses=[1.0, 1.0], storey=storey)
     base = set(model.space.names)
     model = model.with_effect(form, None if form.level in WHOLE_BUILDING else [1])
-    grid = form.start_grid(SCALES)
+    grid = guide_of(type(form)).starts(form, SCALES)
     draw = np.array(
         [p.prior.mean if p.name in base else grid[p.symbol][len(grid[p.symbol]) // 3] for p in model.space.parameters]
     )

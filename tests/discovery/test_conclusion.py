@@ -17,7 +17,11 @@ def explanation(names: str, log_evidence: float, *, estimate: Any = None) -> Any
     return SimpleNamespace(
         names=frozenset(names),
         added=tuple(
-            SimpleNamespace(name=name, effect=SimpleNamespace(mechanism=MECHANISMS[name], family=FAMILIES[name]))
+            SimpleNamespace(
+                name=name,
+                effect=SimpleNamespace(mechanism=MECHANISMS[name]),
+                guide=SimpleNamespace(family=FAMILIES[name]),
+            )
             for name in names
         ),
         evidence=SimpleNamespace(log_evidence=log_evidence, log_evidence_se=0.1 * len(names)),

@@ -25,8 +25,8 @@ N_EFFECTS = 20
 
 
 def hypothesis(name: str, *storeys: int, n_brought: int = 1) -> Any:
-    effect = SimpleNamespace(family=FAMILIES.get(name, ""), level="link")
-    return SimpleNamespace(name=name, symbols=(name,), storeys=storeys, n_brought=n_brought, effect=effect)
+    effect, guide = SimpleNamespace(level="link"), SimpleNamespace(family=FAMILIES.get(name, ""))
+    return SimpleNamespace(name=name, symbols=(name,), storeys=storeys, n_brought=n_brought, effect=effect, guide=guide)
 
 
 def explanation(

@@ -20,6 +20,7 @@ from bwbn_bayes.elements.effects import (
 )
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import NOMINAL
+from bwbn_bayes.elements.search_guide import guide_of, is_sought
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.parameters import PerStorey, Uniform
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -30,7 +31,7 @@ LINK_EFFECTS = [
     effect
     for kind in registered()
     if kind.level == "link" and "bouc_wen" in kind.elements
-    for effect in (*kind.neutral_forms(), *kind.general_forms(NOMINAL))
+    for effect in (*kind.neutral_forms(), *(guide_of(kind).free_shapes(NOMINAL) if is_sought(kind) else ()))
     if not (isinstance(effect, SuddenDamage) and effect.parameter not in {p.symbol for p in STOREY.parameters})
 ]
 
@@ -64,7 +65,7 @@ def test_which_links_are_bare() -> None:
     assert _building((cubic, (2,))).bare == (True, False, True)
     assert _building((CubicStiffness(k3=Uniform(0, 9)), (2, 3))).bare == (True, False, False)
     assert _building((MassError(e_m=0.1), (2,)), (Appendage(mu_t=0.1, f_t=1.0, zeta_t=0.05), (3,))).bare == (True,) * 3
-    (coupling, *_) = StoreyCoupling.default_prior(NOMINAL)
+    (coupling, *_) = guide_of(StoreyCoupling).priors(NOMINAL)
     assert _building((coupling, ()), (cubic, (1,))).bare == (False,) * 3
 
 

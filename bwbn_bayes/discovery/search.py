@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import takewhile
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -45,7 +46,8 @@ REACH = 6.0
 BEAM = 2
 """Explanations of one number of effects that are built upon at most."""
 _FOLLOWED_AFTER = 2
-"""Rounds after which what has no name is looked for, where what a building's best laws leave is not noise yet."""
+"""Rounds after which another first step is tried, and then what has no name is looked for, where what a building's best
+laws leave is not noise yet."""
 _MOST_RESHAPED = 2
 """Rounds in which forms of free shape are tried at a specimen."""
 _MOST_RIVALS = 3
@@ -68,8 +70,7 @@ def search(given: Explanation, run: Run) -> Pool:
     n_whole, followed = 0, given.is_specimen  # a specimen's laws never leave noise
     with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
         for number in range(run.settings.most_rounds):
-            if number == 1 and not (given.is_specimen or pool.laws.best.is_quiet):
-                _look_deeper(given, pool, run)
+            _look_wider(number, given, pool, run)
             parent = _next(pool, run)
             if not followed and (parent is None or number == _FOLLOWED_AFTER) and not pool.laws.best.is_noise:
                 followed = True
@@ -123,6 +124,16 @@ def _round(parent: Explanation, pool: Pool, run: Run) -> None:
     _tell(f"Built upon {parent.label}", parent.label, pool, run)
 
 
+def _look_wider(number: int, given: Explanation, pool: Pool, run: Run) -> None:
+    """Before later rounds of a building, at what its first round may have missed."""
+    if given.is_specimen:
+        return
+    if number == 1 and not pool.laws.best.is_quiet:
+        _look_deeper(given, pool, run)
+    if number == _FOLLOWED_AFTER and not pool.compared.best.is_noise:
+        _step_otherwise(pool, run)
+
+
 def _look_deeper(given: Explanation, pool: Pool, run: Run) -> None:
     """Search a building's leading hypotheses from all over their priors, which a specimen's first round does itself.
 
@@ -135,6 +146,19 @@ def _look_deeper(given: Explanation, pool: Pool, run: Run) -> None:
     run.first_fits = searched(run.first_fits, run.rng, n_threads=run.settings.n_workers, pace=run.pace)
     pool.add(explained(given, fit, run) for fit in run.first_fits[:N_KEPT])
     pool.weigh()
+
+
+def _step_otherwise(pool: Pool, run: Run) -> None:
+    """Build upon the best other effect, however far behind it is, if it is ahead of the model as given.
+
+    Of two effects that a building lacks neither is what it looks like alone: what looks most like both together may be
+    a third one, from which no further step leads to them.
+    """
+    better, best = takewhile(lambda one: one.effects_key, pool.compared.explanations), pool.compared.best
+    others = (one for one in better if len(one.added) == 1 and not one.names <= best.names)
+    other = next((one for one in others if one.effects_key not in pool.expanded), None)
+    if other is not None and not run.must_stop():
+        _round(pool.searched[other.effects_key], pool, run)
 
 
 def _next(pool: Pool, run: Run) -> Explanation | None:

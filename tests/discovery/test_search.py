@@ -153,6 +153,23 @@ def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch
     assert pool.beliefs.best.has_unnamed
 
 
+@pytest.mark.parametrize("leaves_noise", [False, True])
+def test_where_nothing_leaves_noise_another_first_step_is_tried(
+    leaves_noise: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`a` looks most like `b` and `d` together, 40 nats better than `b` alone, and leads nowhere."""
+    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(None,), blocks=())
+    for name in ("follow", "weigh_to_first_order", "_look_deeper"):
+        monkeypatch.setattr(searching, name, lambda *_: None)
+    monkeypatch.setattr(Explanation, "is_noise", property(lambda one: leaves_noise or one.names >= {"b", "d"}))
+    monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
+    monkeypatch.setattr(sys.modules[__name__], "TEST", building)
+    script = {"a": 100.0, "b": 60.0, "d": 30.0, "ac": 110.0, "bd": 500.0}
+    parents, pool = searched(script, monkeypatch)
+    assert ("b" in parents) != leaves_noise
+    assert pool.compared.best.label == ("a + c" if leaves_noise else "b + d")
+
+
 def test_what_is_built_upon_is_looked_around_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """A better optimum beside those of the race replaces the explanation before anything is added to it."""
     better: Any = (SimpleNamespace(log_likelihood=60.0),)

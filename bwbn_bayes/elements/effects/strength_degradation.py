@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.degradation import (
@@ -93,7 +94,7 @@ class StrengthDegradation(Effect):
     def __post_init__(self) -> None:
         _ = self._loss  # refuses what belongs to no form
 
-    @property
+    @cached_property
     def _loss(self) -> Loss:
         every = (*_LOSSES, _FREE)
         given = {p.symbol: getattr(self, p.symbol) for loss in every for p in loss.parameters}

@@ -5,6 +5,7 @@ for one another take a tenth of the time. What a test starts may keep bytecode, 
 that forbids it would read the whole package anew in each of some hundred processes.
 """
 
+import gc
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -18,6 +19,13 @@ from hypothesis import settings
 
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.load_profile("repeatable")
+
+
+def pytest_collection_finish() -> None:
+    """Keep the collector from going through all that is imported by now, again and again."""
+    gc.collect()
+    gc.freeze()
+
 
 for _name in ("COLUMNS", "FORCE_COLOR", "GITHUB_ACTIONS"):
     os.environ.pop(_name, None)

@@ -71,9 +71,20 @@ OPTIONS: list[tuple[object, ...]] = [
     ("identify", SDOF, "--columns", "t = time"),
 ]
 
+OPTIONS += [
+    *(("identify", SDOF, "--engine", "cuda", *more) for more in ((), ("--method", "ga"), ("--workers", "2"))),
+    *((command, SDOF, "--sequence") for command in ("identify", "discover")),
+    *(("identify", SDOF, "--unnamed-force", "--method", method) for method in ("ga", "ipv")),
+    ("export", "opensees", SDOF, "--engine", "cuda"),
+    *(("batch", pattern) for pattern in ("**a/*.csv", "\x00*.csv", "~nobody/*.csv", "//")),
+    ("identify", SDOF, "--method", "ipv", "--checkpoint", "ck"),
+]
+
 # --- model files -----------------------------------------------------------------------------------------------------
 
 HEAD = "from bwbn_bayes import *\n"
+MOVED = "truth = {'k': 40.0}\nexcitation = sine(duration=4.0)\n"
+"""So that nothing else is missing."""
 STOREY = "BoucWen(k=Uniform(20, 60), c=0.2, alpha=0.1, A=1.0, beta=2.0, gamma=1.0, n=1.5)"
 
 
@@ -181,6 +192,37 @@ FILES: list[bytes] = [
     *((_of() + f"assumptions = {value}\n").encode() for value in ("'a'", "1", "[1]", "{'a': 1}")),
     *((_of() + f"record = {value}\n").encode() for value in ("1", "'r.csv'", "read_record('nowhere.csv')")),
     (_of() + "held_out = 1\n").encode(),
+    *(
+        _of(more=f".with_effect({effect})\n{MOVED}").encode()
+        for effect in (
+            *(f"ViscousDamper(F_v=1.0, p_v=0.5, v_v={v})" for v in ("0.0", "-0.1", "1e-320", "PerStorey([1.0, 2.0])")),
+            *(f"ViscousDamper(F_v=1.0, p_v={p}, v_v=0.1)" for p in ("0.0", "'a'", "float('nan')", "1e6")),
+            *("ViscousDamper(F_v=1.0, p_v=0.5)", "ViscousDamper(F_v=1e300, p_v=0.5, v_v=0.1)"),
+            *("StrengthDegradation(theta_nu=-1.0)", "StrengthDegradation(theta_nu=1.0, delta_nu=1.0)"),
+            *("StiffnessDegradation(theta_eta=None)", "StiffnessDegradation(theta_nu=1.0)"),
+            *("StrengthDegradation(theta_nu=1e308)", "StrengthDegradation(theta_nu=LogNormal(0.0, 1.0))"),
+        )
+    ),
+    *(
+        f"{_of()}{MOVED}one = sine(duration=0.99, time_step=0.01)\nperiods_until_repeated({asked})\n".encode()
+        for asked in (
+            *(
+                f"model, one, {{'k': 40.0}}, within={within}"
+                for within in ("0.0", "float('nan')", "float('inf')", "'a'")
+            ),
+            *(f"model, one, {values}" for values in ("{}", "{'q': 1.0}", "{'k': 1e300}", "None")),
+            *("model, None, {'k': 40.0}", "model, join_records([one, one]), {'k': 40.0}"),
+        )
+    ),
+    *(
+        f"{_of()}{MOVED}excitation = periodic(sine(), periods={n})\n".encode()
+        for n in ("0", "-1", "1.5", "'a'", "float('nan')")
+    ),
+    *(
+        (_of() + f"{MOVED}excitation = join_records({records})\n").encode()
+        for records in ("[]", "'ab'", "[sine(), None]")
+    ),
+    *((_of() + f"{MOVED}columns = {value}\n").encode() for value in ("5", "['a']")),
     (HEAD + "model = Specimen(storey=1.0)\n").encode(),
     (HEAD + "model = Oscillator(mass=-1.0, spring=Linear(k=1.0))\n").encode(),
     (HEAD + "model = Oscillator(mass=1.0, spring=Linear(k='a'))\n").encode(),
@@ -254,6 +296,8 @@ MAPS = [
         "time = time" * 5000,
         "acceleration_1 = drift_1 [m] minus base",
         "🙂 = time",
+        *("column 0 = time", "column 99999999 = time", "256 = sampling_rate", "1e400 = sampling_rate [Hz]"),
+        *("acceleration_1 = acceleration_1 [g] minus", "acceleration_1 = acceleration_\u0661", "time = time [s] [s]"),
         "acceleration_1 = acceleration_" + "9" * 400,
     ),
 ]
@@ -346,6 +390,12 @@ def _several(command: str, *names: str) -> Make:
     return make
 
 
+def _short(place: Path) -> tuple[object, ...]:
+    """Of 36 points 30 were left to fit."""
+    (place / "record.csv").write_bytes(_table(rows=_ROWS[:36]))
+    return ("discover", SDOF, "--record", "record.csv", "--held-out", "end")
+
+
 def _starting(floor: str) -> Make:
     def make(place: Path) -> tuple[object, ...]:
         (place / "record.csv").write_bytes(_table(_TOP.replace("acceleration_1", f"acceleration_{floor}")))
@@ -390,6 +440,7 @@ CASES: list[tuple[str, Make]] = [
     *((f"map {i}", _record(".csv", _table(), "--columns", text)) for i, text in enumerate(MAPS)),
     *((f"checkpoint {i}", _record(".csv", _table(), "--checkpoint", place)) for i, place in enumerate(CHECKPOINTS)),
     *((f"twice, {command}", _several(command, "a.csv", "b.csv")) for command in ("identify", "discover")),
+    ("end of a short record", _short),
     *((f"floor of {len(floor)}", _starting(floor)) for floor in ("0", "1000", "9" * 20, "9" * 5000)),
     *((f"search {word}", _over_a_search(*word.split())) for word in ("--held-out x.csv", "--record x.csv", "--resume")),
     *((f"head {i}", _at2(head)) for i, head in enumerate(AT2_HEADS)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 from collections.abc import Sequence
 
 
@@ -15,6 +17,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """
     from bwbn_bayes.cli.interruption import interruptible
 
+    # The end of the process would search all that it holds for cycles, several times: a third of a second.
+    atexit.register(gc.freeze)
     with interruptible():
         # The commands take a third of a second to load, in which Ctrl-C may come, too.
         from bwbn_bayes.cli.commands import main as run

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 DISCOVERY_PARTICLES = "2000"
 """What help says of the default in DiscoverySettings, which is loaded with all of discovery."""
 
-_LONG = 5_000
+_LONG = 4_000
 """Measured numbers from which a second process has loaded what it draws with, half a second, before it is asked."""
 
 UNFINISHED_SEARCH = ".unfinished"
@@ -259,6 +259,7 @@ def discover(
     from bwbn_bayes.discovery.workflow import discover as discover_missing
     from bwbn_bayes.engines.journal import forget
     from bwbn_bayes.report.discovery_text import discovery_in_words
+    from bwbn_bayes.report.second_process import second_process
 
     if scheduler is not None:
         require_installed("distributed", "--scheduler")
@@ -276,17 +277,19 @@ def discover(
     notes = Console(stderr=True)
     with stopped_with(partial(_resumes, directory)), told(notes) as tell:
         apart = _held_out(file, held_out, record)
-        discovery = discover_missing(
-            file.model,
-            _record(file, record or (), seed, lambda text, _: tell(text, None), in_sequence=sequence),
-            held_out=apart,
-            settings=settings,
-            name=file.name,
-            assumptions=file.assumptions,
-            listener=_writing_steps(tell, directory),
-        )
-        tell("writing the report", None)
-        write_discovery_files(discovery, directory, model)
+        measured = _record(file, record or (), seed, lambda text, _: tell(text, None), in_sequence=sequence)
+        with second_process(wanted=_draws_beside(measured)) as hand:
+            discovery = discover_missing(
+                file.model,
+                measured,
+                held_out=apart,
+                settings=settings,
+                name=file.name,
+                assumptions=file.assumptions,
+                listener=_writing_steps(tell, directory),
+            )
+            tell("writing the report", None)
+            write_discovery_files(discovery, directory, model, hand)
     if discovery.stopped:
         notes.print("stopped by the time limit: the same command with --resume goes on from there", soft_wrap=True)
     else:

@@ -104,13 +104,19 @@ def _sweep(directory: Path) -> None:
 
 def write_result(result: Result, directory: Path, hand: SecondProcess | None = None) -> None:
     """Page, figures, ``result.json`` and ``result.nc``; a second process, where there is one, draws meanwhile."""
-    with replacing(directory, report=True) as partial:
-        content = gather(result)
-        if hand is not None:
-            hand.begin(content)
+    with replacing(directory, report=True) as partial, _reported(result, partial, hand):
         save_result(result, partial)
-        drawings = all_drawn(content, hand)
-        write_page(render(content, drawings), drawings, partial)
+
+
+@contextmanager
+def _reported(result: Result, directory: Path, hand: SecondProcess | None) -> Iterator[None]:
+    """Write a result's page and figures, at the end; a second process, where there is one, draws from the beginning."""
+    content = gather(result)
+    if hand is not None:
+        hand.begin(content)
+    yield
+    drawings = all_drawn(content, hand)
+    write_page(render(content, drawings), drawings, directory)
 
 
 def save_result(result: Result, directory: Path) -> None:
@@ -120,13 +126,21 @@ def save_result(result: Result, directory: Path) -> None:
     result.save(directory / "result.nc")
 
 
-def write_discovery_files(discovery: Discovery, directory: Path, model: Path) -> None:
-    """Page, numbers, record and improved model; ``identify/`` holds what ``bwbn identify`` writes of the latter."""
-    from bwbn_bayes.report import write_discovery
+def write_discovery_files(
+    discovery: Discovery, directory: Path, model: Path, hand: SecondProcess | None = None
+) -> None:
+    """Page, numbers, record and improved model; ``identify/`` holds what ``bwbn identify`` writes of the latter.
+
+    A second process, where there is one, draws the figures of ``identify/`` meanwhile.
+    """
+    from bwbn_bayes.report.discovery_html import write_discovery_page
 
     with replacing(directory, report=True) as partial:
-        write_discovery(discovery, partial)
-        save_result(discovery.result, partial / "identify")
+        final = partial / "identify"
+        final.mkdir()
+        with _reported(discovery.result, final, hand):
+            write_discovery_page(discovery, partial)
+            save_result(discovery.result, final)
         _save_discovery(discovery, partial)
         names = write_parts(discovery.measurement, partial, "record")
         source = improved_model_source(

@@ -69,8 +69,8 @@ class Hypothesis:
 
     @property
     def symbols(self) -> tuple[str, ...]:
-        """Symbols of the effect's parameters: each form of each effect has its own."""
-        return tuple(p.symbol for p in self.effect.parameters)
+        """Symbols of the effect's parameters."""
+        return symbols_of(self.effect)
 
     @property
     def free_shapes(self) -> tuple[Hypothesis, ...]:
@@ -163,6 +163,11 @@ class Hypothesis:
                 values = {**known, **dict(zip(self.brought, choice, strict=True))}
                 rows.append([values[name] for name in space.names])
         return space.to_unit(np.array(rows, dtype=np.float64).reshape(-1, space.n_dim))
+
+
+def symbols_of(effect: Effect) -> tuple[str, ...]:
+    """Symbols of an effect's parameters: each form of each effect has its own."""
+    return tuple(p.symbol for p in effect.parameters)
 
 
 def place_in_words(level: str, storeys: tuple[int, ...]) -> str:

@@ -18,6 +18,7 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import counts
 from bwbn_bayes.records.cycles import half_cycles, repeated_samples, repeats
 from bwbn_bayes.records.joined import join_records
+from bwbn_bayes.records.noise import MIN_SAMPLES
 from bwbn_bayes.records.record import Record, require_single
 from bwbn_bayes.structures.structure import Structure
 
@@ -180,7 +181,13 @@ def parting_time(model: Structure, record: Record) -> float:
     """
     signals = _strong_signals(model, record)
     peaks = np.array([_weaker_peak(signal) for signal in signals.values()])
-    earliest, latest = int(np.ceil(EARLIEST * (record.n_times - 1))), int(LATEST * (record.n_times - 1))
+    earliest = max(int(np.ceil(EARLIEST * (record.n_times - 1))), MIN_SAMPLES - 1)
+    latest = int(LATEST * (record.n_times - 1))
+    if earliest > latest:
+        raise UserError(
+            f"record {record.name!r} has no end to hold out: of its {record.n_times} points at least {MIN_SAMPLES} "
+            "must be left to fit; hold out another measurement with --held-out FILE"
+        )
     weakest = np.min(peaks, axis=0)[earliest : latest + 1]
     strong = np.flatnonzero(weakest >= LEAST_PEAK)
     if not strong.size:

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from bwbn_bayes.discovery.binding import binding_sentences, with_wider_priors
-from bwbn_bayes.discovery.candidates import hypotheses, moment_of_share, sharing_laws
+from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, moment_of_share, sharing_laws, symbols_of
 from bwbn_bayes.discovery.conclusion import conclude
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
@@ -255,12 +255,17 @@ def _compile_ahead(model: Structure, record: Record, run: Run) -> Thread | None:
         )
     except UserError:
         return None
-    of_all = [h.model for h in sharing_laws(considered, np.inf) if h.carried][-1:]
+    of_all = [h for h in sharing_laws(considered, np.inf) if h.carried][-1:]
     if model.excitation_kind == "displacement":
-        precompile({one.law: False for one in of_all}, driven=True)
-        return precompile({one.law: True for one in of_all}, driven=True, single=True)
-    common = [*(one.law for one in of_all), with_pulse(model, 1, 1.0).law]
-    later = list(dict.fromkeys(h.model.law for h in considered if h.carried))[1:]
+        precompile({one.model.law: False for one in of_all}, driven=True)
+        return precompile({one.model.law: True for one in of_all}, driven=True, single=True)
+    common = [*(one.model.law for one in of_all), with_pulse(model, 1, 1.0).law]
+    # One hypothesis of each law: to build the models of all takes as long as to fit the model as given.
+    of_each: dict[frozenset[tuple[str, ...]], Hypothesis] = {}
+    for one in considered:
+        if one.carried:
+            of_each.setdefault(frozenset((one.symbols, *map(symbols_of, one.carried))), one)
+    later = list(dict.fromkeys(one.model.law for one in of_each.values()))[1:]
     precompile(dict.fromkeys(later[: -1 - _LAWS_AHEAD : -1], True), driven=False, single=True)
     precompile(dict.fromkeys(common, False), driven=False)
     return None

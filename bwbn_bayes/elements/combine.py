@@ -70,7 +70,8 @@ def combine(
     """
     # Discovery builds hundreds of models with few laws.
     key = parameters, constraints, derived, tuple(map(kind_of, effects))
-    if key not in _COMBINED:
+    law = _COMBINED.get(key)
+    if law is None:
         slots = Slots()
         for effect in effects:
             below = slots.base_states
@@ -78,8 +79,8 @@ def combine(
             if below and slots.base_states != below:
                 raise UserError("two effects of the model put the building on a base that moves: leave one of them out")
         own = tuple(parameter for effect in effects for parameter in effect.parameters)
-        _COMBINED[key] = _law_of(parameters + own, len(parameters), constraints, derived, slots)
-    return _COMBINED[key]
+        law = _COMBINED[key] = _law_of(parameters + own, len(parameters), constraints, derived, slots)
+    return law
 
 
 def kind_of(effect: Addition) -> tuple[object, ...]:

@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import sympy as sp
@@ -59,7 +60,7 @@ class LinearLoss:
     form: ClassVar[str] = "linear"
     states: ClassVar[tuple[AddedState, ...]] = ()
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The loss per unit of work."""
         told = f"loss of {self.what} per unit of work"
@@ -95,7 +96,7 @@ class SaturatingLoss:
     form: ClassVar[str] = "saturating"
     states: ClassVar[tuple[AddedState, ...]] = ()
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The limit and the rate."""
         told = (
@@ -145,7 +146,7 @@ class StretchedLoss:
     form: ClassVar[str] = "free shape"
     states: ClassVar[tuple[AddedState, ...]] = ()
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The loss, its bend and power, and the work that it is measured at."""
         told = (
@@ -195,7 +196,7 @@ class PathLoss:
     path: str
     form: ClassVar[str] = "with the path"
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The loss per unit of path."""
         told = f"loss of {self.what} per unit of path"

@@ -8,7 +8,7 @@ every engine and every printed equation is derived from what it returns.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, Protocol, Self, cast
@@ -315,6 +315,18 @@ class SensorLaw:
             return ()
         return (Definition(caption="shown by the accelerometer of a floor", subject=READING, expression=reading),)
 
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of symbols that stand for nothing."""
+        return _unknown([symbol(p.symbol) for p in self.parameters], (self.gain, self.bias, self.lag))
+
+
+def _unknown(known: Iterable[sp.Symbol], expressions: Sequence[sp.Expr]) -> tuple[str, ...]:
+    """Names, in order, of the symbols in expressions that are not among the known ones."""
+    names = {one.name for one in known}
+    found = {one.name for expression in expressions for one in expression.free_symbols}
+    return tuple(sorted(found - names))
+
 
 @dataclass(frozen=True, kw_only=True)
 class StoreyLaw:
@@ -365,6 +377,23 @@ class StoreyLaw:
     def base_states(self) -> tuple[sp.Symbol, ...]:
         """States of the base, none where it is rigid."""
         return self.base.states if self.base is not None else ()
+
+    @cached_property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of symbols that stand for nothing where they are: looked for once, for all models of the law."""
+        common = {*self.symbols, *(one.subject for one in self.derived), *(event.indicator for event in self.events)}
+        n = self.n_storey_states
+        own = {*common, DRIFT, DRIFT_RATE, *self.states[:n]}
+        floor = {*common, *self.states[n:], NET_FORCE, MASS, RECORDED_ACCELERATION}
+        base = {*common, *self.base_states, FIRST_FORCE, RECORDED_ACCELERATION}
+        accelerations = () if self.acceleration is None else (self.acceleration,)
+        parts = (
+            ({*own, BENDING_DRIFT}, (self.force,)),
+            (own, (*self.rates[:n], *(changed for changed, _ in self.increments))),
+            (floor, (*self.rates[n:], *accelerations)),
+            (base, (self.base.acceleration, *self.base.rates) if self.base is not None else ()),
+        )
+        return next((missing for known, told in parts if (missing := _unknown(known, told))), ())
 
     @cached_property
     def symbols(self) -> tuple[sp.Symbol, ...]:

@@ -169,6 +169,7 @@ class _RestartedDop853:
         self.watched = np.stack([rows + 1, rows + 2], axis=1).ravel()
         self.shortest = _SLACK * problem.time_step
         self.step = problem.time_step
+        self._solver: DOP853 | None = None
 
     def __call__(self, now: float, until: float, y: Floats) -> Floats:
         solver = self._from(now, until, y)
@@ -188,9 +189,19 @@ class _RestartedDop853:
         raise _StepLimitError
 
     def _from(self, now: float, until: float, y: Floats) -> DOP853:
+        """The solver at the beginning of a piece: one for all of them, since to make one takes as long as two steps."""
         first = min(self.step, until - now)
-        rates: Any = self.rates  # the stubs ask for a function that also takes complex states
-        return DOP853(rates, now, y, until, first_step=first, rtol=self.engine.rtol, atol=self.engine.atol)
+        solver = self._solver
+        if solver is None:
+            rates: Any = self.rates  # the stubs ask for a function that also takes complex states
+            engine = self.engine
+            solver = DOP853(rates, now, y, until, first_step=first, rtol=engine.rtol, atol=engine.atol)
+            solver.fun = rates  # without a count and a conversion around it
+            self._solver = solver
+            return solver
+        solver.t, solver.t_bound, solver.status = now, until, "running"
+        solver.y, solver.f, solver.h_abs = y, self.rates(now, y), first
+        return solver
 
     def _carry(self, now: float, until: float, y: Floats) -> Floats:
         solver = self._from(now, until, y)

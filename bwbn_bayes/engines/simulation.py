@@ -99,10 +99,12 @@ def periods_until_repeated(
     Raises
     ------
     UserError
-        If a parameter is missing or unknown, the solve fails, or the response does not repeat within 1,024 periods, as
-        that of a structure which degrades.
+        If a parameter is missing or unknown, ``within`` is no positive number, the solve fails, or the response does
+        not repeat within 1,024 periods, as that of a structure which degrades.
     """
     require_whole(record)
+    if not 0.0 < within < np.inf:
+        raise UserError(f"within is {within}, it must be a positive number, such as 1e-4")
     drifts = [f"drift_{link}" for link in range(1, model.n_links + 1)]
     draws, n_periods = model.draws(values), _FEWEST
     while n_periods <= _MOST:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from math import comb
 
 import numpy as np
@@ -113,6 +114,7 @@ def with_least_noise(record: Record, rng: np.random.Generator) -> Record:
     )
 
 
+@lru_cache(maxsize=16)
 def noise_sds(record: Record) -> Floats:
     """Noise level of each channel ``(n_channels,)`` without a model: that of its band where a filter ends the noise.
 
@@ -122,7 +124,9 @@ def noise_sds(record: Record) -> Floats:
     band = noise_band(record)
     if band is not None:
         return band.sds
-    return np.array([model_free_noise_sd(signal) for signal in record.measured[:, record.kept]])
+    found = np.array([model_free_noise_sd(signal) for signal in record.measured[:, record.kept]])
+    found.flags.writeable = False
+    return found
 
 
 def model_free_noise_sd(signal: Floats) -> float:

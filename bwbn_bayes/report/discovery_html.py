@@ -34,11 +34,16 @@ def write_discovery(discovery: Discovery, directory: Path) -> ReportFiles:
     ReportFiles
         The discovery's page and figures.
     """
-    content = gather_discovery(discovery)
-    drawings = draw_discovery(content)
-    files = write_page(render_discovery(content, drawings), drawings, directory)
+    files = write_discovery_page(discovery, directory)
     write_report(discovery.result, directory / "identify")
     return files
+
+
+def write_discovery_page(discovery: Discovery, directory: Path) -> ReportFiles:
+    """Write ``report.html`` and its figures, without the final model's report."""
+    content = gather_discovery(discovery)
+    drawings = draw_discovery(content)
+    return write_page(render_discovery(content, drawings), drawings, directory)
 
 
 def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -> str:

@@ -13,18 +13,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from bwbn_bayes.elements.law import (
-    BENDING_DRIFT,
-    DRIFT,
-    DRIFT_RATE,
-    FIRST_FORCE,
-    MASS,
-    NET_FORCE,
-    RECORDED_ACCELERATION,
-    SensorLaw,
-    StoreyLaw,
-    symbol,
-)
+from bwbn_bayes.elements.law import SensorLaw, StoreyLaw
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Constraint, Floats, FreeParameter, Parameter, PerStorey, Prior, Value
 from bwbn_bayes.structures.parts import Links, PlacedEffect
@@ -191,23 +180,9 @@ def check_symbols(law: StoreyLaw, sensors: SensorLaw) -> None:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise UserError(f"two parts of the storey law bring a parameter {', '.join(twice)}: rename one of them")
-    common = {*law.symbols, *(one.subject for one in law.derived), *(event.indicator for event in law.events)}
-    own = {*common, DRIFT, DRIFT_RATE, *law.states[: law.n_storey_states]}
-    floor = {*common, *law.states[law.n_storey_states :], NET_FORCE, MASS, RECORDED_ACCELERATION}
-    base = {*common, *law.base_states, FIRST_FORCE, RECORDED_ACCELERATION}
-    n = law.n_storey_states
-    parts = [
-        ({*own, BENDING_DRIFT}, (law.force,)),
-        (own, (*law.rates[:n], *(changed for changed, _ in law.increments))),
-        (floor, (*law.rates[n:], *([law.acceleration] if law.acceleration is not None else []))),
-        (base, (law.base.acceleration, *law.base.rates) if law.base is not None else ()),
-        ({symbol(p.symbol) for p in sensors.parameters}, (sensors.gain, sensors.bias, sensors.lag)),
-    ]
-    for known, expressions in parts:
-        for expression in expressions:
-            missing = {s.name for s in expression.free_symbols} - {s.name for s in known}
-            if missing:
-                raise UserError(
-                    f"an effect refers to {', '.join(sorted(missing))}, which nothing in the model brings: "
-                    "add the effect that does first"
-                )
+    for missing in (law.unknown, sensors.unknown):
+        if missing:
+            raise UserError(
+                f"an effect refers to {', '.join(missing)}, which nothing in the model brings: "
+                "add the effect that does first"
+            )

@@ -279,6 +279,13 @@ def test_the_command_says_that_there_is_no_end(
     assert line.startswith("error: record 'run 3' has no end to hold out")
 
 
+def test_what_is_left_of_a_short_record_can_be_fitted() -> None:
+    """30 of 36 points were left, and refused for their noise when the search had begun."""
+    short = shaken(acceleration_1=STEADY).until(0.35)
+    with pytest.raises(UserError, match="no end to hold out: of its 36 points at least 32 must be left to fit"):
+        parting_time(MODEL, short)
+
+
 def pushed(*amplitudes: float, per_half: int = 24) -> Record:
     """A path through half cycles of these amplitudes [m], pulled and pushed in turn, from rest; no force yet."""
     targets = [0.0, *(a * (-1.0) ** i for i, a in enumerate(amplitudes))]

@@ -265,6 +265,9 @@ def test_periods_are_counted_until_the_response_repeats() -> None:
     wears = Oscillator(mass=m, spring=spring).with_effect(StrengthDegradation(delta_nu=2e-3))
     with pytest.raises(UserError, match="does not repeat within 1024 periods: does the structure degrade"):
         periods_until_repeated(wears, one, {})
+    for within in (0.0, -1.0, math.nan, math.inf):  # not a number was taken for one period, zero solved 1,024
+        with pytest.raises(UserError, match="it must be a positive number"):
+            periods_until_repeated(linear, one, {"k": k}, within=within)
 
 
 def test_a_specimen_is_led_from_the_end_of_one_test_to_the_beginning_of_the_next() -> None:

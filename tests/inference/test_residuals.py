@@ -9,11 +9,14 @@ from scipy import optimize, signal, stats
 
 from bwbn_bayes import BoucWen, Record, Specimen, Uniform, simulate
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference import residuals
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.residuals import (
     LARGEST_RATIO,
     LEAST_PROBABILITY,
+    N_STRETCHES,
+    ColouredNoise,
     coloured_noise,
     has_past,
     is_noise,
@@ -21,6 +24,7 @@ from bwbn_bayes.inference.residuals import (
     leaves_quiet,
     residual_checks,
     residual_of,
+    steadiness,
     whiteness_probability,
 )
 from bwbn_bayes.parameters import Floats
@@ -39,6 +43,33 @@ def test_whiteness_is_tiny_under_an_autoregression() -> None:
     for _ in range(20):
         coloured = signal.lfilter([1.0], [1.0, -0.3], rng.standard_normal(2000))
         assert whiteness_probability(coloured) < 1e-10
+
+
+def test_steadiness_is_levene_s_test_of_the_stretches() -> None:
+    rng = np.random.default_rng(3)
+    for n in (40, 500, 1501):
+        residual = rng.standard_normal(n) * np.linspace(1.0, 1.3, n)
+        expected = stats.levene(*np.array_split(residual, N_STRETCHES), center="mean").pvalue
+        assert steadiness(residual) == pytest.approx(expected, rel=1e-10)
+
+
+def test_innovations_are_judged_as_scipy_s_tests_judge_them() -> None:
+    """A mean, or a strength, that depends on the motion: refused from where SciPy's probability falls below the least.
+
+    Alone each of the two decides: the other, whiteness, mean and steadiness stay far above it.
+    """
+    rng = np.random.default_rng(5)
+    white, motion = rng.standard_normal(1500), rng.permutation(np.sin(np.arange(1500.0)))
+    part = np.searchsorted(np.unique(np.quantile(motion, residuals._SHARES)), motion)
+    verdicts = []
+    for size in np.linspace(0.0, 0.4, 9):
+        for residual in (white + size * np.sign(motion), white * (1.0 + size * np.sign(motion))):
+            residual = residual - np.mean(residual)
+            groups = [residual[part == n] for n in range(part.max() + 1)]
+            least = min(stats.f_oneway(*groups).pvalue, stats.levene(*groups, center="mean").pvalue)
+            verdicts.append((is_noise(residual, [motion], noise=ColouredNoise(np.empty(0), 0.0)), least))
+    assert all(passes == (least > LEAST_PROBABILITY) for passes, least in verdicts)
+    assert {passes for passes, _ in verdicts} == {True, False}
 
 
 def test_a_residual_of_zero_is_white() -> None:

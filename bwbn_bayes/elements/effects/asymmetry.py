@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self, override
 
 import sympy as sp
@@ -107,7 +108,7 @@ class Asymmetry(Effect):
             is_shown=lambda drift, force: not abs(peak_asymmetry(drift, force)) < 0.01,
         )
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The size, and the width of a smoothed ``sgn u``; their symbols tell the terms apart."""
         size, *widths = _SYMBOLS[self.term]

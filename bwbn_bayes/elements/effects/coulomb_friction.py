@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self, override
 
 import sympy as sp
@@ -111,7 +112,7 @@ class CoulombFriction(Effect):
             is_genuine=lambda at: at[width] <= _WIDEST * at.peak(turned_in),
         )
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The force and the width; their symbols tell the smoothings apart."""
         force, width = _SYMBOLS[self.smoothing]

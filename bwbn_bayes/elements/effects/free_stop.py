@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self, override
 
 import numpy as np
@@ -138,7 +139,7 @@ class FreeStop(Effect):
     def _symbols(self) -> tuple[str, ...]:
         return tuple(name + _TAILS[self.side] for name, *_ in _FIELDS.values())
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """One for each field; their symbols tell the sides apart."""
         return tuple(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self, override
 
 import numpy as np
@@ -78,7 +79,7 @@ class GapImpact(Effect):
 
         return stop_signature(contact, gap, self.side)
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The stiffness and the gap; their symbols tell the sides apart."""
         stiffness, gap = _SYMBOLS[self.side]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.degradation import (
@@ -95,7 +96,7 @@ class StiffnessDegradation(Effect):
     def __post_init__(self) -> None:
         _ = self.loss  # refuses what belongs to no form
 
-    @property
+    @cached_property
     def loss(self) -> Loss:
         """By which it is lost: the form whose parameters are given."""
         every = (*_LOSSES, _FREE)

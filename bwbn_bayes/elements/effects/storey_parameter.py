@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self, override
 
 import sympy as sp
@@ -84,7 +85,7 @@ class StoreyParameter(Effect):
             least=0.05,
         )
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The offset, named after the parameter: ``alpha_offset``."""
         return (

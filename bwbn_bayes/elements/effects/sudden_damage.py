@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil
 from typing import ClassVar, Self, override
 
@@ -103,7 +104,7 @@ class SuddenDamage(Effect):
             least=0.005,
         )
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The change, its time and the duration of a ramp, named after the parameter: ``delta_nu_jump``."""
         kind = "sudden" if self.duration is None else "gradual"

@@ -123,6 +123,8 @@ def _under_smaller_laws(parent: Explanation, every: Sequence[Hypothesis]) -> tup
 def in_other_forms(best: Explanation, known: Mapping[Key, Explanation], run: Run) -> Iterator[Explanation]:
     """An explanation with each of its effects in its other forms, or at other places, where it is known without it.
 
+    An effect in a free shape is tried at other places in all of its usual forms, which this one stands for.
+
     Parameters
     ----------
     best : Explanation
@@ -135,7 +137,8 @@ def in_other_forms(best: Explanation, known: Mapping[Key, Explanation], run: Run
         if base is None or run.must_stop():
             continue
         own = [h for h in run.considered_first if h.name == one.name]
-        alike = [h for h in own if h.storeys == one.storeys or h.symbols == one.symbols]
+        here = {one.symbols} & {h.symbols for h in own} or {h.symbols for h in own}
+        alike = [h for h in own if h.storeys == one.storeys or h.symbols in here]
         alike = [h for h in alike if not is_present(base.model, h.effect, h.storeys)]
         every = [replace(h, base=base.model, carried=()) for h in alike]
         every = [h for h in every if base.effects_key | key_of([h]) not in known]

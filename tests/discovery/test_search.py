@@ -348,8 +348,14 @@ def test_of_two_fits_of_the_same_effects_the_better_stays() -> None:
     assert not pool.unnamed
 
 
-def test_an_effect_found_before_the_others_is_tried_at_other_places_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In its own form there, in every form where it stands; not where an effect of its kind is already."""
+@pytest.mark.parametrize("is_free", [False, True])
+def test_an_effect_found_before_the_others_is_tried_at_other_places_too(
+    is_free: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In its own form there, in every form where it stands; in a free shape in every form everywhere.
+
+    Not where an effect of its kind is already.
+    """
     storey = BoucWen(k=Normal(60.0, 3.0), c=0.4, alpha=0.15, beta=12.0, gamma=2.0, n=1.3)
     plain = ShearBuilding(masses=[2.0, 1.0, 1.0], storey=storey)
     record = GROUND.with_channels({"acceleration_3": GROUND.excitation})
@@ -359,6 +365,8 @@ def test_an_effect_found_before_the_others_is_tried_at_other_places_too(monkeypa
     run.consider(hypotheses(plain, scales, measured=("acceleration_3",), effects=run.settings.effects))
     at = {(one.symbols[0], one.storeys): one for one in run.considered_first}
     first, second = at["F_ratio", (1,)], at["F_root", (2,)]
+    if is_free:
+        (first, *_) = first.free_shapes
     tried: list[tuple[str, tuple[int, ...]]] = []
     monkeypatch.setattr(
         building, "in_forms", lambda _, every, __: tried.extend((one.symbols[0], one.storeys) for one in every) or ()
@@ -366,4 +374,7 @@ def test_an_effect_found_before_the_others_is_tried_at_other_places_too(monkeypa
     base: Any = SimpleNamespace(effects_key=key_of([second]), model=plain.with_effect(second.effect, storeys=[2]))
     best: Any = SimpleNamespace(added=(first, second), effects_key=key_of([first, second]))
     list(building.in_other_forms(best, {base.effects_key: base, best.effects_key: best}, run))
-    assert sorted(tried) == [("F_c", (1,)), ("F_dahl", (1,)), ("F_ratio", (3,)), ("F_root", (1,))]
+    every = ("F_c", "F_dahl", "F_ratio", "F_root")
+    elsewhere = every if is_free else ("F_ratio",)
+    here = [(form, (1,)) for form in every if is_free or form != "F_ratio"]
+    assert sorted(tried) == sorted([*here, *((form, (3,)) for form in elsewhere)])

@@ -355,18 +355,18 @@ def law_errors(explanations: Sequence[Explanation], n_samples: int) -> tuple[Flo
 
 
 def _stays_where(one: Explanation, other: Explanation) -> bool:
-    """Whether what another explanation adds acts nowhere but where the laws of this one do.
+    """Whether all that another explanation adds acts where the laws of this one do, or there too.
 
-    What a law errs by is a force there: a change of another storey, or a sensor's error, is none of its.
+    What a law errs by is a force there: a change of other storeys, or a sensor's error, is none of its.
     """
     where = {(own.effect.level, place) for own in one.added for place in own.storeys or (None,)}
     further = [own for own in other.added if (own.name, own.storeys) not in one.placed]
-    places = {(own.effect.level, place) for own in further for place in own.storeys or (None,)}
-    if one.unnamed is None and other.unnamed is not None:
-        if not isinstance(other.unnamed, tuple) or isinstance(other.unnamed, Span):
-            return False
-        places |= {("link", storey) for storey in other.unnamed}
-    return places <= where and one.unnamed in (None, other.unnamed)
+    if any(where.isdisjoint((own.effect.level, place) for place in own.storeys or (None,)) for own in further):
+        return False
+    if one.unnamed == other.unnamed:
+        return True
+    is_force = isinstance(other.unnamed, tuple) and not isinstance(other.unnamed, Span)
+    return one.unnamed is None and is_force and not where.isdisjoint(("link", place) for place in other.unnamed or ())
 
 
 def _log_evidences(explanations: Sequence[Explanation]) -> Floats:

@@ -8,7 +8,7 @@ from bwbn_bayes.discovery.alternatives import alternatives_check
 from bwbn_bayes.inference.history import Listener
 from bwbn_bayes.inference.likelihood import Noise
 from bwbn_bayes.inference.method import Task
-from bwbn_bayes.inference.registry import method
+from bwbn_bayes.inference.registry import method, require_possible
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Result
@@ -63,9 +63,10 @@ def identify(
     ------
     UserError
         If nothing is to be identified, the record measures nothing, record and model do not belong together, the
-        options are another method's, or the method's library is not installed.
+        options are another method's, its library is not installed, or it can do no such thing.
     """
     settings = settings or Settings()
+    require_possible(settings.method, unnamed_force=unnamed_force, checkpoint=settings.checkpoint)
     task = Task(
         model=model,
         record=record,

@@ -298,6 +298,8 @@ BAD_OPTIONS = [
     (("reproduce", "zhao2019", "--sine-amplitude", "nan"), "amplitude is nan"),
     (("reproduce", "zhao2019", "--sine-frequency", "1e9"), "frequency_hz is 1e+09"),
     (("reproduce", "zhao2019", "--el-centro-scale", "inf"), "El Centro scale is inf"),
+    (("identify", SDOF, "--method", "ipv", "--checkpoint", "ck"), "keeps no checkpoint"),
+    (("identify", SDOF, "--method", "ga", "--unnamed-force"), "method ga samples no posterior"),
 ]
 
 

@@ -33,10 +33,6 @@ class ByNetworks:
         options = IpvSettings() if task.options is None else task.options
         if not isinstance(options, IpvSettings):
             raise UserError(f"the options of method ipv are IpvSettings, not {type(options).__name__}")
-        if task.unnamed_force:
-            raise UserError("method ipv samples no posterior that an unnamed force could widen: leave it out")
-        if task.settings.checkpoint is not None:
-            raise UserError("method ipv is done in seconds and keeps no checkpoint: leave it out")
         model, record, settings, listener = task.model, task.record, task.settings, task.listener
         if model.is_driven:
             raise UserError("IPV needs a ShearBuilding: in a specimen the force is measured, there is none to learn")

@@ -30,8 +30,6 @@ class BySearch:
         genetic = GeneticSettings() if task.options is None else task.options
         if not isinstance(genetic, GeneticSettings):
             raise UserError(f"the options of method ga are GeneticSettings, not {type(genetic).__name__}")
-        if task.unnamed_force:
-            raise UserError("method ga samples no posterior that an unnamed force could widen: leave it out")
         model, record, settings, name, listener = task.model, task.record, task.settings, task.name, task.listener
         require_parameters(model, name)
         require_usable(model, record)

@@ -26,7 +26,7 @@ from bwbn_bayes.cli.console import plain_table, progress, results_console, summa
 from bwbn_bayes.cli.interruption import EXIT_CODE, stopped_with
 from bwbn_bayes.cli.refusal import refuse, refuse_what_the_system_refuses
 from bwbn_bayes.errors import UserError, require_installed
-from bwbn_bayes.inference.registry import METHODS, require_library
+from bwbn_bayes.inference.registry import METHODS, require_library, require_possible
 from bwbn_bayes.inference.settings import MOST_PARTICLES, Settings
 from bwbn_bayes.reproduction.options import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
@@ -173,6 +173,7 @@ def identify(
     from bwbn_bayes.report.second_process import second_process
 
     require_library(method, sampler)
+    require_possible(method, unnamed_force=unnamed_force, checkpoint=checkpoint)
     if scheduler is not None:
         require_installed("distributed", "--scheduler")
     file = _loaded(model, columns, *(record or ()))

@@ -142,7 +142,8 @@ def _with_further_links(asked: _Asked) -> list[Explanation]:
 def _to_first_order(asked: _Asked) -> list[Explanation]:
     """An explanation with an unnamed force in each storey, and in all."""
     one = asked.one
-    posterior, best = on_one_thread(one.evidence.posterior), one.evidence.modes[0].point
+    # Few explanations are asked, so that the last would keep one thread busy: the threads share blocks of lanes.
+    posterior, best = on_threads(one.evidence.posterior, asked.n_threads), one.evidence.modes[0].point
     found = unnamed_forces(posterior, best, UNNAMED_SCALE, matters=asked.behind)
     evidence = one.evidence
     return [

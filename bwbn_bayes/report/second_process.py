@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from bwbn_bayes.report.canvas import Drawing
 
 _SERVE = "from bwbn_bayes.report.second_process import serve; serve()"
-_NUMBERS = (*(number for number in range(N_FIGURES) if number != POSTERIOR), POSTERIOR)
-"""Of the figures, in the order in which the second process draws them."""
+_NUMBERS = tuple(number for number in range(N_FIGURES) if number != POSTERIOR)
+"""Of the figures that the second process draws, in this order."""
 
 
 class SecondProcess:
@@ -56,7 +56,7 @@ class SecondProcess:
         """Every figure by its number on the page; what the other process has not come to is drawn here, last first."""
         from bwbn_bayes.report.figures import draw  # with Matplotlib
 
-        here: dict[int, Drawing | None] = {}
+        here = {POSTERIOR: draw(content, POSTERIOR)}
         while True:
             with self._news:
                 missing = [number for number in _NUMBERS if number not in here and number not in self._found]

@@ -160,10 +160,10 @@ def _hysteresis(loops: tuple[StoreyLoop, ...], *, specimen: bool, with_bands: bo
     n_columns = 1 if len(loops) == 1 else 2
     n_rows = -(-len(loops) // n_columns)
     figure, axes = canvas(n_rows, 0.5 + (3.2 if n_columns == 1 else 2.3) * n_rows, n_columns, share_x=False)
-    length = display_scale("m", max(float(np.abs(loop.drift).max()) for loop in loops))
     strength = display_scale("N", max(float(np.abs(loop.force).max()) for loop in loops))
     for axis, loop in zip(axes, loops, strict=False):
-        _loop(axis, loop, length, strength)
+        # Each in a unit of its own: below an isolated building drifts are a hundred times those above.
+        _loop(axis, loop, display_scale("m", float(np.abs(loop.drift).max())), strength)
     for axis in axes[len(loops) :]:
         axis.set_axis_off()
     legend(figure, axes[0], axes[-1] if len(axes) > len(loops) else None)
@@ -200,8 +200,8 @@ def _drift(histories: tuple[StoreyHistory, ...], *, with_bands: bool) -> Drawing
     if not histories:
         return None
     figure, axes = canvas(len(histories), 0.6 + 1.2 * len(histories))
-    length = display_scale("m", max(float(np.abs(history.drift.middle).max()) for history in histories))
     for axis, history in zip(axes, reversed(histories), strict=True):
+        length = display_scale("m", float(np.abs(history.drift.middle).max()))
         index = thinned(history.drift.middle)
         band = history.drift.at(index).times(length.factor)
         _draw_band(axis, history.time[index], band, IDENTIFIED, mean="identified", label="90 % band")

@@ -43,9 +43,6 @@ def sources() -> dict[str, Any]:
         [{**GIVEN, key: {one: 1.234e-7, other: 2.5e-6}}, {**FOUND, key: {one: 4.321e-7, other: 2.6e-6}}]
         for key, one, other in (("rmse_m", "multisine", "sinesweep"), ("missed_mV", "test_arrow", "test_multisine"))
     )
-    worth = {"hysteresis (a Bouc-Wen spring)": 512.3, "backlash": 3.6}
-    named = {**GIVEN, "model": "what is named of it", "missed_mV": {"test_arrow": 6e-7, "test_multisine": 3e-6}}
-    silverbox = [silverbox[0], {**silverbox[1], "worth_nats": worth}, named]
     frame = [{**line, "fitted_on": "both in sequence", "missed_percent": MISSED} for line in (GIVEN, FOUND)]
     every = {"boucwen": boucwen, "silverbox": silverbox, "frame": frame}
     return {name: {"commit": "abc1234", "lines": lines} for name, lines in every.items()}
@@ -74,8 +71,6 @@ def test_figures_effects_and_what_is_left_stand_on_the_page(tmp_path: Path, monk
     assert "Its errors are 3.50 and 1.04 times those of the spring" in " ".join(text.split())
     assert "of the drift alone, 2.1 % of the force" in text
     assert "- floor 1, 3 to 4 s: residual 2.9 times the noise" in text
-    assert "| arrow [mV] | 0.9 | **1.23e-07** | **4.32e-07** | **6e-07** | 0.96" in text
-    assert "in nats of evidence: hysteresis (a Bouc-Wen spring) 512, backlash 4." in text
     assert "abc1234 on some processor" in text
     assert "All true parameters lie in their 99 % intervals." in text
 

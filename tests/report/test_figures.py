@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from bwbn_bayes.report import figures
 from bwbn_bayes.report.content import gather
 from bwbn_bayes.report.figures import draw_all
 
@@ -50,6 +51,22 @@ def test_the_measured_force_adds_grey_to_the_loops(make_result):
         pixels = np.asarray(Image.open(BytesIO(loops.png)).convert("RGB")).astype(int)
         greys.append(np.sum((np.ptp(pixels, axis=-1) < 8) & (np.abs(pixels[..., 0] - 0xBD) < 8)))
     assert greys[0] > 2 * greys[1]
+
+
+def test_drifts_of_very_different_size_have_units_of_their_own(result, monkeypatch):
+    """In metres the labels of storeys above an isolator, some millimetres, ran into one another."""
+    content, told = gather(result), []
+
+    def noted(figure, name, *words):
+        told.append([axis.get_xlabel() for axis in figure.axes])
+        return finished(figure, name, *words)
+
+    finished = figures.finished
+    monkeypatch.setattr(figures, "finished", noted)
+    sizes = [shrunk / np.abs(content.loops[i].drift).max() for i, shrunk in enumerate((0.2, 0.002))]
+    loops = [replace(loop, drift=size * loop.drift) for loop, size in zip(content.loops[:2], sizes, strict=True)]
+    draw_all(only(content, loops=tuple(loops)))
+    assert told == [["drift [m]", "drift [mm]"]]
 
 
 def test_chains_are_ranked_only_where_there_are_several(make_result, drawings):

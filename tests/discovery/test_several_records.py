@@ -198,7 +198,7 @@ def test_a_force_acts_on_what_comes_after_it_in_the_same_run() -> None:
 
     def answered(record: Record, force: np.ndarray) -> np.ndarray:
         posterior = Posterior(model=LINEAR, record=record, engine=ENGINE, noise=default_noise(GROUND))
-        return answers(posterior, np.array([0.5]), 1, force, 50.0, ())
+        return answers(posterior, np.array([0.5]), 1, force, 50.0)
 
     sequence, virgin = (join_records(halves, in_sequence=in_sequence) for in_sequence in (True, False))
     expected = answered(whole, history)

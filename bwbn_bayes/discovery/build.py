@@ -137,8 +137,9 @@ def in_other_forms(best: Explanation, known: Mapping[Key, Explanation], run: Run
         if base is None or run.must_stop():
             continue
         own = [h for h in run.considered_first if h.name == one.name]
-        here = {one.symbols} & {h.symbols for h in own} or {h.symbols for h in own}
-        alike = [h for h in own if h.storeys == one.storeys or h.symbols in here]
+        usual = {h.symbols for h in own}
+        elsewhere = {one.symbols} if one.symbols in usual else usual
+        alike = [h for h in own if h.storeys == one.storeys or h.symbols in elsewhere]
         alike = [h for h in alike if not is_present(base.model, h.effect, h.storeys)]
         every = [replace(h, base=base.model, carried=()) for h in alike]
         every = [h for h in every if base.effects_key | key_of([h]) not in known]

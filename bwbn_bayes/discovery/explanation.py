@@ -29,6 +29,12 @@ Place = tuple[int, ...] | Span | str
 """Where something is that has no name: storeys in which a force acts, nodes that a link joins, or a channel whose
 reading has an error."""
 
+
+def forced_storeys(place: Place | None) -> tuple[int, ...]:
+    """Storeys in which a force acts that has no name; none where it is something else, or nothing."""
+    return place if isinstance(place, tuple) and not isinstance(place, Span) else ()
+
+
 SPECIMEN: Place = (1,)
 """Where a specimen has an unnamed force."""
 

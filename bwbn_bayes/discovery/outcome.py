@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from bwbn_bayes.discovery.candidates import Hypothesis, place_in_words
 from bwbn_bayes.discovery.cross_validation import CrossValidation
-from bwbn_bayes.discovery.explanation import Explanation, Place
+from bwbn_bayes.discovery.explanation import Explanation, Place, forced_storeys
 from bwbn_bayes.discovery.held_out import HeldOut, Prediction
 from bwbn_bayes.discovery.predictive import PredictiveInterval
 from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Family, Verdict
@@ -454,7 +454,7 @@ def steps_as_json(steps: tuple[Step, ...]) -> dict[str, Any]:
 def _place_as_json(place: Place | None) -> dict[str, Any]:
     """Where an explanation has something unnamed: storeys of a force, nodes of a link, or the channel of a reading."""
     return {
-        "unnamed_force": list(place) if isinstance(place, tuple) and not isinstance(place, Span) else None,
+        "unnamed_force": list(forced_storeys(place)) or None,
         "unnamed_link": list(place) if isinstance(place, Span) else None,
         "unnamed_reading": place if isinstance(place, str) else None,
     }

@@ -15,9 +15,9 @@ from typing import Any, Literal
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
+from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.consistency import probability_of_being_better
-from bwbn_bayes.discovery.explanation import Explanation
-from bwbn_bayes.inference.unnamed.further_link import Span
+from bwbn_bayes.discovery.explanation import Explanation, forced_storeys
 from bwbn_bayes.parameters import Floats
 
 NOTHING_MISSING = 0.5
@@ -359,14 +359,17 @@ def _stays_where(one: Explanation, other: Explanation) -> bool:
 
     What a law errs by is a force there: a change of other storeys, or a sensor's error, is none of its.
     """
-    where = {(own.effect.level, place) for own in one.added for place in own.storeys or (None,)}
+
+    def places(own: Hypothesis) -> set[tuple[str, int | None]]:
+        return {(own.effect.level, place) for place in own.storeys or (None,)}
+
+    where = set[tuple[str, int | None]]().union(*map(places, one.added))
     further = [own for own in other.added if (own.name, own.storeys) not in one.placed]
-    if any(where.isdisjoint((own.effect.level, place) for place in own.storeys or (None,)) for own in further):
+    if any(where.isdisjoint(places(own)) for own in further):
         return False
     if one.unnamed == other.unnamed:
         return True
-    is_force = isinstance(other.unnamed, tuple) and not isinstance(other.unnamed, Span)
-    return one.unnamed is None and is_force and not where.isdisjoint(("link", place) for place in other.unnamed or ())
+    return one.unnamed is None and not where.isdisjoint(("link", place) for place in forced_storeys(other.unnamed))
 
 
 def _log_evidences(explanations: Sequence[Explanation]) -> Floats:

@@ -18,6 +18,7 @@ from bwbn_bayes.engines.lanes import Lanes, usable_processors
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.identification import identify
 from bwbn_bayes.inference.likelihood import KnownNoise
+from bwbn_bayes.inference.registry import METHODS
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import path_correlation, processor_name
 from bwbn_bayes.parameters import Floats
@@ -138,7 +139,7 @@ def run_case(
     record = add_noise(clean.select(_ACCELERATIONS), case.snr_db, np.random.default_rng(seed))
     model = building(case, options, identified=True)
     method = _METHODS[case.method]
-    checkpoint = None if method == "ipv" else checkpoint  # it keeps none
+    checkpoint = checkpoint if METHODS[method].keeps else None
     result = identify(
         model,
         record,

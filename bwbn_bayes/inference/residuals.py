@@ -6,10 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
-from scipy.special import chdtrc, fdtrc, stdtr
+from scipy.stats import chi2, f, f_oneway, levene, ttest_1samp
 
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
@@ -47,7 +46,7 @@ def whiteness_probability(residual: Floats) -> float:
         return 1.0
     correlation = np.array([centred[lag:] @ centred[:-lag] for lag in range(1, lags + 1)]) / power
     statistic = n * (n + 2) * np.sum(np.square(correlation) / (n - np.arange(1, lags + 1)))
-    return float(chdtrc(lags, statistic))
+    return float(chi2.sf(statistic, lags))
 
 
 class ColouredNoise(NamedTuple):
@@ -132,25 +131,18 @@ def is_noise(residual: Floats, motions: Floats | Sequence[Floats] = (), *, noise
 
 
 def _centredness(innovations: Floats) -> float:
-    """Probability of a mean as far from zero if that were the true one: Student's test."""
-    spread = float(np.std(innovations, ddof=1))
-    if spread == 0.0:
-        return 0.0 if np.any(innovations) else 1.0
-    n = len(innovations)
-    return float(2.0 * stdtr(n - 1, -abs(float(np.mean(innovations))) * np.sqrt(n) / spread))
+    """Probability of a mean as far from zero if that were the true one."""
+    return float(ttest_1samp(innovations, 0.0).pvalue) if np.any(innovations) else 1.0
 
 
 def _unawareness(innovations: Floats, motion: Floats) -> float:
     """Probability of parts of a motion's range as unequal, in mean or strength, if there were no connection."""
     edges = np.unique(np.quantile(motion, _SHARES))
     part = np.searchsorted(edges, motion)
-    large = (np.bincount(part) > 1)[part]
-    groups, part = np.unique(part[large], return_inverse=True)
+    groups = [own for n in range(len(edges) + 1) if len(own := innovations[part == n]) > 1]
     if len(groups) < 2 or not np.any(innovations):
         return 1.0
-    degrees = len(groups) - 1, int(np.sum(large)) - len(groups)
-    about, magnitudes = _parted(innovations[large], part)
-    return float(min(fdtrc(*degrees, about), fdtrc(*degrees, _parted(magnitudes, part)[0])))
+    return float(min(f_oneway(*groups).pvalue, levene(*groups, center="mean").pvalue))
 
 
 def steadiness(residual: Floats, correlation_samples: float = 1.0) -> float:
@@ -158,27 +150,9 @@ def steadiness(residual: Floats, correlation_samples: float = 1.0) -> float:
 
     So many successive magnitudes count as one.
     """
-    sizes = [len(stretch) for stretch in np.array_split(residual, N_STRETCHES)]
-    part = np.repeat(np.arange(N_STRETCHES), sizes)
-    statistic = _parted(_parted(residual, part)[1], part)[0]
+    statistic = float(levene(*np.array_split(residual, N_STRETCHES), center="mean").statistic)
     n_counted = len(residual) / correlation_samples
-    return float(fdtrc(N_STRETCHES - 1, max(n_counted - N_STRETCHES, 1.0), statistic / correlation_samples))
-
-
-def _parted(values: Floats, part: NDArray[np.int64]) -> tuple[float, Floats]:
-    """The F statistic of an analysis of variance, and by how much each value ``(n,)`` differs from its part's mean.
-
-    Of these magnitudes it is Levene's statistic. SciPy's tests take twenty times as long, for their checks of what they
-    are given, and a search asks some thousand times.
-    """
-    counts = np.bincount(part)
-    centred = values - np.mean(values)
-    means = np.bincount(part, centred) / counts
-    apart = np.abs(centred - means[part])
-    between, within = float(counts @ np.square(means)), float(apart @ apart)
-    if within == 0.0:
-        return (np.inf if between > 0.0 else 0.0), apart
-    return between / (len(counts) - 1) * (len(values) - len(counts)) / within, apart
+    return float(f.sf(statistic / correlation_samples, N_STRETCHES - 1, max(n_counted - N_STRETCHES, 1.0)))
 
 
 def residual_of(posterior: Posterior, point: Floats) -> Floats:

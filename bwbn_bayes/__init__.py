@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         SuddenDamage,
         ViscousDamper,
     )
+    from bwbn_bayes.elements.effects.backlash import Slack
     from bwbn_bayes.elements.effects.cubic_stiffness import PowerSpring
     from bwbn_bayes.elements.effects.foliente_pinching import FreePinch
     from bwbn_bayes.elements.effects.free_friction import FreeFriction
@@ -116,6 +117,7 @@ __all__ = [
     "SensorLag",
     "Settings",
     "ShearBuilding",
+    "Slack",
     "SlidingBase",
     "SlipLock",
     "Specimen",
@@ -192,6 +194,7 @@ _on_first_use = importer(
             "SuddenDamage",
             "ViscousDamper",
         ),
+        "bwbn_bayes.elements.effects.backlash": ("Slack",),
         "bwbn_bayes.elements.effects.cubic_stiffness": ("PowerSpring",),
         "bwbn_bayes.elements.effects.free_friction": ("FreeFriction",),
         "bwbn_bayes.elements.effects.foliente_pinching": ("FreePinch",),

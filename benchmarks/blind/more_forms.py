@@ -222,6 +222,12 @@ def _asymmetry_growing(here: Place) -> Hidden:
     return _form(here, ("asymmetry",), "grows with work and saturates", why, values)
 
 
+def _play_slack(here: Place) -> Hidden:
+    values = {"b": here.dice.size(0.008, 0.15) * here.at.drift, "slack": 1.0}
+    why = "play in series, crossed after every reversal; this one carries no force meanwhile"
+    return _form(here, ("backlash",), "slack that carries no force", why, values)
+
+
 MORE_FORMS: dict[str, Draw] = {
     "stiffness_saturating": stiffness_saturating,
     "strength_saturating": strength_saturating,
@@ -244,4 +250,5 @@ MORE_FORMS: dict[str, Draw] = {
     "stop_hertz": _stop_hertz,
     "stop_wearing": _stop_wearing,
     "asymmetry_growing": _asymmetry_growing,
+    "play_slack": _play_slack,
 }

@@ -20,6 +20,7 @@ from benchmarks.blind.storey import (
     hysteretic_rate,
     play_rate,
     rate_force,
+    slack_rate,
     stiffness,
     stop_rate,
     wear,
@@ -149,9 +150,14 @@ def _sensed(p: Storey, fine: Floats, time_step: float, steps: int) -> Floats:
 def _storey_rates(p: Storey, t: float, t_step: float, u: float, v: float, own: Floats, out: Floats) -> float:
     """Storey force with damping; ``own`` holds z, eps, Maxwell force, bristle, play and path, ``out`` their rates."""
     k = stiffness(p, t, t_step)
-    within = play_rate(own[4], p.b, v) if p.b > 0.0 else 0.0
-    taken, rate = u - own[4], v - within
+    taken = u - own[4]
     spring = (1.0 - p.alpha) * k * own[0]
+    within = 0.0
+    if p.b > 0.0 and p.slack > 0.0:
+        within = slack_rate(own[4], p.b, v, p.alpha * k * taken + spring)
+    elif p.b > 0.0:
+        within = play_rate(own[4], p.b, v)
+    rate = v - within
     worn = wear(p, t, own[1], own[5])
     out[0] = hysteretic_rate(p, taken, rate, own[0], own[1], worn)
     out[1] = spring * rate

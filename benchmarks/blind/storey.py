@@ -60,8 +60,8 @@ class Storey:
         Stiffness falls with time, by ``k_fade (1 - exp(-t / k_fade_time))`` of itself. [1], [s]
     k_m, tau : float
         Maxwell branch. [N/m], [s]
-    b : float
-        Backlash: play of width 2 b. [m]
+    b, slack : float
+        Backlash: play of width 2 b; with ``slack`` 1 one that is crossed only once the springs carry nothing. [m], [1]
     snap, snap_centre, snap_width : float
         A window of negative stiffness. [N/m], [m], [m]
     modulation, modulation_period, modulation_phase : float
@@ -144,6 +144,7 @@ class Storey:
     k_m: float = 0.0
     tau: float = 1.0
     b: float = 0.0
+    slack: float = 0.0
     snap: float = 0.0
     snap_centre: float = 0.0
     snap_width: float = 1.0
@@ -208,6 +209,11 @@ def _wear(p: Storey, t: float, eps: float, path: float) -> float:
 def _play_rate(position: float, half_width: float, v: float) -> float:
     """Rate of the position in a play: with the drift until it meets a side, and again at once when the drift turns."""
     return 0.0 if position * v > 0.0 and abs(position) >= half_width else v
+
+
+def _slack_rate(position: float, half_width: float, v: float, force: float) -> float:
+    """Rate of the position in slack: none while the springs unload, then that in a play."""
+    return 0.0 if force * v < 0.0 else play_rate(position, half_width, v)
 
 
 def _stop_rate(deflection: float, limit: float, v: float) -> float:
@@ -314,6 +320,7 @@ sign = compiled(_sign)
 stiffness = compiled(_stiffness)
 wear = compiled(_wear)
 play_rate = compiled(_play_rate)
+slack_rate = compiled(_slack_rate)
 stop_rate = compiled(_stop_rate)
 pinch_bell = compiled(_pinch_bell)
 slip_density = compiled(_slip_density)

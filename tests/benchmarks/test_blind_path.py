@@ -152,7 +152,7 @@ def by_scipy(name: str, q: Values) -> Floats:
     return np.array(forces)
 
 
-@pytest.mark.parametrize("name", MORE_FORMS)
+@pytest.mark.parametrize("name", [name for name in MORE_FORMS if name != "play_slack"])  # its oracle: the reference
 def test_every_form_is_its_equation(name: str) -> None:
     hidden: Hidden = MORE_FORMS[name](place())
     expected = by_scipy(name, hidden.storey_values)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import erf, sqrt
 
 import numpy as np
@@ -10,6 +11,7 @@ from laboratory import building, cyclic_test, finer, nrmse, shaking, solve, spec
 from scipy.linalg import expm
 
 from bwbn_bayes.elements.effects import CoulombFriction
+from bwbn_bayes.elements.effects.backlash import Slack
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
@@ -105,6 +107,17 @@ def test_slip_is_the_integral_of_its_density():
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(z))])
     # Trapezoids with steps of up to 0.04 sigma are good to 1e-4 at worst.
     np.testing.assert_allclose(slipped - slipped[0], integral, atol=5e-5 * np.ptp(integral))
+
+
+def test_slack_adds_to_the_springs_drift_what_the_force_tells():
+    """Driven by the springs' own drift plus b_0 erf(z/(sqrt(2) w_0)), the storey with slack has their force."""
+    springs = cyclic_test([1.0, -0.8, 0.5, -1.1], 2000)
+    own = solve(Specimen(storey=storey(alpha=0.0, c=0.0)), springs, ["force", "hysteretic_displacement_1"], 8)
+    slack = 0.3 * np.array([erf(z / (sqrt(2.0) * 0.02)) for z in own["hysteretic_displacement_1"]])
+    driven = replace(springs, excitation=springs.excitation + slack)
+    model = Specimen(storey=storey(alpha=0.0, c=0.0)).with_effect(Slack(b_0=0.3, w_0=0.02))
+    force = solve(model, driven, ["force"], 16)["force"]
+    np.testing.assert_allclose(force, own["force"], atol=2e-3 * np.ptp(own["force"]))
 
 
 def linear_building(k: np.ndarray, c: np.ndarray, masses: np.ndarray, record: Record) -> np.ndarray:

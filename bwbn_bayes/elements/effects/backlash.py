@@ -1,4 +1,4 @@
-"""Play in series with the storey."""
+"""Play in series with the storey: of a held kind, or slack that carries no force."""
 
 from __future__ import annotations
 
@@ -8,7 +8,18 @@ from typing import ClassVar, override
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Definition, Effect, SharpFeature, Slots, step, symbol
+from bwbn_bayes.elements.law import (
+    DRIFT,
+    DRIFT_RATE,
+    HYSTERETIC_DISPLACEMENT,
+    AddedState,
+    Definition,
+    Effect,
+    SharpFeature,
+    Slots,
+    step,
+    symbol,
+)
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
@@ -83,14 +94,79 @@ class Backlash(Effect):
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Slack(Effect):
+    """Backlash of a joint that carries no force while it is crossed: ``u2 = b_0 erf(z/(sqrt(2) w_0))``, in series.
+
+    A crossing of ``z = 0`` slips by ``2 b_0`` with as good as no force, whatever came before; as ``w_0 -> 0`` this is a
+    dead zone in series with the hysteretic spring.
+
+    Parameters
+    ----------
+    b_0 : float, Prior or PerStorey
+        Half of the width of the slack. [m]
+    w_0 : float, Prior or PerStorey
+        Hysteretic displacement over which it is taken up. [m]
+
+    References
+    ----------
+    .. [1] G. Tao and P. V. Kokotovic, "Adaptive Control of Systems with Actuator and Sensor Nonlinearities", Wiley,
+       1996 (dead zone). Cited from memory, not consulted; the rounding over ``w_0`` is that of Baber and Noori's
+       slip-lock element, whose slip grows with work where this one stays.
+    """
+
+    b_0: Value
+    w_0: Value
+
+    elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
+    name: ClassVar[str] = Backlash.name
+    summary: ClassVar[str] = Backlash.summary
+    source: ClassVar[str] = Backlash.source
+    residual: ClassVar[str] = Backlash.residual
+    confusable: ClassVar[str] = Backlash.confusable
+    form: ClassVar[str] = "slack"
+    signature: ClassVar[Signature] = replace(
+        Backlash.signature,
+        plain_name="the shape of the loop near zero force (slack of one width)",
+        size=lambda at: 2.0 * at["b_0"] / at.peak("drift"),
+    )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(symbol="b_0", unit="m", neutral=0.0, lower=0.0, description="half width of the slack", source=source),
+        Parameter(
+            symbol="w_0",
+            unit="m",
+            neutral=1.0,
+            lower=1e-9,
+            description="hysteretic displacement over which it is taken up",
+            source=source,
+        ),
+    )
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        width, density = symbol("w_0"), step("a_0")
+        bell = sp.sqrt(2 / sp.pi) / width * sp.exp(-(HYSTERETIC_DISPLACEMENT**2) / (2 * width**2))
+        return replace(
+            slots,
+            slip_compliance=slots.slip_compliance + symbol("b_0") * density,
+            steps=(*slots.steps, Definition(caption="where the slack is crossed", subject=density, expression=bell)),
+            sharp_features=(*slots.sharp_features, SharpFeature(state=HYSTERETIC_DISPLACEMENT, width=width)),
+        )
+
+
+@guides(Slack)
 @guides(Backlash)
-class BacklashSearch(SearchGuide[Backlash]):
+class BacklashSearch(SearchGuide[Backlash | Slack]):
     """How a search looks for play."""
 
     @override
-    def priors(self, scales: Scales) -> tuple[Backlash, ...]:
-        return (Backlash(b=HalfNormal(0.15 * scales.drift), w=0.004 * scales.drift),)
+    def priors(self, scales: Scales) -> tuple[Backlash | Slack, ...]:
+        half = HalfNormal(0.15 * scales.drift)
+        # What yields over a wider range than a twentieth is no slack.
+        slack = Slack(b_0=half, w_0=0.05 * scales.hysteretic_displacement)
+        return (Backlash(b=half, w=0.004 * scales.drift), slack)
 
     @override
-    def starts(self, effect: Backlash, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        return {"b": tuple(share * scales.drift for share in (0.01, 0.04, 0.12, 0.25))}
+    def starts(self, effect: Backlash | Slack, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        half = "b_0" if isinstance(effect, Slack) else "b"
+        return {half: tuple(share * scales.drift for share in (0.01, 0.04, 0.12, 0.25))}

@@ -32,7 +32,7 @@ _OPEN = 1e-9
 """Closure of a stop that is not met, over ``u``: a power of zero has no logarithm."""
 
 
-_FREE_TRAVEL = 0.1
+FREE_TRAVEL = 0.1
 """Share of the largest drift that a stop leaves free at least: a spring that is met at once is a stiffening."""
 
 
@@ -51,7 +51,7 @@ def stop_signature(contact: Measure, gap: str, side: str) -> Signature:
 
     def has_gap(at: PlaceResponse) -> bool:
         reach = max(float(np.max(sign * at.histories["drift"])) for sign in _SIGNS[side])
-        return at[gap] >= _FREE_TRAVEL * reach
+        return at[gap] >= FREE_TRAVEL * reach
 
     return Signature(
         measure="force of the stop over the storey's peak force",
@@ -174,7 +174,7 @@ class FreeStopSearch(SearchGuide[FreeStop]):
         return tuple(
             FreeStop(
                 k_h=HalfNormal(3.0 * scales.stiffness),
-                g=Uniform(0.02 * scales.drift, 1.5 * scales.drift),
+                g=Uniform(FREE_TRAVEL * scales.drift, 1.5 * scales.drift),
                 p=Uniform(1.0, 3.0),
                 w=HalfNormal(0.5).truncated(0.0, 5.0),
                 u=scales.drift,

@@ -10,7 +10,7 @@ from typing import ClassVar, Self, override
 import numpy as np
 import sympy as sp
 
-from bwbn_bayes.elements.effects.free_stop import FreeStopSearch, stop_signature
+from bwbn_bayes.elements.effects.free_stop import FREE_TRAVEL, FreeStopSearch, stop_signature
 from bwbn_bayes.elements.law import DRIFT, Effect, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
@@ -121,7 +121,7 @@ class GapImpactSearch(SearchGuide[GapImpact]):
 
     @override
     def priors(self, scales: Scales) -> tuple[GapImpact, ...]:
-        gap = Uniform(0.02 * scales.drift, 1.5 * scales.drift)
+        gap = Uniform(FREE_TRAVEL * scales.drift, 1.5 * scales.drift)
         return tuple(GapImpact(k_g=HalfNormal(3.0 * scales.stiffness), g=gap, side=side) for side in _SYMBOLS)
 
     @override

@@ -27,6 +27,8 @@ from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
 PLAY = symbol("d")
 """Position within the play, from -b to b. [m]"""
+SLACK = symbol("d_0")
+"""Position within the slack, from -b_0 to b_0. [m]"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,23 +98,23 @@ class Backlash(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class Slack(Effect):
-    """Backlash of a joint that carries no force while it is crossed: ``u2 = b_0 erf(z/(sqrt(2) w_0))``, in series.
+    """Backlash that carries no force while it is crossed: a dead zone of width ``2 b_0`` in series with both springs.
 
-    A crossing of ``z = 0`` slips by ``2 b_0`` with as good as no force, whatever came before; as ``w_0 -> 0`` this is a
-    dead zone in series with the hysteretic spring.
+    As :class:`Backlash`, but that the play is crossed once the springs are unloaded:
+    ``dd/dt = v clip((b_0 - d sgn v)/w_0, 0, 1) clip(1 + f sgn v/w_0, 0, 1)`` with the springs' force over their
+    stiffness, ``f = alpha (u - d) + (1 - alpha) z``.
 
     Parameters
     ----------
     b_0 : float, Prior or PerStorey
         Half of the width of the slack. [m]
     w_0 : float, Prior or PerStorey
-        Hysteretic displacement over which it is taken up. [m]
+        Distance over which it opens and closes. [m]
 
     References
     ----------
     .. [1] G. Tao and P. V. Kokotovic, "Adaptive Control of Systems with Actuator and Sensor Nonlinearities", Wiley,
-       1996 (dead zone). Cited from memory, not consulted; the rounding over ``w_0`` is that of Baber and Noori's
-       slip-lock element, whose slip grows with work where this one stays.
+       1996 (dead zone). Cited from memory, not consulted; the ramps over ``w_0`` are ours, as those of the play are.
     """
 
     b_0: Value
@@ -127,7 +129,7 @@ class Slack(Effect):
     form: ClassVar[str] = "slack"
     signature: ClassVar[Signature] = replace(
         Backlash.signature,
-        plain_name="the shape of the loop near zero force (slack of one width)",
+        plain_name="the shape of the loop near zero force (a dead zone)",
         size=lambda at: 2.0 * at["b_0"] / at.peak("drift"),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -137,20 +139,32 @@ class Slack(Effect):
             unit="m",
             neutral=1.0,
             lower=1e-9,
-            description="hysteretic displacement over which it is taken up",
+            description="distance over which it opens and closes",
             source=source,
         ),
     )
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        width, density = symbol("w_0"), step("a_0")
-        bell = sp.sqrt(2 / sp.pi) / width * sp.exp(-(HYSTERETIC_DISPLACEMENT**2) / (2 * width**2))
+        half, width, alpha, forward = symbol("b_0"), symbol("w_0"), symbol("alpha"), sp.sign(DRIFT_RATE)
+        room, loose = step("xi_0"), step("xi_f")
+        force = alpha * (DRIFT - SLACK) + (1 - alpha) * HYSTERETIC_DISPLACEMENT
+        free = (sp.Max(room, 0) - sp.Max(room - 1, 0)) * (sp.Max(loose, 0) - sp.Max(loose - 1, 0))
+        steps = (
+            Definition(
+                caption="room ahead in the slack, in w_0", subject=room, expression=(half - SLACK * forward) / width
+            ),
+            Definition(
+                caption="how far the springs are unloaded", subject=loose, expression=1 + force * forward / width
+            ),
+        )
         return replace(
             slots,
-            slip_compliance=slots.slip_compliance + symbol("b_0") * density,
-            steps=(*slots.steps, Definition(caption="where the slack is crossed", subject=density, expression=bell)),
-            sharp_features=(*slots.sharp_features, SharpFeature(state=HYSTERETIC_DISPLACEMENT, width=width)),
+            drift_taken_up=slots.drift_taken_up + SLACK,
+            drift_rate_share=slots.drift_rate_share - free,
+            added_states=(*slots.added_states, AddedState(state=SLACK, rate=DRIFT_RATE * free)),
+            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=4 * width, everywhere=True)),
+            steps=(*slots.steps, *(Definition(caption=c, subject=x, expression=e) for c, x, e in steps)),
         )
 
 
@@ -161,10 +175,8 @@ class BacklashSearch(SearchGuide[Backlash | Slack]):
 
     @override
     def priors(self, scales: Scales) -> tuple[Backlash | Slack, ...]:
-        half = HalfNormal(0.15 * scales.drift)
-        # What yields over a wider range than a twentieth is no slack.
-        slack = Slack(b_0=half, w_0=0.05 * scales.hysteretic_displacement)
-        return (Backlash(b=half, w=0.004 * scales.drift), slack)
+        half, width = HalfNormal(0.15 * scales.drift), 0.004 * scales.drift
+        return (Backlash(b=half, w=width), Slack(b_0=half, w_0=width))
 
     @override
     def starts(self, effect: Backlash | Slack, scales: Scales) -> Mapping[str, tuple[float, ...]]:

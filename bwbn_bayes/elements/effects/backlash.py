@@ -151,12 +151,8 @@ class Slack(Effect):
         force = alpha * (DRIFT - SLACK) + (1 - alpha) * HYSTERETIC_DISPLACEMENT
         free = (sp.Max(room, 0) - sp.Max(room - 1, 0)) * (sp.Max(loose, 0) - sp.Max(loose - 1, 0))
         steps = (
-            Definition(
-                caption="room ahead in the slack, in w_0", subject=room, expression=(half - SLACK * forward) / width
-            ),
-            Definition(
-                caption="how far the springs are unloaded", subject=loose, expression=1 + force * forward / width
-            ),
+            ("room ahead in the slack, in w_0", room, (half - SLACK * forward) / width),
+            ("how far the springs are unloaded", loose, 1 + force * forward / width),
         )
         return replace(
             slots,

@@ -32,6 +32,9 @@ _OPEN = 1e-9
 """Closure of a stop that is not met, over ``u``: a power of zero has no logarithm."""
 
 
+_CONE = 2.0
+"""Largest power of a contact: bodies rounded as ``r^m`` push by the power ``1 + 1/m`` of the closure: flat ones by the
+first, spheres by 3/2, cones by the second."""
 FREE_TRAVEL = 0.1
 """Share of the largest drift that a stop leaves free at least: a spring that is met at once is a stiffening."""
 
@@ -95,6 +98,8 @@ class FreeStop(Effect):
     ----------
     .. [1] H. Hertz, "Über die Berührung fester elastischer Körper", J. reine angew. Math. 92, 1882 (the power 3/2;
        cited from memory, not consulted); that the gap widens is our generalisation.
+    .. [2] I. N. Sneddon, "The relation between load and penetration in the axisymmetric Boussinesq problem for a punch
+       of arbitrary profile", Int. J. Eng. Sci. 3(1), 1965 (the other powers; cited from memory, not consulted).
     """
 
     k_h: Value
@@ -175,7 +180,7 @@ class FreeStopSearch(SearchGuide[FreeStop]):
             FreeStop(
                 k_h=HalfNormal(3.0 * scales.stiffness),
                 g=Uniform(FREE_TRAVEL * scales.drift, 1.5 * scales.drift),
-                p=Uniform(1.0, 3.0),
+                p=Uniform(1.0, _CONE),
                 w=HalfNormal(0.5).truncated(0.0, 5.0),
                 u=scales.drift,
                 E=scales.energy,

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.elements.catalogue import registered, title_of
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import Scales
@@ -23,7 +22,7 @@ from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, PerStorey, Prior, Truncated
 from bwbn_bayes.records.cycles import path_of
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.structures.parts import PlacedEffect
+from bwbn_bayes.structures.parts import SPECIMEN, PlacedEffect
 from bwbn_bayes.structures.quantities import modes, parameters_at
 from bwbn_bayes.structures.structure import Structure
 
@@ -221,6 +220,9 @@ def hypotheses(
             own = mean_scales([scales[storey - 1] for storey in storeys] or scales[:1])
             for effect in guide.priors(own):
                 if (not has_time and effect.needs_time) or (not in_one_go and effect.is_an_event):
+                    continue
+                # One form of an effect may act on fewer elements than another.
+                if effect.level == "link" and any(base.element_of(one) not in effect.elements for one in storeys):
                     continue
                 hypothesis = Hypothesis(base=base, effect=effect, storeys=storeys, scales=own, guide=guide)
                 if hypothesis.symbols not in addable:

@@ -10,7 +10,6 @@ from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, predict
 from bwbn_bayes.discovery.outcome import Gap, UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.probability import POSSIBLE, Beliefs
-from bwbn_bayes.discovery.where import storey_in_words
 from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
@@ -90,7 +89,7 @@ def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
     measured = record.channels["force"][record.kept]
     return UnnamedForce(
         storey=1,
-        place=storey_in_words(one.model, 1),
+        place=one.model.link_in_words(1),
         probability=probability,
         share=float(np.std(force) / np.sqrt(np.mean(np.square(measured)))),
         state=record.excitation[record.kept],
@@ -136,7 +135,7 @@ def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
     over = found.effect.state if isinstance(found, StateForce) else ""
     return UnnamedForce(
         storey=storey,
-        place=storey_in_words(one.model, storey) if len(shares) == 1 else "every storey",
+        place=one.model.link_in_words(storey) if len(shares) == 1 else "every storey",
         probability=probability,
         share=shares[storey],
         function=found.kind,

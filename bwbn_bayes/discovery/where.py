@@ -22,9 +22,6 @@ from bwbn_bayes.records.cycles import cycle_numbers, half_cycles
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.structure import Structure
 
-SPECIMEN = "the specimen"
-"""The one place in a testing machine, in words."""
-
 N_WINDOWS, _FEWEST_WINDOWS = 24, 4
 """Windows of a record, by their shares of what counts those of several, and of each of these at least."""
 N_PLANE = 12
@@ -35,11 +32,6 @@ _AFTER_A_TURN = 0.1
 """Share of a half cycle's way that is just after its turn, where there is no time to tell it by."""
 _CHANCE = 0.01
 _LEAST_CONCENTRATION = 1.3
-
-
-def storey_in_words(model: Structure, number: int) -> str:
-    """``storey 2``, or ``the specimen`` in a testing machine."""
-    return f"storey {number}" if not model.is_driven else SPECIMEN
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +126,7 @@ class Disagreement:
             own = next((name for name in (f"acceleration_{i + 1}", "force") if name in self.channels), None)
             # Where a record lacks a sensor above, the channel itself tells more.
             if own is not None and np.all(np.isfinite(ratios[measured[own]])):
-                rows.append(Row(channel=own, place=storey_in_words(model, i + 1), storey=i, ratios=ratios))
+                rows.append(Row(channel=own, place=model.link_in_words(i + 1), storey=i, ratios=ratios))
         told = {row.channel for row in rows}
         for name, ratios in zip(self.channels, self.by_window, strict=True):
             if name not in told:

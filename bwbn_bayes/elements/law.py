@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Protocol, Self, cast
+from typing import Any, ClassVar, Protocol, cast
 
 import sympy as sp
 
@@ -238,7 +238,7 @@ class Effect(Addition, Protocol):
         return {parameter.symbol: getattr(self, parameter.symbol) for parameter in self.parameters}
 
     @classmethod
-    def neutral_forms(cls) -> tuple[Self, ...]:
+    def neutral_forms(cls) -> tuple[Effect, ...]:
         """The effect at its neutral values, once for each form it has."""
         declared: object = cls.parameters
         if not isinstance(declared, tuple):

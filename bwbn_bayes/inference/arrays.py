@@ -234,6 +234,8 @@ def constant_dataset(model: Structure, record: Record) -> xr.Dataset:
         own = {"mass": ("floor", list(model.masses), {"units": "kg"})}
         own |= {"height": ("storey", list(model.heights), {"units": "m"})} if model.heights is not None else {}
         dataset = dataset.assign(own).assign_coords(floor=floors)
+        if model.n_links > model.n_floors:
+            dataset.attrs["links"] = [model.link_in_words(link) for link in range(1, model.n_links + 1)]
     if model.is_chain and floors and set(floors) <= set(record.floors):
         forces = _or_nothing(record, record.storey_forces(model.masses))
     elif "force" in record.channels:

@@ -13,7 +13,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.inference.responses import STATISTICS, evenly
 from bwbn_bayes.report.pieces import (
     Band,
@@ -28,6 +27,7 @@ from bwbn_bayes.report.pieces import (
     strongest_window,
 )
 from bwbn_bayes.results import Facts, ParameterFacts, Result
+from bwbn_bayes.structures.parts import SPECIMEN
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -73,7 +73,7 @@ def gather(result: Result) -> Content:
         histories=_histories(tree),
         marginals=marginals,
         pairs=_strongest_pairs(marginals),
-        storeys=tuple(range(1, quantities.sizes.get("storey", 0) + 1)),
+        places=tuple(place_in_words(tree, storey) for storey in range(1, facts.storeys + 1)),
         storey_quantities=_quantities(quantities, "storey"),
         modal_quantities=() if _is_specimen(tree) else _quantities(quantities, "mode"),
         period=None if _is_specimen(tree) else _period(quantities),
@@ -171,7 +171,7 @@ def _loops(tree: xr.DataTree) -> tuple[StoreyLoop, ...]:
     measured = None if measured is None else measured.isel(time=stretch)
     return tuple(
         StoreyLoop(
-            place=place_in_words(storey, specimen=_is_specimen(tree)),
+            place=place_in_words(tree, storey),
             drift=_stated(_at(response["drift"], "storey", storey)).middle,
             force=_stated(_at(response["restoring_force"], "storey", storey)).middle,
             drift_draws=_at(whole["drift"], "storey", storey).transpose("draw", "time").values,
@@ -200,9 +200,12 @@ def _is_specimen(tree: xr.DataTree) -> bool:
     return "displacement" in _group(tree, "constant_data")
 
 
-def place_in_words(storey: int | str, *, specimen: bool) -> str:
-    """``storey 2``, or the one place in a testing machine."""
-    return SPECIMEN if specimen else f"storey {storey}"
+def place_in_words(tree: xr.DataTree, storey: int) -> str:
+    """``storey 2``, the nodes that a link joins which carries no floor, or the one place in a testing machine."""
+    if _is_specimen(tree):
+        return SPECIMEN
+    links = np.atleast_1d(_group(tree, "constant_data").attrs.get("links", []))
+    return str(links[storey - 1]) if len(links) else f"storey {storey}"
 
 
 def _history(array: xr.DataArray | None, storey: int) -> Floats | None:
@@ -218,7 +221,7 @@ def _histories(tree: xr.DataTree) -> tuple[StoreyHistory, ...]:
         return ()
     return tuple(
         StoreyHistory(
-            place=place_in_words(storey, specimen=_is_specimen(tree)),
+            place=place_in_words(tree, storey),
             time=np.asarray(response["time"].values, dtype=np.float64),
             drift=_stated(_at(response["drift"], "storey", storey)),
             energy=_stated(_at(response["hysteretic_energy"], "storey", storey)),

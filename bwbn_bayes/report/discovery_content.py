@@ -12,7 +12,7 @@ import numpy as np
 
 from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Step
-from bwbn_bayes.discovery.where import Disagreement, storey_in_words
+from bwbn_bayes.discovery.where import Disagreement
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.cycles import path_length
 from bwbn_bayes.records.record import Record
@@ -211,7 +211,7 @@ def _planes(model: Structure, stages: Sequence[tuple[str, Disagreement]]) -> tup
     storeys = shown([i for i, plane in enumerate(first) if np.any(np.isfinite(plane))], MAX_STOREYS)
     words = ("as given", "improved")
     return tuple(
-        PlaneMap(title=f"{storey_in_words(model, i + 1).capitalize()}, {word}", values=seen.by_state[i])
+        PlaneMap(title=f"{model.link_in_words(i + 1).capitalize()}, {word}", values=seen.by_state[i])
         for word, (_, seen) in zip(words, stages, strict=False)
         for i in storeys
     )
@@ -224,7 +224,7 @@ def _loops(discovery: Discovery) -> tuple[LoopPair, ...]:
     return tuple(
         LoopPair(
             storey=storey,
-            title=storey_in_words(discovery.model, storey).capitalize(),
+            title=discovery.model.link_in_words(storey).capitalize(),
             source="the force measured by the floors above" if of_building else "the measured force",
             measured=_measured_force(discovery.model, discovery.record, storey),
             drifts=tuple(rows["drift"][storey - 1] for rows in stages),

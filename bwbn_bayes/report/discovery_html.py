@@ -70,7 +70,11 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
         parameters=tables.new_parameters_table(content),
         old_equations=_written(content.old_equations),
         new_equations=_written(content.new_equations),
-        drift_ratios=quantity_table(content.drift_ratios, "storey"),
+        drift_ratios=quantity_table(
+            content.drift_ratios,
+            "storey",
+            [discovery.model.link_in_words(link) for link in range(1, discovery.model.n_links + 1)],
+        ),
         unnamed=discovery.unnamed,
         unnamed_is_force=isinstance(discovery.unnamed, UnnamedForce),
         unnamed_share=percent(discovery.unnamed.share) if discovery.unnamed is not None else "",

@@ -10,7 +10,6 @@ from markupsafe import Markup
 from bwbn_bayes.discovery.candidates import place_in_words
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, SignatureFacts, UnnamedReading
 from bwbn_bayes.discovery.sentences import evidence_in_words, nats_in_words, probability_in_words, runner_up
-from bwbn_bayes.discovery.where import SPECIMEN
 from bwbn_bayes.elements.catalogue import title_of
 from bwbn_bayes.report.discovery_content import DiscoveryContent
 from bwbn_bayes.report.numbers import (
@@ -24,6 +23,7 @@ from bwbn_bayes.report.numbers import (
     with_uncertainty,
 )
 from bwbn_bayes.report.tables import KeyFigure, Table, parameter_row
+from bwbn_bayes.structures.parts import SPECIMEN
 from bwbn_bayes.structures.structure import Structure
 
 MAX_SPOTS = 6

@@ -88,9 +88,14 @@ def render(content: Content, drawings: tuple[Drawing, ...]) -> str:
         parameters=[tables.parameter_row(parameter) for parameter in facts.parameters],
         truth_known=any(parameter.true is not None for parameter in facts.parameters),
         fit=tables.fit_table(facts),
-        force=tables.force_table(facts, specimen=content.specimen),
-        storeys=tables.quantity_table(content.storey_quantities, "specimen" if content.specimen else "storey"),
-        modes=tables.quantity_table(content.modal_quantities, "mode"),
+        force=tables.force_table(facts, content.places),
+        structure=_structure_in_words(content),
+        storeys=tables.quantity_table(
+            content.storey_quantities, "specimen" if content.specimen else "storey", content.places
+        ),
+        modes=tables.quantity_table(
+            content.modal_quantities, "mode", [f"mode {number}" for number in range(1, facts.storeys + 1)]
+        ),
         stages=tables.stage_table(facts),
         evidences=tables.evidence_table(facts),
         checks=[(check, *tables.check_texts(check)) for check in facts.checks],
@@ -101,6 +106,14 @@ def render(content: Content, drawings: tuple[Drawing, ...]) -> str:
         channels_left_out=content.n_channels - len(content.traces),
         storeys_left_out=facts.storeys - len(content.loops) if content.loops else 0,
     )
+
+
+def _structure_in_words(content: Content) -> str:
+    if content.specimen:
+        return "a specimen"
+    storeys = sum(place.startswith("storey") for place in content.places)
+    parts = ((storeys, "storey", "storeys"), (len(content.places) - storeys, "further link", "further links"))
+    return " and ".join(f"{n} {one if n == 1 else more}" for n, one, more in parts if n)
 
 
 def template(name: str) -> Template:

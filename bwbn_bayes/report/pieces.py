@@ -135,7 +135,8 @@ class Content:
     histories: tuple[StoreyHistory, ...]
     marginals: tuple[Marginal, ...]
     pairs: tuple[Pair, ...]
-    storeys: tuple[int, ...]
+    places: tuple[str, ...]
+    """Its links in words, from the ground up."""
     storey_quantities: tuple[Quantity, ...]
     modal_quantities: tuple[Quantity, ...]
     period: Period | None

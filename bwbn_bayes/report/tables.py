@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
 
-from bwbn_bayes.report.content import place_in_words
 from bwbn_bayes.report.numbers import (
     NOTHING,
     Scale,
@@ -127,28 +127,27 @@ def fit_table(facts: Facts) -> Table:
     return Table(columns=("channel", "misfit (NRMSE)", "noise sd, in the channel's unit"), rows=rows)
 
 
-def force_table(facts: Facts, *, specimen: bool = False) -> Table:
-    """Restoring force against the noise-free truth, per storey."""
+def force_table(facts: Facts, places: Sequence[str]) -> Table:
+    """Restoring force against the noise-free truth, per link, and their names in words."""
     rows = tuple(
         (
-            place_in_words(storey, specimen=specimen),
+            place,
             percent(values.get("nrmse", float("nan"))),
             _correlation(values.get("correlation_time", float("nan"))),
             _correlation(values.get("correlation_drift", float("nan"))),
         )
-        for storey, values in facts.restoring_force.items()
+        for place, values in zip(places, facts.restoring_force.values(), strict=False)
     )
     return Table(columns=("force against the truth", "NRMSE", "R over time", "R over drift"), rows=rows)
 
 
-def quantity_table(quantities: tuple[Quantity, ...], place: str) -> Table:
-    """Engineering quantities, one row for each storey or mode: mean, and the 90 % band below it."""
+def quantity_table(quantities: tuple[Quantity, ...], heading: str, places: Sequence[str]) -> Table:
+    """Engineering quantities, one row for each place, a link or a mode: mean, and the 90 % band below it."""
     if not quantities:
         return Table(columns=(), rows=())
     columns = [_quantity_cells(quantity) for quantity in quantities]
-    n_places = len(quantities[0].band.middle)
-    rows = tuple((f"{place} {i + 1}", *(cells[i] for _, cells in columns)) for i in range(n_places))
-    return Table(columns=(place, *(heading for heading, _ in columns)), rows=rows)
+    rows = tuple(zip(places, *(cells for _, cells in columns), strict=False))
+    return Table(columns=(heading, *(heading for heading, _ in columns)), rows=rows)
 
 
 def stage_table(facts: Facts) -> Table:

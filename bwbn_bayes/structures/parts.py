@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from bwbn_bayes.elements.element import Element
 from bwbn_bayes.elements.law import Effect
 
+SPECIMEN = "the specimen"
+"""The one place in a testing machine, in words."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Links:

@@ -23,7 +23,7 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats, FreeParameter, Parameter, ParameterSpace, PerStorey, Prior, Value
 from bwbn_bayes.records.record import ExcitationKind
 from bwbn_bayes.structures.assembly import ParameterTable, assemble, check_symbols, checked, constraints, spread
-from bwbn_bayes.structures.parts import Links, PlacedEffect
+from bwbn_bayes.structures.parts import SPECIMEN, Links, PlacedEffect
 
 GROUND = 0
 """The node that every chain of links begins at."""
@@ -109,6 +109,14 @@ class Structure:
     def is_chain(self) -> bool:
         """Whether every link is a storey between a floor and the one below."""
         return self.joints == tuple((i, i + 1) for i in range(self.n_floors))
+
+    def link_in_words(self, link: int) -> str:
+        """``storey 2``; of a link that carries no floor the nodes that it joins, of a testing machine its specimen."""
+        if self.is_driven:
+            return SPECIMEN
+        if link <= self.n_floors:
+            return f"storey {link}"
+        return f"link from {' to '.join(f'floor {node}' if node else 'the ground' for node in self.joints[link - 1])}"
 
     @property
     def runs_on_from(self) -> tuple[int, ...]:

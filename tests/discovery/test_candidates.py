@@ -12,6 +12,7 @@ from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects import CubicStiffness, PDelta, QuadraticDamping, SensorGain, SlipLock, StoreyParameter
+from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.elements.scales import NOMINAL, Scales
 from bwbn_bayes.engines.available import engine
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -57,6 +58,17 @@ def test_places_follow_the_level() -> None:
         )
         # A parameter that the storeys share is the same in all of them already.
         assert where == (expected - {(1, 2)} if name == "storey_parameter" else expected), name
+
+
+def test_a_form_is_looked_for_where_its_element_is() -> None:
+    """Slack stands between springs that a linear brace has not; a play of the other kind it can have."""
+    braced = BASE.with_link(Linear(k=Uniform(1, 20), c=0.1), joins=(0, 2))
+    every = hypotheses(braced, [SCALES] * 3, measured=CHANNELS)
+    forms = {
+        form: {h.storeys for h in every if h.name == "backlash" and h.effect.form == form} for form in ("", "slack")
+    }
+    assert forms == {"": {(1,), (2,), (3,), (1, 2, 3)}, "slack": {(1,), (2,)}}
+    assert all(h.model.n_links == 3 for h in every)
 
 
 def test_a_sensor_that_does_not_exist_cannot_be_wrong() -> None:

@@ -20,27 +20,28 @@ PLAIN = {
     "phi": 0.0, "phi_uv": 0.0, "u_uv": 1.0, "phi_u": 0.0, "u_u": 1.0, "k3": 0.0, "c2": 0.0, "k_geo": 0.0,
     "F_v": 0.0, "p_v": 1.0, "v_v": 1.0,
     "F_c": 0.0, "v0": 1.0, "F_ratio": 0.0, "v_ratio": 1.0, "F_root": 0.0, "v_root": 1.0,
-    "F_dahl": 0.0, "x_dahl": 1.0,
+    "F_dahl": 0.0, "x_dahl": 1.0, "b_0": 0.0, "w_0": 1.0,
     "k_g": 0.0, "g": 1.0, "k_gp": 0.0, "g_p": 1.0, "k_gn": 0.0, "g_n": 1.0,
     "k_m": 0.0, "tau": 1.0, "b": 0.0, "w": 1.0, "k_ramp": 0.0, "k_ramp_time": 0.0, "k_ramp_duration": 1.0,
 }  # fmt: skip
 
 
-def storey(
-    p: dict[str, float], u: float, v: float, z: float, eps: float, q: float, d: float, stuck: float, path: float
-) -> tuple[float, float, float, float, float, float, float]:
+def storey(p: dict[str, float], u: float, v: float, *states: float) -> tuple[float, ...]:
     """Storey force with damping, and the rates of its states.
 
-    The states are z, eps, a Maxwell branch's force q, the place d in a play, the deflection of a contact that sticks
-    and the path. [m]
+    The states are z, eps, a Maxwell branch's force q, the place d in a play, the deflection of a contact that sticks,
+    the path and the place s in slack. [m]
     """
+    z, eps, q, d, stuck, path, s = states
     beside = parallel_force(p, u, v) + q + p["F_dahl"] / p["x_dahl"] * stuck + p["c"] * v
     stuck_rate = v * (1.0 - stuck / p["x_dahl"] * sign(v))
     q_rate = p["k_m"] * v - q / p["tau"]
     path_rate = abs(v)
     d_rate = v * min(max((p["b"] - d * sign(v)) / p["w"], 0.0), 1.0)
     u_turn = {width: math.tanh(u / p[width]) for width in ("u_uv", "u_u")}
-    u, v = u - d, v - d_rate
+    loose = min(max(1.0 + sign(v) / p["w_0"] * (p["alpha"] * (u - s) + (1.0 - p["alpha"]) * z), 0.0), 1.0)
+    s_rate = v * loose * min(max((p["b_0"] - s * sign(v)) / p["w_0"], 0.0), 1.0)
+    u, v = u - d - s, v - d_rate - s_rate
     nu = 1.0 + p["delta_nu"] * eps + p["nu_inf"] * (1.0 - math.exp(-p["p_nu"] * eps)) + p["theta_nu"] * path
     eta = 1.0 + p["delta_eta"] * eps + p["eta_inf"] * (1.0 - math.exp(-p["p_eta"] * eps)) + p["theta_eta"] * path
     shape = p["beta"] * sign(z * v) + p["gamma"] + p["phi"] * (sign(z) + sign(v))
@@ -53,7 +54,7 @@ def storey(
         f *= 1.0 - z1 * math.exp(-((z * sign(v) - p["q"] * z_u) ** 2) / z2**2)
     slip = p["delta_s"] * eps * math.sqrt(2.0 / math.pi) / p["sigma"] * math.exp(-0.5 * (z / p["sigma"]) ** 2)
     spring = (1.0 - p["alpha"]) * p["k"] * z
-    rates = f * v / (1.0 + slip * f), spring * v, q_rate, d_rate, stuck_rate, path_rate
+    rates = f * v / (1.0 + slip * f), spring * v, q_rate, d_rate, stuck_rate, path_rate, s_rate
     return p["alpha"] * p["k"] * u + spring + beside, *rates
 
 
@@ -101,7 +102,7 @@ def respond(
     m, n, times = np.asarray(masses), len(masses), dt * np.arange(len(ground))
 
     def rates(t: float, y: np.ndarray, parameters: list[dict[str, float]]) -> tuple[np.ndarray, np.ndarray]:
-        x, w, *others = y.reshape(8, n)
+        x, w, *others = y.reshape(9, n)
         rows = (row.tolist() for row in (between(x), between(w), *others))
         parts = [storey(at(p, t), *state) for p, *state in zip(parameters, *rows, strict=True)]
         force, *inner_rates = (np.array(part) for part in zip(*parts, strict=True))
@@ -112,7 +113,7 @@ def respond(
 
     ends = [p["k_ramp_time"] + share * p["k_ramp_duration"] for p in before if p["k_ramp"] for share in (0.0, 1.0)]
     breaks = sorted({jump_time, *ends})
-    y = np.zeros(8 * n)
+    y = np.zeros(9 * n)
     states, accelerations = [y], [rates(0.0, y, before)[1]]
     for j in range(len(ground) - 1):
         start, end = j * dt, (j + 1) * dt
@@ -125,7 +126,7 @@ def respond(
             y = piece.y[:, -1]
         states.append(y)
         accelerations.append(rates(end, y, after if end >= jump_time else before)[1])
-    table = np.array(states).reshape(-1, 8, n)
+    table = np.array(states).reshape(-1, 9, n)
     return {
         "acceleration": np.array(accelerations).T,
         "drift": np.diff(table[:, 0], prepend=0.0, axis=1).T,

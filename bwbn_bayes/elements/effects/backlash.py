@@ -80,6 +80,11 @@ class Backlash(Effect):
         ),
     )
 
+    @classmethod
+    @override
+    def neutral_forms(cls) -> tuple[Effect, ...]:
+        return (*super().neutral_forms(), *Slack.neutral_forms())
+
     @override
     def fill(self, slots: Slots) -> Slots:
         room = step("xi")

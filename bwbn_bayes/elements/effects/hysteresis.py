@@ -99,7 +99,8 @@ class HysteresisSearch(SearchGuide[Hysteresis]):
         return (
             Hysteresis(
                 r_h=HalfNormal(0.5).truncated(0.0, 1.0),
-                beta_h=Uniform(0.0, 6.0),
+                # What opens no loop at the largest drift is an elastic spring that bends, by gamma alone.
+                beta_h=LogNormal(1.0, 1.0).truncated(0.01, 20.0),
                 gamma_h=Uniform(-5.0, 5.0),
                 n_h=LogNormal(1.3, 0.3).truncated(1.0, 4.0),
                 x_h=scales.drift,

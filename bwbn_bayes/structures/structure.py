@@ -116,7 +116,7 @@ class Structure:
             return SPECIMEN
         if link <= self.n_floors:
             return f"storey {link}"
-        return f"link from {' to '.join(f'floor {node}' if node else 'the ground' for node in self.joints[link - 1])}"
+        return " to ".join(f"floor {node}" if node else "ground" for node in self.joints[link - 1])
 
     @property
     def runs_on_from(self) -> tuple[int, ...]:

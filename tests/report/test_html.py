@@ -7,7 +7,17 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from bwbn_bayes import BoucWen, Settings, Specimen, Uniform, identify, simulate
+from bwbn_bayes import (
+    BoucWen,
+    Linear,
+    Settings,
+    ShearBuilding,
+    Specimen,
+    Uniform,
+    el_centro,
+    identify,
+    simulate,
+)
 from bwbn_bayes.report import write_report
 from bwbn_bayes.report.content import gather
 from bwbn_bayes.results import ParameterFacts, Result
@@ -173,6 +183,21 @@ def test_window_labels_replace_a_tempering_history_that_is_not_there(make_result
     assert "15 s window" in text
     assert "tempering parameter" not in text
     assert "importance sampling" in text
+
+
+def test_a_brace_is_called_by_the_nodes_that_it_joins(tmp_path):
+    braced = ShearBuilding(masses=[1.0, 1.0], storey=Linear(k=Uniform(20, 60), c=0.3))
+    braced = braced.with_link(Linear(k=Uniform(5, 40), c=0.1), joins=(0, 2))
+    ground = el_centro("chopra", duration=4.0)
+    channels = ["acceleration_1", "acceleration_2"]
+    record = simulate(braced, ground, {"k[1,2]": 40.0, "k[3]": 15.0}, channels=channels, snr_db=30.0)
+    result = identify(braced, record, settings=Settings(particles=100, alternatives=False))
+    result.save(tmp_path / "result")
+    loaded = Result.load(tmp_path / "result")
+    assert gather(loaded).places == ("storey 1", "storey 2", "ground to floor 2")
+    page = write_report(loaded, tmp_path / "page").html.read_text(encoding="utf-8")
+    assert ", 2 storeys and 1 further link, engine" in page
+    assert "storey 3" not in page.lower()
 
 
 def test_a_specimen_is_not_called_a_building(pushed, tmp_path):

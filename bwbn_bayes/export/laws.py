@@ -59,6 +59,7 @@ _NO_LAW = {
     "theta_nu": "a loss of strength with the path",
     "delta_s": "slip-lock",
     "b": "a play",
+    "b_0": "slack",
     "phi": "asymmetry",
     "phi_uv": "asymmetry",
     "phi_u": "asymmetry",
@@ -88,7 +89,7 @@ _TRANSLATED = (
     *("k_geo", "k_g", "g", "k_gp", "g_p", "k_gn", "g_n", "k_m", "tau", "F_dahl", "x_dahl"),
 )
 _SIZES_OF_NO_LAW = (
-    *("mu_fast", "beta_h", "gamma_h", "n_h", "x_h", "sigma", "w", "u_uv", "u_u", "v0", "v_ratio", "v_root"),
+    *("mu_fast", "beta_h", "gamma_h", "n_h", "x_h", "sigma", "w", "w_0", "u_uv", "u_u", "v0", "v_ratio", "v_root"),
     *("p_eta", "p_nu", "b_eta", "m_eta", "E_eta", "b_nu", "m_nu", "E_nu"),
     *("p_g", "q_g", "psi_g", "delta_g", "lambda_g", "m_g", "sigma_w", "e_w", "q_w", "p_w", "E_w"),
     *("x_d", "r_d", "g_d", "u_d"),

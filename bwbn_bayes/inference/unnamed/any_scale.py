@@ -24,6 +24,10 @@ from bwbn_bayes.parameters import Floats, FreeParameter
 from bwbn_bayes.records.record import Record
 
 
+_BEYOND = 1e100
+"""Scale over that of the prior, beyond which one is as impossible as another."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class NoiseBesideForce:
     """Noise of one channel beside a force: its variance and the force's scale are integrated out.
@@ -91,7 +95,8 @@ class NoiseBesideForce:
 
     def _log_prior(self, misfit: Floats, n_times: float | Floats) -> Floats:
         """Prior mass that each scale stands for; the level is the one expected there."""
-        share = SCALES / self.largest * np.sqrt(self._variance(misfit, n_times))
+        # A draw that ran away leaves infinite squares.
+        share = np.minimum(SCALES / self.largest * np.sqrt(self._variance(misfit, n_times)), _BEYOND)
         return np.asarray(0.5 * np.log(2.0 / np.pi) + np.log(share * np.log(2.0) / PER_OCTAVE) - 0.5 * np.square(share))
 
     def _variance(self, misfit: Floats, n_times: float | Floats) -> Floats:

@@ -77,3 +77,11 @@ def test_a_view_of_the_first_samples_knows_of_these_alone() -> None:
     np.testing.assert_allclose(shown.log_likelihood(points), expected.log_likelihood(points))
     assert without_force(posterior).noise is WHITE
     assert without_force(without_force(posterior)).noise is WHITE
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_draw_that_ran_away_is_impossible_and_says_nothing() -> None:
+    misfit = np.array([np.full(len(SCALES), 40.0), np.full(len(SCALES), np.inf)])
+    found = NOISE.log_likelihood(misfit, 50.0, np.empty((2, 0)))
+    assert np.isfinite(found[0])
+    assert found[1] == -np.inf

@@ -23,7 +23,6 @@ from bwbn_bayes.inference.scaled import PER_OCTAVE, SCALES, ScaledCorrelation
 from bwbn_bayes.parameters import Floats, FreeParameter
 from bwbn_bayes.records.record import Record
 
-
 _BEYOND = 1e100
 """Scale over that of the prior, beyond which one is as impossible as another."""
 

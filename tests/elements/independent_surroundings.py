@@ -46,7 +46,7 @@ class Building:
     def rates(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rates of the states, and the floors' total accelerations."""
         whole, n = self.whole, self.n
-        x, w, *inner, mass_x, mass_w = y[:-3].reshape(10, n)
+        x, w, *inner, mass_x, mass_w = y[:-3].reshape(11, n)
         moves = whole["compliance"] > 0.0 or whole["inv_mu"] > 0.0
         base_x, base_w, mobilised = y[-3:] if moves else (0.0, 0.0, 0.0)
         a_g = whole["s_g"] * np.interp(t, self.times, self.ground)
@@ -79,7 +79,7 @@ class Building:
         lags = [p["lag"] for p in self.floors]
         n_times = len(self.ground)
         shown, displacement = np.zeros((self.n, n_times)), np.zeros((self.n, n_times))
-        y = np.zeros(10 * self.n + 3)
+        y = np.zeros(11 * self.n + 3)
         for j in range(n_times):
             for floor, lag in enumerate(lags):
                 if lag == 0.0:

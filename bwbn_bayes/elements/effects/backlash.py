@@ -88,17 +88,9 @@ class Backlash(Effect):
     @override
     def fill(self, slots: Slots) -> Slots:
         room = step("xi")
-        free = sp.Max(room, 0) - sp.Max(room - 1, 0)
         ahead = (symbol("b") - PLAY * sp.sign(DRIFT_RATE)) / symbol("w")
-        return replace(
-            slots,
-            drift_taken_up=slots.drift_taken_up + PLAY,
-            drift_rate_share=slots.drift_rate_share - free,
-            added_states=(*slots.added_states, AddedState(state=PLAY, rate=DRIFT_RATE * free)),
-            # While the play closes, d follows the drift within a few w: a step of a stable scheme must be shorter.
-            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=4 * symbol("w"), everywhere=True)),
-            steps=(*slots.steps, Definition(caption="room ahead in the play, in w", subject=room, expression=ahead)),
-        )
+        steps = (Definition(caption="room ahead in the play, in w", subject=room, expression=ahead),)
+        return _crossed(slots, PLAY, _ramp(room), symbol("w"), steps)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,19 +146,30 @@ class Slack(Effect):
         half, width, alpha, forward = symbol("b_0"), symbol("w_0"), symbol("alpha"), sp.sign(DRIFT_RATE)
         room, loose = step("xi_0"), step("xi_f")
         force = alpha * (DRIFT - SLACK) + (1 - alpha) * HYSTERETIC_DISPLACEMENT
-        free = (sp.Max(room, 0) - sp.Max(room - 1, 0)) * (sp.Max(loose, 0) - sp.Max(loose - 1, 0))
         steps = (
             ("room ahead in the slack, in w_0", room, (half - SLACK * forward) / width),
             ("how far the springs are unloaded", loose, 1 + force * forward / width),
         )
-        return replace(
-            slots,
-            drift_taken_up=slots.drift_taken_up + SLACK,
-            drift_rate_share=slots.drift_rate_share - free,
-            added_states=(*slots.added_states, AddedState(state=SLACK, rate=DRIFT_RATE * free)),
-            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=4 * width, everywhere=True)),
-            steps=(*slots.steps, *(Definition(caption=c, subject=x, expression=e) for c, x, e in steps)),
-        )
+        named = tuple(Definition(caption=c, subject=x, expression=e) for c, x, e in steps)
+        return _crossed(slots, SLACK, _ramp(room) * _ramp(loose), width, named)
+
+
+def _ramp(x: sp.Expr) -> sp.Expr:
+    """From 0 to 1 as x does, and no further."""
+    return sp.Max(x, 0) - sp.Max(x - 1, 0)
+
+
+def _crossed(slots: Slots, place: sp.Symbol, free: sp.Expr, width: sp.Symbol, steps: tuple[Definition, ...]) -> Slots:
+    """What a play at a place takes up of the drift, of whose rate it follows the share ``free``."""
+    return replace(
+        slots,
+        drift_taken_up=slots.drift_taken_up + place,
+        drift_rate_share=slots.drift_rate_share - free,
+        added_states=(*slots.added_states, AddedState(state=place, rate=DRIFT_RATE * free)),
+        # While the play closes, its place follows the drift within a few w: a step of a stable scheme must be shorter.
+        sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=4 * width, everywhere=True)),
+        steps=(*slots.steps, *steps),
+    )
 
 
 @guides(Slack)

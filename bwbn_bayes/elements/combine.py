@@ -29,6 +29,7 @@ from bwbn_bayes.elements.law import (
     HYSTERETIC_DISPLACEMENT,
     MASS,
     NET_FORCE,
+    PATH,
     RECORDED_ACCELERATION,
     AddedState,
     Addition,
@@ -105,7 +106,7 @@ def _law_of(
     derived: tuple[Definition, ...],
     slots: Slots,
 ) -> StoreyLaw:
-    slots = _with_floor_velocity(slots)
+    slots = with_path(_with_floor_velocity(slots))
     definitions = (*_definitions(slots), *surroundings(slots))
     increments = dict(slots.increments)
     # A derived symbol has no place of its own in the law: what changes it joins its definition.
@@ -209,6 +210,15 @@ def combine_sensors(effects: tuple[Effect, ...]) -> SensorLaw:
 def sensor_law(slots: Slots, parameters: tuple[Parameter, ...]) -> SensorLaw:
     """What the slots say of the accelerometers."""
     return SensorLaw(parameters=parameters, gain=slots.sensor_gain, bias=slots.sensor_bias, lag=slots.sensor_lag)
+
+
+def with_path(slots: Slots) -> Slots:
+    """The path as a state, where something in the law of a link depends on it: one for all effects that do."""
+    every = [*vars(slots).values(), *slots.increments.values(), *(one.expression for one in slots.steps)]
+    every += [added.rate for added in slots.added_states]
+    if not any(PATH in one.free_symbols for one in every if isinstance(one, sp.Basic)):
+        return slots
+    return replace(slots, added_states=(*slots.added_states, AddedState(state=PATH, rate=sp.Abs(DRIFT_RATE))))
 
 
 def _with_floor_velocity(slots: Slots) -> Slots:

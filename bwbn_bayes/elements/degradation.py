@@ -1,4 +1,4 @@
-"""A loss that grows with the work on the hysteretic spring, without end, up to a limit or freely, or with the path.
+"""A loss that grows with the work on the hysteretic spring or with the path: without end, up to a limit, or freely.
 
 What degradation of stiffness and of strength share; each adds the loss to a factor of its own, ``eta`` or ``nu``.
 
@@ -16,20 +16,19 @@ References
    exponential ``1 - exp(-(x/x_0)^m)`` (cited from memory, not consulted); that wear follows it is our use.
 .. [5] M.-L. Wang and S. P. Shah, "Reinforced Concrete Hysteresis Model Based on the Damage Concept", Earthquake Eng.
    Struct. Dyn. 15(8), 1987: damage by the displacement that has been gone through (cited from memory, not consulted);
-   the linear loss is our use.
+   that it is lost in proportion is our use.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import DRIFT_RATE, ENERGY, AddedState, symbol
+from bwbn_bayes.elements.law import ENERGY, PATH, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import PlaceResponse
 from bwbn_bayes.errors import UserError
@@ -44,64 +43,122 @@ PATH_SOURCE = "Wang and Shah 1987 (damage by the displacement gone through)"
 
 
 @dataclass(frozen=True, kw_only=True)
+class Driver:
+    """What a loss grows with.
+
+    Attributes
+    ----------
+    name, unit : str
+        In words, and its unit.
+    state : Symbol
+        The state that it is.
+    form : str
+        What the form of a loss that grows with it is called, after its shape.
+    by_the_end : callable
+        How far it has come by the end of a response.
+    of_scales : callable
+        The same under the model as given.
+    """
+
+    name: str
+    unit: str
+    state: sp.Symbol
+    form: str
+    by_the_end: Callable[[PlaceResponse], float]
+    of_scales: Callable[[Scales], float]
+
+
+WORK = Driver(
+    name="work",
+    unit="J",
+    state=ENERGY,
+    form="",
+    by_the_end=lambda at: at.energy,
+    of_scales=lambda scales: scales.energy,
+)
+DRIFT_PATH = Driver(
+    name="path",
+    unit="m",
+    state=PATH,
+    form=", with the path",
+    by_the_end=lambda at: at.path,
+    of_scales=lambda scales: scales.path,
+)
+"""With every cycle, whether the spring yields in it or not."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class LinearLoss:
-    """``delta epsilon``.
+    """``delta x``, where x is the work or the path.
 
     Attributes
     ----------
     what : str
         What is lost.
     delta : str
-        Symbol of the loss per unit of work. [1/J]
+        Symbol of the loss per unit of work [1/J] or path [1/m].
+    driver : Driver
+        What it grows with.
     """
 
     what: str
     delta: str
-    form: ClassVar[str] = "linear"
-    states: ClassVar[tuple[AddedState, ...]] = ()
+    driver: Driver = WORK
+
+    @property
+    def form(self) -> str:
+        """The form's name."""
+        return f"linear{self.driver.form}"
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The loss per unit of work."""
-        told = f"loss of {self.what} per unit of work"
-        return (
-            Parameter(symbol=self.delta, unit="1/J", neutral=0.0, lower=0.0, description=told, source=LINEAR_SOURCE),
-        )
+        """The loss per unit of work or path."""
+        source = PATH_SOURCE if self.driver is DRIFT_PATH else LINEAR_SOURCE
+        told = f"loss of {self.what} per unit of {self.driver.name}"
+        unit = f"1/{self.driver.unit}"
+        return (Parameter(symbol=self.delta, unit=unit, neutral=0.0, lower=0.0, description=told, source=source),)
 
     @property
     def expression(self) -> sp.Expr:
         """What is added to the factor."""
-        return symbol(self.delta) * ENERGY
+        return symbol(self.delta) * self.driver.state
 
     def reached(self, at: PlaceResponse) -> float:
         """The loss by the end of a response."""
-        return at[self.delta] * at.energy
+        return at[self.delta] * self.driver.by_the_end(at)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SaturatingLoss:
-    """``limit (1 - exp(-rate epsilon))``.
+    """``limit (1 - exp(-rate x))``, where x is the work or the path.
 
     Attributes
     ----------
     what : str
         What is lost.
     limit, rate : str
-        Symbols of the loss after much work [1], and of the rate at which it comes [1/J].
+        Symbols of the loss in the long run [1], and of the rate at which it comes [1/J] or [1/m].
+    driver : Driver
+        What it grows with.
     """
 
     what: str
     limit: str
     rate: str
-    form: ClassVar[str] = "saturating"
-    states: ClassVar[tuple[AddedState, ...]] = ()
+    driver: Driver = WORK
+
+    @property
+    def form(self) -> str:
+        """The form's name."""
+        return f"saturating{self.driver.form}"
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The limit and the rate."""
+        name = self.driver.name
         told = (
-            (self.limit, "", 0.0, f"loss of {self.what} after much work"),
-            (self.rate, "1/J", 1.0, f"rate with work at which the loss of {self.what} comes"),
+            (self.limit, "", 0.0, f"loss of {self.what} after much {name}"),
+            (self.rate, f"1/{self.driver.unit}", 1.0, f"rate with {name} at which the loss of {self.what} comes"),
         )
         return tuple(
             Parameter(symbol=s, unit=unit, neutral=neutral, lower=0.0, description=text, source=SATURATING_SOURCE)
@@ -111,49 +168,56 @@ class SaturatingLoss:
     @property
     def expression(self) -> sp.Expr:
         """What is added to the factor."""
-        return symbol(self.limit) * (1 - sp.exp(-symbol(self.rate) * ENERGY))
+        return symbol(self.limit) * (1 - sp.exp(-symbol(self.rate) * self.driver.state))
 
     def reached(self, at: PlaceResponse) -> float:
         """The loss by the end of a response."""
-        return at[self.limit] * -math.expm1(-at[self.rate] * at.energy)
+        return at[self.limit] * -math.expm1(-at[self.rate] * self.driver.by_the_end(at))
 
 
 _OFFSET = 1e-5
-"""Added to ``epsilon/E`` and taken off again after the power, whose slope at zero is infinite below one."""
+"""Added to ``x/X`` and taken off again after the power, whose slope at zero is infinite below one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StretchedLoss:
-    """``loss W(epsilon) / W(E)`` with ``W(x) = 1 - exp(-bend (x/E)^power)``.
+    """``loss W(x) / W(X)`` with ``W(x) = 1 - exp(-bend (x/X)^power)``, where x is the work or the path.
 
-    With power one it is the saturating loss, of limit ``loss / W(E)`` and rate ``bend / E``; with a small bend a power
-    of the work, the first of which is the linear loss. Measured at ``E``, the loss says the same whatever the shape.
+    With power one it is the saturating loss, of limit ``loss / W(X)`` and rate ``bend / X``; with a small bend a power
+    of the work, the first of which is the linear loss. Measured at ``X``, the loss says the same whatever the shape.
 
     Attributes
     ----------
     what : str
         What is lost.
-    loss, bend, power, work : str
-        Symbols of the loss by the work E [1], of how far it has saturated by then, of the power, and of E, which is
-        known [J].
+    loss, bend, power, at : str
+        Symbols of the loss by X [1], of how far it has saturated by then, of the power, and of X, which is known [J] or
+        [m].
+    driver : Driver
+        What it grows with.
     """
 
     what: str
     loss: str
     bend: str
     power: str
-    work: str
-    form: ClassVar[str] = "free shape"
-    states: ClassVar[tuple[AddedState, ...]] = ()
+    at: str
+    driver: Driver = WORK
+
+    @property
+    def form(self) -> str:
+        """The form's name."""
+        return f"free shape{self.driver.form}"
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The loss, its bend and power, and the work that it is measured at."""
+        """The loss, its bend and power, and the work or path that it is measured at."""
+        driver = self.driver
         told = (
-            (self.loss, "", 0.0, 0.0, f"loss of {self.what} by a known work"),
+            (self.loss, "", 0.0, 0.0, f"loss of {self.what} by a known {driver.name}"),
             (self.bend, "", 1.0, 1e-6, f"how far the loss of {self.what} has saturated by then"),
-            (self.power, "", 1.0, 0.1, f"power of the work in the loss of {self.what}"),
-            (self.work, "J", 1.0, 1e-12, f"work at which the loss of {self.what} is measured, known"),
+            (self.power, "", 1.0, 0.1, f"power of the {driver.name} in the loss of {self.what}"),
+            (self.at, driver.unit, 1.0, 1e-12, f"{driver.name} at which the loss of {self.what} is measured, known"),
         )
         return tuple(
             Parameter(symbol=s, unit=unit, neutral=neutral, lower=lower, description=text, source=STRETCHED_SOURCE)
@@ -163,12 +227,12 @@ class StretchedLoss:
     @property
     def expression(self) -> sp.Expr:
         """What is added to the factor."""
-        loss, bend, power, work = (symbol(s) for s in (self.loss, self.bend, self.power, self.work))
+        loss, bend, power, at = (symbol(s) for s in (self.loss, self.bend, self.power, self.at))
 
         def risen(share: sp.Expr) -> sp.Expr:
             return 1 - sp.exp(bend * (_OFFSET**power - (share + _OFFSET) ** power))
 
-        return loss * risen(sp.Abs(ENERGY) / work) / risen(sp.S.One)
+        return loss * risen(sp.Abs(self.driver.state) / at) / risen(sp.S.One)
 
     def reached(self, at: PlaceResponse) -> float:
         """The loss by the end of a response."""
@@ -176,48 +240,10 @@ class StretchedLoss:
         def risen(share: float) -> float:
             return -math.expm1(at[self.bend] * (_OFFSET ** at[self.power] - (share + _OFFSET) ** at[self.power]))
 
-        return at[self.loss] * risen(abs(at.energy) / at[self.work]) / risen(1.0)
+        return at[self.loss] * risen(abs(self.driver.by_the_end(at)) / at[self.at]) / risen(1.0)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PathLoss:
-    """``delta s`` with ``ds/dt = |v|``: with every cycle, whether the spring yields in it or not.
-
-    Attributes
-    ----------
-    what : str
-        What is lost.
-    delta, path : str
-        Symbols of the loss per unit of path [1/m], and of the path s [m], a state.
-    """
-
-    what: str
-    delta: str
-    path: str
-    form: ClassVar[str] = "with the path"
-
-    @cached_property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The loss per unit of path."""
-        told = f"loss of {self.what} per unit of path"
-        return (Parameter(symbol=self.delta, unit="1/m", neutral=0.0, lower=0.0, description=told, source=PATH_SOURCE),)
-
-    @property
-    def states(self) -> tuple[AddedState, ...]:
-        """The path."""
-        return (AddedState(state=symbol(self.path), rate=sp.Abs(DRIFT_RATE)),)
-
-    @property
-    def expression(self) -> sp.Expr:
-        """What is added to the factor."""
-        return symbol(self.delta) * symbol(self.path)
-
-    def reached(self, at: PlaceResponse) -> float:
-        """The loss by the end of a response."""
-        return at[self.delta] * at.path
-
-
-Loss = LinearLoss | SaturatingLoss | StretchedLoss | PathLoss
+Loss = LinearLoss | SaturatingLoss | StretchedLoss
 
 
 def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Value | None]) -> Loss:
@@ -238,34 +264,31 @@ def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Valu
 
 def priors_of(loss: Loss, scales: Scales) -> dict[str, Value]:
     """What a search gives the parameters of a loss, by symbol: by the end the factor may have doubled."""
-    energy = scales.energy
+    whole = loss.driver.of_scales(scales)
     match loss:
         case LinearLoss():
-            return {loss.delta: HalfNormal(1.0 / energy)}
+            return {loss.delta: HalfNormal(1.0 / whole)}
         case SaturatingLoss():
             # Most of it within a tenth to all of the work. With slower rates the loss is the linear one; with faster
             # ones it is there before the first cycle has ended, and the storey's own parameters say the same.
-            rate = LogNormal(5.0 / energy, 1.0).truncated(0.5 / energy, 100.0 / energy)
+            rate = LogNormal(5.0 / whole, 1.0).truncated(0.5 / whole, 100.0 / whole)
             return {loss.limit: HalfNormal(1.0), loss.rate: rate}
         case StretchedLoss():  # in any shape between an early step and a late one
             return {
                 loss.loss: HalfNormal(1.0),
                 loss.bend: LogNormal(0.5, 2.0).truncated(1e-3, 100.0),
                 loss.power: LogNormal(1.0, 0.5).truncated(0.3, 3.0),
-                loss.work: energy,
+                loss.at: whole,
             }
-        case PathLoss():
-            return {loss.delta: HalfNormal(1.0 / scales.path)}
 
 
 def starts_of(loss: Loss, scales: Scales) -> Mapping[str, tuple[float, ...]]:
     """Where fits of a loss start, by symbol: a small one and a large one."""
+    whole = loss.driver.of_scales(scales)
     match loss:
         case LinearLoss():
-            return {loss.delta: (0.1 / scales.energy, 0.6 / scales.energy)}
+            return {loss.delta: (0.1 / whole, 0.6 / whole)}
         case SaturatingLoss():  # early and late
-            return {loss.limit: (0.15, 0.8), loss.rate: tuple(rate / scales.energy for rate in (2.0, 8.0, 30.0))}
+            return {loss.limit: (0.15, 0.8), loss.rate: tuple(rate / whole for rate in (2.0, 8.0, 30.0))}
         case StretchedLoss():  # on to the end and ended early, slower and faster at first
             return {loss.loss: (0.15, 0.8), loss.bend: (0.05, 5.0), loss.power: (0.6, 1.0, 1.7)}
-        case PathLoss():
-            return {loss.delta: (0.1 / scales.path, 0.6 / scales.path)}

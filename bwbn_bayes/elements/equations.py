@@ -13,13 +13,13 @@ from typing import Literal
 import sympy as sp
 from sympy.core.function import AppliedUndef
 
-from bwbn_bayes.elements.combine import sensor_law, surroundings
+from bwbn_bayes.elements.combine import sensor_law, surroundings, with_path
 from bwbn_bayes.elements.law import TIME, Definition, SensorLaw, Slots, StoreyLaw, off_zero, rate_of
 from bwbn_bayes.elements.notation import LETTERS, MathmlNotation, Notation, UnicodeNotation
 from bwbn_bayes.parameters import Parameter
 
 READING_ORDER = (
-    "kappa", "nu", "H", "h", "s", "a", "f", "epsilon", "u", "u_b", "d", "z", "chi", "v",
+    "kappa", "nu", "H", "h", "s", "a", "f", "epsilon", "u_c", "u", "u_b", "d", "z", "chi", "v",
     "m_i", "M_i", "w_i", "x_b", "v_b", "x_s", "v_s", "q_s", "y_t", "v_t", "a_i", "a_rec", "a_g", "F_1",
 )  # fmt: skip
 """Steps and states as they follow each other in a product; parameters come before them."""
@@ -59,7 +59,8 @@ class _Writer:
         if isinstance(expression, off_zero):
             return self.write(expression.args[0])
         if expression.is_number and not expression.args:
-            return self.notation.number("π" if expression == sp.pi else str(expression))
+            written = f"{float(expression):.15g}" if expression.is_Float else str(expression)
+            return self.notation.number("π" if expression == sp.pi else written)
         return self._call(expression)
 
     def symbol(self, symbol: sp.Symbol) -> str:
@@ -240,7 +241,7 @@ def slot_equations(slots: Slots, parameters: tuple[Parameter, ...]) -> tuple[Wri
         value = getattr(slots, name)
         if value != getattr(neutral, name):
             result.append(_equation(caption, lambda writer, s=subject: writer.name(s), value))  # type: ignore[misc]
-    added = tuple(_rate(added.state, added.rate) for added in slots.added_states)
+    added = tuple(_rate(added.state, added.rate) for added in with_path(slots).added_states)
     around = (*surroundings(slots), *sensor_law(slots, parameters).definitions)
     return (*result, *(_written(definition, moments) for definition in (*added, *around)))
 

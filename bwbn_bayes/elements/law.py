@@ -19,6 +19,8 @@ from bwbn_bayes.elements.signature import NO_SIGNATURE, Signature
 from bwbn_bayes.parameters import Parameter, Value
 
 DRIFT, DRIFT_RATE, HYSTERETIC_DISPLACEMENT, ENERGY = sp.symbols("u v z epsilon", real=True)
+PATH = sp.Symbol("u_c", real=True)
+"""Drift that has been gone through, ``du_c/dt = |v|``: a state of laws that depend on it. [m]"""
 BENDING_DRIFT = sp.Symbol("u_b", real=True)
 """Drift of a storey less that of the one below, plus the same less that of each one above it. [m]"""
 

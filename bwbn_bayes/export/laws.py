@@ -69,7 +69,9 @@ _NO_LAW = {
     "a_mu": "friction that depends on speed",
     "r_h": "a spring that came to yield where the model had a linear one",
     "eta_e": "a loss of stiffness in a free shape",
+    "eta_c": "a loss of stiffness in a free shape, with the path",
     "nu_e": "a loss of strength in a free shape",
+    "nu_c": "a loss of strength in a free shape, with the path",
     "zeta_g": "Foliente's pinching in a free shape",
     "s_w": "slip-lock in a free shape",
     "F_d": "friction in a free shape",
@@ -91,6 +93,7 @@ _TRANSLATED = (
 _SIZES_OF_NO_LAW = (
     *("mu_fast", "beta_h", "gamma_h", "n_h", "x_h", "sigma", "w", "w_0", "u_uv", "u_u", "v0", "v_ratio", "v_root"),
     *("p_eta", "p_nu", "b_eta", "m_eta", "E_eta", "b_nu", "m_nu", "E_nu"),
+    *("a_eta", "r_eta", "U_eta", "a_nu", "r_nu", "U_nu"),
     *("p_g", "q_g", "psi_g", "delta_g", "lambda_g", "m_g", "sigma_w", "e_w", "q_w", "p_w", "E_w"),
     *("x_d", "r_d", "g_d", "u_d"),
     *(f"{size}_s{side}" for side in ("", "p", "n") for size in "gpwuE"),

@@ -93,7 +93,7 @@ def test_a_loss_by_a_power_of_work_is_named_alone(pool: Pool) -> None:
     assert usual.names == {"stiffness_degradation"}
     assert not usual.is_quiet
     found = searching._reshaped(pool, pool.run)
-    assert [one.added[0].effect.form for one in found] == ["free shape"]
+    assert [one.added[0].effect.form for one in found] == ["free shape", "free shape, with the path"]
     pool.add(found)
     best = pool.laws.best
     assert best is found[0]
@@ -109,7 +109,7 @@ def test_a_form_is_tried_on_a_base_once(pool: Pool) -> None:
 
 def test_a_name_shares_its_prior_over_its_forms_of_free_shape_too(pool: Pool) -> None:
     """Each usual form and the free one, once at every place: what is tried later is no gift."""
-    assert pool.run.variants["stiffness_degradation"] == 4  # linear, saturating, with the path and free
+    assert pool.run.variants["stiffness_degradation"] == 5  # linear, saturating, with the path, and free with either
     usual = {h.symbols for h in pool.run.considered_first}
     assert len(usual) == 3
 

@@ -6,12 +6,15 @@ import math
 
 import numpy as np
 import pytest
+import sympy as sp
 from laboratory import NO_DRAW, cyclic_test, nrmse, storey
 
+from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import StiffnessDegradation, StrengthDegradation
 from bwbn_bayes.elements.equations import slot_equations
-from bwbn_bayes.elements.law import Effect, Slots
+from bwbn_bayes.elements.law import DRIFT_RATE, ENERGY, HYSTERETIC_DISPLACEMENT, PATH, Effect, Slots
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.elements.signature import PlaceResponse
 from bwbn_bayes.engines.reference import Reference
@@ -61,7 +64,7 @@ def test_peaks_fall_to_a_limit():
 def test_the_form_follows_from_what_is_given(effect_class):
     forms = effect_class.neutral_forms()
     (delta,), (limit, rate), (path,) = (tuple(p.symbol for p in form.parameters) for form in forms)
-    assert [form.form for form in forms] == ["linear", "saturating", "with the path"]
+    assert [form.form for form in forms] == ["linear", "saturating", "linear, with the path"]
     sentence = f"{effect_class.__name__}: the form follows from what is given: give {delta}, or {limit} and {rate}"
     pair = {delta: 0.1, limit: 0.1}
     for given in ({}, {delta: 0.1, path: 0.1}, pair, {limit: 0.1}, {rate: 0.1}, {**pair, rate: 1.0}):
@@ -73,7 +76,7 @@ def test_the_form_follows_from_what_is_given(effect_class):
     ("form_name", "equations"),
     [
         ("saturating", {"η = 1 + η_∞ (1 − exp(−p_η ε))", "ν = 1 + ν_∞ (1 − exp(−p_ν ε))"}),
-        ("with the path", {"η = 1 + s_η θ_η", "ν = 1 + s_ν θ_ν"}),
+        ("linear, with the path", {"η = 1 + θ_η u_c", "ν = 1 + θ_ν u_c"}),
     ],
 )
 def test_the_equations_say_so(form_name, equations):
@@ -84,6 +87,13 @@ def test_the_equations_say_so(form_name, equations):
         if form.form == form_name
     }
     assert set(written.values()) == equations
+
+
+def test_all_that_goes_with_the_path_shares_one_state():
+    effects = (StiffnessDegradation(theta_eta=0.1), StrengthDegradation(nu_c=0.2, a_nu=1.0, r_nu=0.8, U_nu=3.0))
+    law = combine(BoucWen(k=10.0, beta=2.0, gamma=2.0).parameters, (), effects)
+    assert law.states == (HYSTERETIC_DISPLACEMENT, ENERGY, PATH)
+    assert law.rates[2] == sp.Abs(DRIFT_RATE)
 
 
 def test_sizes_by_hand():

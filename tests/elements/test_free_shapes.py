@@ -29,6 +29,8 @@ STOREY = {"k": 10.0, "c": 0.05, "alpha": 0.01, "A": 1.0, "beta": 2.0, "gamma": 1
 N_STATES = 400
 SHAPES = {
     "stiffness_degradation": {"eta_e": 0.7, "b_eta": 1.4, "m_eta": 0.6, "E_eta": 3.0},
+    "stiffness_degradation, path": {"eta_c": 0.8, "a_eta": 0.9, "r_eta": 0.7, "U_eta": 4.0},
+    "strength_degradation, path": {"nu_c": 0.6, "a_nu": 1.6, "r_nu": 1.4, "U_nu": 4.0},
     "strength_degradation": {"nu_e": 0.9, "b_nu": 0.3, "m_nu": 1.8, "E_nu": 3.0},
     "slip_lock": {"s_w": 0.2, "sigma_w": 0.3, "e_w": 0.5, "q_w": 0.6, "p_w": 1.3, "E_w": 3.0},
     "foliente_pinching": {
@@ -75,7 +77,7 @@ def stop(name: str, p: Mapping[str, float], u: Floats, eps: Floats) -> Floats:
 
 
 def written(name: str, p: Mapping[str, float], states: Mapping[str, Floats]) -> list[Floats]:
-    """Force, rate of z and, of a contact that sticks, of its share."""
+    """Force, rate of z and, of a contact that sticks, of its share; of the path."""
     u, v, z, eps = (states[s] for s in ("u", "v", "z", "epsilon"))
     nu, eta, slip, beside = (np.zeros(N_STATES) for _ in range(4))
     multiplier = np.ones(N_STATES)
@@ -84,6 +86,14 @@ def written(name: str, p: Mapping[str, float], states: Mapping[str, Floats]) -> 
         eta = p["eta_e"] * risen(eps / p["E_eta"], p["b_eta"], p["m_eta"]) / risen(1.0, p["b_eta"], p["m_eta"])
     elif name == "strength_degradation":
         nu = p["nu_e"] * risen(eps / p["E_nu"], p["b_nu"], p["m_nu"]) / risen(1.0, p["b_nu"], p["m_nu"])
+    elif name == "stiffness_degradation, path":
+        eta = (
+            p["eta_c"] * risen(states["u_c"] / p["U_eta"], p["a_eta"], p["r_eta"]) / risen(1.0, p["a_eta"], p["r_eta"])
+        )
+        share = [np.abs(v)]
+    elif name == "strength_degradation, path":
+        nu = p["nu_c"] * risen(states["u_c"] / p["U_nu"], p["a_nu"], p["r_nu"]) / risen(1.0, p["a_nu"], p["r_nu"])
+        share = [np.abs(v)]
     elif name == "slip_lock":
         bell = np.exp(-(np.abs(z / p["sigma_w"]) ** p["p_w"])) / (p["sigma_w"] * gamma(1.0 + 1.0 / p["p_w"]))
         slip = p["s_w"] * ((eps + p["e_w"]) / p["E_w"]) ** p["q_w"] * bell
@@ -114,7 +124,7 @@ def test_the_law_is_the_written_one(name: str) -> None:
     """At random states. What keeps slopes finite, and the bell's area by a polynomial, move it by a few per mille."""
     rng = np.random.default_rng(3)
     states = {s: rng.uniform(0.05, 0.9, N_STATES) * rng.choice([-1.0, 1.0], N_STATES) for s in ("u", "v", "z", "q_d")}
-    states["epsilon"] = rng.uniform(0.1, 3.0, N_STATES)
+    states |= {"epsilon": rng.uniform(0.1, 3.0, N_STATES), "u_c": rng.uniform(0.1, 4.0, N_STATES)}
     law = combine(BoucWen(**STOREY).parameters, (), (form_of(SHAPES[name]),))
     values = {**STOREY, **SHAPES[name], **states}
     symbols = (DRIFT, DRIFT_RATE, *law.states, *law.symbols)
@@ -136,6 +146,8 @@ CONTAINED = {
         {"nu_inf": 1.5, "p_nu": 0.4},
         {"nu_e": 1.5 * (1.0 - math.exp(-1.2)), "b_nu": 1.2, "m_nu": 1.0, "E_nu": 3.0},
     ),
+    "stiffness, with the path": ({"theta_eta": 0.3}, {"eta_c": 1.2, "a_eta": 1e-5, "r_eta": 1.0, "U_eta": 4.0}),
+    "strength, with the path": ({"theta_nu": 0.3}, {"nu_c": 1.2, "a_nu": 1e-5, "r_nu": 1.0, "U_nu": 4.0}),
     "slip": (
         {"delta_s": 0.05, "sigma": 0.05},
         {"s_w": 0.15, "sigma_w": 0.05 * math.sqrt(2.0), "e_w": 0.0, "q_w": 1.0, "p_w": 2.0, "E_w": 3.0},

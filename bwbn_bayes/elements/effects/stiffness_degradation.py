@@ -9,12 +9,12 @@ from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.degradation import (
     DEGRADATION,
+    DRIFT_PATH,
     LINEAR_SOURCE,
     PATH_SOURCE,
     SATURATING_SOURCE,
     LinearLoss,
     Loss,
-    PathLoss,
     SaturatingLoss,
     StretchedLoss,
     loss_of,
@@ -31,9 +31,12 @@ from bwbn_bayes.parameters import Parameter, Value
 _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="stiffness", delta="delta_eta"),
     SaturatingLoss(what="stiffness", limit="eta_inf", rate="p_eta"),
-    PathLoss(what="stiffness", delta="theta_eta", path="s_eta"),
+    LinearLoss(what="stiffness", delta="theta_eta", driver=DRIFT_PATH),
 )
-_FREE = StretchedLoss(what="stiffness", loss="eta_e", bend="b_eta", power="m_eta", work="E_eta")
+_FREE = (
+    StretchedLoss(what="stiffness", loss="eta_e", bend="b_eta", power="m_eta", at="E_eta"),
+    StretchedLoss(what="stiffness", loss="eta_c", bend="a_eta", power="r_eta", at="U_eta", driver=DRIFT_PATH),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +46,8 @@ class StiffnessDegradation(Effect):
     Or, with ``eta_inf`` and ``p_eta``, up to a limit: ``eta = 1 + eta_inf (1 - exp(-p_eta epsilon))``.
     Or, with the other four, in a free shape: ``eta = 1 + eta_e W(epsilon) / W(E_eta)``,
     ``W(x) = 1 - exp(-b_eta (x/E_eta)^m_eta)``.
-    Or, with ``theta_eta``, with the path: ``eta = 1 + theta_eta s``, ``ds/dt = |v|``.
+    Or, with ``theta_eta``, with the path: ``eta = 1 + theta_eta u_c``, ``du_c/dt = |v|``; with ``eta_c`` and its three
+    likes in the free shape, of ``u_c`` in place of ``epsilon`` and ``U_eta`` in place of ``E_eta``.
 
     Parameters
     ----------
@@ -63,6 +67,14 @@ class StiffnessDegradation(Effect):
         Work at which ``eta_e`` is measured. [J]
     theta_eta : float, Prior or PerStorey, optional
         Loss of stiffness per unit of path. [1/m]
+    eta_c : float, Prior or PerStorey, optional
+        What eta has grown by at the path ``U_eta``.
+    a_eta : float, Prior or PerStorey, optional
+        How far it has saturated by then: near zero it is a power of the path.
+    r_eta : float, Prior or PerStorey, optional
+        Power of the path in the free shape.
+    U_eta : float, optional
+        Path at which ``eta_c`` is measured. [m]
 
     Raises
     ------
@@ -85,6 +97,10 @@ class StiffnessDegradation(Effect):
     m_eta: Value | None = None
     E_eta: Value | None = None
     theta_eta: Value | None = None
+    eta_c: Value | None = None
+    a_eta: Value | None = None
+    r_eta: Value | None = None
+    U_eta: Value | None = None
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "stiffness_degradation"
@@ -99,7 +115,7 @@ class StiffnessDegradation(Effect):
     @cached_property
     def loss(self) -> Loss:
         """By which it is lost: the form whose parameters are given."""
-        every = (*_LOSSES, _FREE)
+        every = (*_LOSSES, *_FREE)
         given = {p.symbol: getattr(self, p.symbol) for loss in every for p in loss.parameters}
         return loss_of(type(self).__name__, every, given)
 
@@ -136,8 +152,7 @@ class StiffnessDegradation(Effect):
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        loss = self.loss
-        return replace(slots, eta=slots.eta + loss.expression, added_states=(*slots.added_states, *loss.states))
+        return replace(slots, eta=slots.eta + self.loss.expression)
 
 
 @guides(StiffnessDegradation)
@@ -156,4 +171,4 @@ class StiffnessDegradationSearch(SearchGuide[StiffnessDegradation]):
 
     @override
     def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
-        return (StiffnessDegradation(**priors_of(_FREE, scales)),)
+        return tuple(StiffnessDegradation(**priors_of(loss, scales)) for loss in _FREE)

@@ -9,12 +9,12 @@ from typing import ClassVar, Self, override
 
 from bwbn_bayes.elements.degradation import (
     DEGRADATION,
+    DRIFT_PATH,
     LINEAR_SOURCE,
     PATH_SOURCE,
     SATURATING_SOURCE,
     LinearLoss,
     Loss,
-    PathLoss,
     SaturatingLoss,
     StretchedLoss,
     loss_of,
@@ -31,9 +31,12 @@ from bwbn_bayes.parameters import Parameter, Value
 _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="strength", delta="delta_nu"),
     SaturatingLoss(what="strength", limit="nu_inf", rate="p_nu"),
-    PathLoss(what="strength", delta="theta_nu", path="s_nu"),
+    LinearLoss(what="strength", delta="theta_nu", driver=DRIFT_PATH),
 )
-_FREE = StretchedLoss(what="strength", loss="nu_e", bend="b_nu", power="m_nu", work="E_nu")
+_FREE = (
+    StretchedLoss(what="strength", loss="nu_e", bend="b_nu", power="m_nu", at="E_nu"),
+    StretchedLoss(what="strength", loss="nu_c", bend="a_nu", power="r_nu", at="U_nu", driver=DRIFT_PATH),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +46,8 @@ class StrengthDegradation(Effect):
     Or, with ``nu_inf`` and ``p_nu``, up to a limit: ``nu = 1 + nu_inf (1 - exp(-p_nu epsilon))``.
     Or, with the other four, in a free shape: ``nu = 1 + nu_e W(epsilon) / W(E_nu)``,
     ``W(x) = 1 - exp(-b_nu (x/E_nu)^m_nu)``.
-    Or, with ``theta_nu``, with the path: ``nu = 1 + theta_nu s``, ``ds/dt = |v|``.
+    Or, with ``theta_nu``, with the path: ``nu = 1 + theta_nu u_c``, ``du_c/dt = |v|``; with ``nu_c`` and its three
+    likes in the free shape, of ``u_c`` in place of ``epsilon`` and ``U_nu`` in place of ``E_nu``.
 
     Parameters
     ----------
@@ -63,6 +67,14 @@ class StrengthDegradation(Effect):
         Work at which ``nu_e`` is measured. [J]
     theta_nu : float, Prior or PerStorey, optional
         Loss of strength per unit of path. [1/m]
+    nu_c : float, Prior or PerStorey, optional
+        What nu has grown by at the path ``U_nu``.
+    a_nu : float, Prior or PerStorey, optional
+        How far it has saturated by then: near zero it is a power of the path.
+    r_nu : float, Prior or PerStorey, optional
+        Power of the path in the free shape.
+    U_nu : float, optional
+        Path at which ``nu_c`` is measured. [m]
 
     Raises
     ------
@@ -85,6 +97,10 @@ class StrengthDegradation(Effect):
     m_nu: Value | None = None
     E_nu: Value | None = None
     theta_nu: Value | None = None
+    nu_c: Value | None = None
+    a_nu: Value | None = None
+    r_nu: Value | None = None
+    U_nu: Value | None = None
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "strength_degradation"
@@ -99,7 +115,7 @@ class StrengthDegradation(Effect):
     @cached_property
     def loss(self) -> Loss:
         """By which it is lost: the form whose parameters are given."""
-        every = (*_LOSSES, _FREE)
+        every = (*_LOSSES, *_FREE)
         given = {p.symbol: getattr(self, p.symbol) for loss in every for p in loss.parameters}
         return loss_of(type(self).__name__, every, given)
 
@@ -136,8 +152,7 @@ class StrengthDegradation(Effect):
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        loss = self.loss
-        return replace(slots, nu=slots.nu + loss.expression, added_states=(*slots.added_states, *loss.states))
+        return replace(slots, nu=slots.nu + self.loss.expression)
 
 
 @guides(StrengthDegradation)
@@ -156,4 +171,4 @@ class StrengthDegradationSearch(SearchGuide[StrengthDegradation]):
 
     @override
     def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
-        return (StrengthDegradation(**priors_of(_FREE, scales)),)
+        return tuple(StrengthDegradation(**priors_of(loss, scales)) for loss in _FREE)

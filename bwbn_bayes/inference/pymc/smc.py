@@ -2,15 +2,10 @@
 
 PyMC's kernels evaluate particles one by one, stop the search for the next tempering parameter at an absolute 1e-6, and
 add 1e-6 to the variances of their proposals. A long record needs first steps below 1e-6 and leaves posteriors narrower
-than 1e-3. :class:`Batched` solves all particles in one call, searches to a relative tolerance as our TMCMC does, and
-moves until the cloud has forgotten where it started. Its moves are TMCMC's too: a proposal fitted to the very particle
-that it moves favours that particle, a bias that adds up over the stages, and so does a step size that follows the
-acceptance it meets. So each half of the particles is moved by what the other half looks like, unchanged for a stage.
-
-References
-----------
-.. [1] J. Olsson and R. Douc, "Numerically stable online estimation of variance in particle filters", Bernoulli 25(2),
-   2019 (the effective size, from ancestors a few stages back).
+than 1e-3. :class:`Batched` searches to a relative tolerance and moves particles as TMCMC does, by a stage that forgets
+where it began and keeps every state (:func:`~bwbn_bayes.inference.tmcmc.stages.waste_free_stage`), in PyMC's own
+coordinates and on PyMC's own density. Five hundred particles moved a hundred times, of which the last positions alone
+were kept, lost 5 nats of evidence in 16 dimensions.
 """
 
 from __future__ import annotations
@@ -26,39 +21,27 @@ import pymc as pm
 import pytensor.tensor as pt
 import xarray as xr
 from pymc.pytensorf import join_nonshared_inputs, make_shared_replacements
-from pymc.smc.kernels import IMH
+from pymc.smc.kernels import SMC_KERNEL
 from pytensor.graph.replace import vectorize_graph
 
-from bwbn_bayes.inference.tmcmc import moves
-from bwbn_bayes.inference.tmcmc.coordinates import Coordinates
-from bwbn_bayes.inference.tmcmc.mixture import fit_mixture
-from bwbn_bayes.inference.tmcmc.moves import EMPTY_TALLY, FIRST_TUNING, Shape, retune
-from bwbn_bayes.inference.tmcmc.target import Integers
-from bwbn_bayes.inference.tmcmc.tempering import log_mean, next_tempering_parameter, normalised
-from bwbn_bayes.parameters import Booleans, Floats
-
-_LEAST_SWEEPS = 4
-_LAG = 3
-"""Stages back to the ancestors by which particles are related; further back too few are left to tell them apart."""
+from bwbn_bayes.inference.tmcmc.coordinates import UNBOUNDED
+from bwbn_bayes.inference.tmcmc.moves import FIRST_TUNING
+from bwbn_bayes.inference.tmcmc.stages import Population, Streams, waste_free_stage
+from bwbn_bayes.inference.tmcmc.target import Cloud
+from bwbn_bayes.inference.tmcmc.tempering import log_mean, next_tempering_parameter
+from bwbn_bayes.parameters import Floats
 
 StageListener = Callable[[Mapping[str, float]], None]
 """Called with the statistics of each finished stage."""
 
 
-class Batched(IMH):
+class Batched(SMC_KERNEL):
     """Batched kernel for ``pm.sample_smc``.
-
-    Each stage sweeps with the moves of :mod:`bwbn_bayes.inference.tmcmc.moves`, in PyMC's unconstrained coordinates,
-    until the log likelihood and every coordinate have lost their correlation with the start.
 
     Parameters
     ----------
     threshold : float
         Effective sample size kept from stage to stage, as a share of the particles.
-    correlation_threshold : float
-        Largest correlation left between a stage's start and end.
-    most_sweeps : int
-        Sweeps in one stage at most.
     listener : callable, optional
         Called after every stage.
     """
@@ -68,120 +51,55 @@ class Batched(IMH):
         "log_marginal_likelihood": (float, []),
         "beta": (float, []),
         "accept_rate": (float, []),
-        "n_sweeps": (int, []),
         "n_solves": (int, []),
         "n_failed": (int, []),
         "effective_sample_size": (float, []),
     }
 
     def __init__(
-        self,
-        *args: Any,
-        correlation_threshold: float = 0.1,
-        most_sweeps: int = 100,
-        listener: StageListener | None = None,
-        **kwargs: Any,
+        self, *args: Any, threshold: float = 0.8, listener: StageListener | None = None, **kwargs: Any
     ) -> None:
-        super().__init__(*args, correlation_threshold=correlation_threshold, **kwargs)
-        self.most_sweeps = most_sweeps
+        super().__init__(*args, threshold=threshold, **kwargs)
         self.listener = listener
         self.n_solves = self.n_failed = 0
         self.density = _batched_density(pm.modelcontext(kwargs.get("model")), kwargs.get("compile_kwargs") or {})
 
     def _initialize_kernel(self) -> None:
-        population = self.start or self.initialize_population()
-        columns = [np.asarray(population[v.name]).reshape(self.draws, -1) for v in self.variables]
-        self.tempered_posterior = np.concatenate(columns, axis=1)
+        drawn = self.start or self.initialize_population()
+        columns = [np.asarray(drawn[v.name]).reshape(self.draws, -1) for v in self.variables]
         self.n_solves = self.n_failed = 0
-        self.prior_logp, self.likelihood_logp = self._evaluate(self.tempered_posterior)
-        self.tuning = FIRST_TUNING
-        self.lineage: list[Integers] = []
+        cloud, _ = self._evaluate(np.concatenate(columns, axis=1))
+        self.population = Population(cloud, np.arange(self.draws), float(self.draws), FIRST_TUNING)
+        self.streams_seed = int(self.rng.integers(2**63))
 
-    def _evaluate(self, points: Floats) -> tuple[Floats, Floats]:
+    def _evaluate(self, points: Floats) -> tuple[Cloud, int]:
         prior, likelihood = self.density(points)
         self.n_solves += len(points)
         self.n_failed += int(np.count_nonzero(~np.isfinite(likelihood)))
         # A draw outside the prior's support may fail to solve in any way: it is rejected all the same.
-        return np.where(np.isnan(prior), -np.inf, prior), np.where(np.isnan(likelihood), -np.inf, likelihood)
+        prior, likelihood = (np.where(np.isnan(one), -np.inf, one) for one in (prior, likelihood))
+        return Cloud(points, prior, likelihood, likelihood), len(points)
 
     def update_beta_and_weights(self) -> None:
         """The next tempering parameter to a relative tolerance, weights and evidence in log space."""
         self.iteration += 1
-        past = float(self.beta)
+        past, log_likelihood = float(self.beta), self.population.cloud.log_likelihood
         variation = float(np.sqrt(1.0 / self.threshold - 1.0))
-        self.beta = next_tempering_parameter(self.likelihood_logp, past, variation)
-        log_weights = (self.beta - past) * self.likelihood_logp
-        self.weights = normalised(log_weights)
-        self.log_marginal_likelihood += log_mean(log_weights)
+        self.beta = next_tempering_parameter(log_likelihood, past, variation)
+        self.log_weights = (self.beta - past) * log_likelihood
+        self.log_marginal_likelihood += log_mean(self.log_weights)
 
     def resample(self) -> None:
-        """Resample, and remember the ancestors of the last stages."""
-        super().resample()
-        generations = [np.arange(self.draws), *self.lineage[: _LAG - 1]]
-        self.lineage = [labels[self.resampling_indexes] for labels in generations]
-
-    @property
-    def families(self) -> Integers:
-        """Common ancestors ``(n,)`` some stages back."""
-        return self.lineage[-1]
-
-    def tune(self) -> None:
-        """Fit to each half of the families what moves the other half."""
-        halves = [self.families % 2 == parity for parity in (0, 1)]
-        fewest = 2 * (self.tempered_posterior.shape[1] + 1)
-        if min(len(np.unique(self.resampling_indexes[half])) for half in halves) < fewest:
-            halves = [np.ones(self.draws, dtype=np.bool_)] * 2
-        self.groups = self.families % 2
-        self.shapes = [self._shape(half) for half in reversed(halves)]
-
-    def _shape(self, chosen: Booleans) -> Shape:
-        points = self.tempered_posterior[chosen]
-        distinct = len(np.unique(self.resampling_indexes[chosen]))
-        mixture = fit_mixture(points, np.full(len(points), 1.0 / len(points)), float(distinct))
-        return Shape.of(Coordinates.probit(points.shape[1]), mixture, points)
+        """Nothing: the stage resamples what it moves."""
 
     def mutate(self) -> None:
-        """Sweep until log likelihood and coordinates have lost their correlation with the start."""
-        start, tally = self._watched(), EMPTY_TALLY
-        for sweep in range(1, self.most_sweeps + 1):
-            tally = self._sweep(tally)
-            if sweep >= _LEAST_SWEEPS and _largest_correlation(start, self._watched()) < self.correlation_threshold:
-                break
-        self.n_steps, self.acc_rate = sweep, tally.acceptance
-        self.tuning = retune(self.tuning, tally)
-
-    def _watched(self) -> Floats:
-        return np.column_stack([self.tempered_posterior, self.likelihood_logp])
-
-    def _sweep(self, tally: moves.Tally) -> moves.Tally:
-        """One Metropolis-Hastings step of every particle, in one batch of solves."""
-        present = self.tempered_posterior
-        proposed = np.empty_like(present)
-        kinds = np.empty(self.draws, dtype=np.int64)
-        log_asymmetry, jumps = np.empty((2, self.draws))
-        for group, shape in enumerate(self.shapes):
-            mine = self.groups == group
-            fit = shape.mixture.log_density(present[mine])
-            proposal = moves.propose(present[mine], fit, shape, self.tuning, self.rng)
-            proposed[mine], kinds[mine], log_asymmetry[mine] = (
-                proposal.positions,
-                proposal.moves,
-                proposal.log_asymmetry,
-            )
-            jumps[mine] = shape.squared_jumps(present[mine], proposal.positions)
-        accepted = self._accept(proposed, log_asymmetry)
-        return tally.add(kinds, accepted.astype(np.float64), jumps)
-
-    def _accept(self, proposal: Floats, log_correction: Floats) -> Booleans:
-        prior, likelihood = self._evaluate(proposal)
-        density = prior + self.beta * likelihood
-        accepted: Booleans = (
-            np.log(self.rng.random(self.draws)) < density - self.tempered_posterior_logp + log_correction
+        """Resample a few ancestors and keep every state of the chains that they begin."""
+        streams = Streams(self.streams_seed, self.iteration)
+        moved = waste_free_stage(
+            self._evaluate, self.population, self.log_weights, self.beta, streams, self.draws, UNBOUNDED
         )
-        self.tempered_posterior[accepted] = proposal[accepted]
-        self.prior_logp[accepted], self.likelihood_logp[accepted] = prior[accepted], likelihood[accepted]
-        self.tempered_posterior_logp[accepted] = density[accepted]
-        return accepted
+        self.population, self.acc_rate = moved.population, moved.acceptance
+        self.tempered_posterior = self.population.thinned(self.draws).points
 
     def sample_stats(self) -> dict[str, float]:
         """Statistics of the stage; counts are running totals."""
@@ -189,14 +107,17 @@ class Batched(IMH):
             "log_marginal_likelihood": self.log_marginal_likelihood,
             "beta": self.beta,
             "accept_rate": self.acc_rate,
-            "n_sweeps": self.n_steps,
             "n_solves": self.n_solves,
             "n_failed": self.n_failed,
-            "effective_sample_size": effective_size(self._watched(), self.families),
+            "effective_sample_size": min(self.population.effective_size, float(self.draws)),
         }
         if self.listener is not None:
             self.listener(facts)
         return facts
+
+    def sample_settings(self) -> dict[str, float]:
+        """What PyMC keeps of the kernel's settings."""
+        return {"_n_draws": self.draws, "threshold": self.threshold}
 
 
 def _batched_density(model: pm.Model, compile_kwargs: Mapping[str, Any]) -> Callable[[Floats], tuple[Floats, Floats]]:
@@ -211,28 +132,6 @@ def _batched_density(model: pm.Model, compile_kwargs: Mapping[str, Any]) -> Call
     function = pm.compile([points], batched, **{**compile_kwargs, "on_unused_input": "ignore"})
     function.trust_input = True
     return function  # type: ignore[no-any-return]
-
-
-def effective_size(points: Floats, families: Integers) -> float:
-    """Independent draws that particles ``(n, d)`` are worth, of which those of one family ``(n,)`` may be alike.
-
-    The mean's variance is that of the families' sums; the order of the particles says nothing.
-    """
-    centred = points - np.mean(points, axis=0)
-    sums = np.zeros((int(np.max(families)) + 1, points.shape[1]))
-    np.add.at(sums, families, centred)
-    error = np.sum(np.square(sums), axis=0) / len(points)
-    variance = np.mean(np.square(centred), axis=0)
-    varying = variance > 0.0
-    if not np.any(varying):
-        return 1.0
-    return min(float(len(points)), len(points) * float(np.min(variance[varying] / error[varying])))
-
-
-def _largest_correlation(start: Floats, now: Floats) -> float:
-    start, now = start - start.mean(axis=0), now - now.mean(axis=0)
-    lengths = np.sqrt(np.sum(start**2, axis=0) * np.sum(now**2, axis=0))
-    return float(np.max(np.abs(np.sum(start * now, axis=0)) / np.where(lengths > 0.0, lengths, np.inf)))
 
 
 KernelName = Literal["batched", "imh", "mh"]

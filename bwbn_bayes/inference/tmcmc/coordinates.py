@@ -1,4 +1,4 @@
-"""Coordinates in which a stage's cloud looks Gaussian: probit of the unit cube, then a map fitted to each marginal.
+"""Coordinates in which a stage's cloud looks Gaussian: a chart without bounds, then a map fitted to each marginal.
 
 In probit coordinates ``z = Phi^-1(x)`` the cube has no bounds to cross and a uniform prior is a standard Gaussian. A
 broad cloud that leans on a bound is still skewed there; a monotone piecewise linear map ``y = g(z)`` for each
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -25,6 +26,47 @@ _SMALLEST_GAP = 1e-3
 def to_probit(points: Floats) -> Floats:
     """Probit coordinates ``(n, d)`` of points of the unit cube."""
     return np.clip(ndtri(points), -_LIMIT, _LIMIT)
+
+
+class Chart(Protocol):
+    """How a target's points are seen as positions without bounds."""
+
+    def positions(self, points: Floats) -> Floats:
+        """Positions ``(n, d)`` of points ``(n, d)``."""
+        ...
+
+    def points(self, positions: Floats) -> tuple[Floats, Floats]:
+        """Points ``(n, d)`` of positions ``(n, d)``, and the log Jacobian ``log |dx/dz| (n,)``."""
+        ...
+
+
+class Probit:
+    """Of points of the unit cube."""
+
+    def positions(self, points: Floats) -> Floats:
+        """:func:`to_probit`."""
+        return to_probit(points)
+
+    def points(self, positions: Floats) -> tuple[Floats, Floats]:
+        """Points of the cube; a log Jacobian of minus infinity beyond."""
+        inside = (np.abs(positions) <= _LIMIT).all(axis=1)
+        log_volume = -0.5 * (positions**2).sum(axis=1) - 0.5 * positions.shape[1] * np.log(2.0 * np.pi)
+        return np.asarray(ndtr(positions)), np.where(inside, log_volume, -np.inf)
+
+
+class Unbounded:
+    """Of points that have no bounds: they are their own positions."""
+
+    def positions(self, points: Floats) -> Floats:
+        """The points."""
+        return points
+
+    def points(self, positions: Floats) -> tuple[Floats, Floats]:
+        """The positions; a log Jacobian of zero."""
+        return positions, np.zeros(len(positions))
+
+
+PROBIT, UNBOUNDED = Probit(), Unbounded()
 
 
 @dataclass(frozen=True)
@@ -55,13 +97,11 @@ class Coordinates:
         """Coordinates ``(n, d)`` of probit positions, and the log Jacobian ``log |dy/dz| (n,)``."""
         return self._forward(positions)
 
-    def inverse(self, coordinates: Floats) -> tuple[Floats, Floats]:
-        """Points of the unit cube ``(n, d)`` and the log Jacobian ``log |dx/dy| (n,)``, minus infinity beyond."""
+    def inverse(self, coordinates: Floats, chart: Chart = PROBIT) -> tuple[Floats, Floats]:
+        """Points ``(n, d)`` of a chart and the log Jacobian ``log |dx/dy| (n,)``, minus infinity beyond its bounds."""
         positions, log_slope = self._backward(coordinates)
-        inside = (np.abs(positions) <= _LIMIT).all(axis=1)
-        n_dim = positions.shape[1]
-        log_volume = log_slope - 0.5 * (positions**2).sum(axis=1) - 0.5 * n_dim * np.log(2.0 * np.pi)
-        return np.asarray(ndtr(positions)), np.where(inside, log_volume, -np.inf)
+        points, log_volume = chart.points(positions)
+        return points, log_slope + log_volume
 
     @cached_property
     def _forward(self) -> _PiecewiseLinear:

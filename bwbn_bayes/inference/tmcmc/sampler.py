@@ -204,13 +204,11 @@ def _announce(state: RunState, progress: Callable[[StageFacts], None] | None) ->
 
 
 def _result(state: RunState, n_particles: int) -> TmcmcResult:
-    """Thin the last cloud evenly along its chains to the number of particles asked for."""
-    cloud = state.population.cloud
-    by_chain = np.argsort(state.population.families, kind="stable")
-    chosen = by_chain[np.arange(n_particles) * len(by_chain) // n_particles]
+    """Thin the last cloud to the number of particles asked for."""
+    cloud = state.population.thinned(n_particles)
     return TmcmcResult(
-        particles=cloud.points[chosen],
-        log_likelihood=cloud.log_likelihood[chosen],
+        particles=cloud.points,
+        log_likelihood=cloud.log_likelihood,
         log_evidence=state.log_evidence,
         log_evidence_se=float(np.sqrt(state.log_evidence_variance)),
         stages=state.facts,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bwbn_bayes.inference.tmcmc import moves, resampling, tempering
-from bwbn_bayes.inference.tmcmc.coordinates import Coordinates, to_probit
+from bwbn_bayes.inference.tmcmc.coordinates import PROBIT, Chart, Coordinates
 from bwbn_bayes.inference.tmcmc.mixture import (
     fit_gaussian,
     fit_mixture,
@@ -44,6 +44,11 @@ class Population(NamedTuple):
     families: Integers
     effective_size: float
     tuning: Tuning
+
+    def thinned(self, n: int) -> Cloud:
+        """So many of its points, evenly along its chains."""
+        by_chain = np.argsort(self.families, kind="stable")
+        return self.cloud.take(by_chain[np.arange(n) * len(by_chain) // n])
 
 
 class Moved(NamedTuple):
@@ -121,11 +126,12 @@ def waste_free_stage(
     tempering_parameter: float,
     streams: Streams,
     n_particles: int,
+    chart: Chart = PROBIT,
 ) -> Moved:
     """Resample a few ancestors and run them as chains until decorrelated; the cloud is every state of every chain.
 
-    The chains grow by doubling from 16 steps until the longest integrated autocorrelation time (over the probit
-    coordinates and the log ratio) is an eighth of their length, or 512 steps, which the label then says.
+    The chains grow by doubling from 16 steps until the longest integrated autocorrelation time (over the positions
+    and the log ratio) is an eighth of their length, or 512 steps, which the label then says.
 
     Parameters
     ----------
@@ -141,6 +147,8 @@ def waste_free_stage(
         Random streams of this stage.
     n_particles : int
         Smallest size of the new cloud.
+    chart : Chart
+        Of the cloud's points.
 
     Returns
     -------
@@ -150,14 +158,14 @@ def waste_free_stage(
     alive = np.flatnonzero(np.isfinite(log_weights))
     cloud, families = population.cloud.take(alive), population.families[alive]
     weights, tuning = tempering.normalised(log_weights[alive]), population.tuning
-    positions = to_probit(cloud.points)
+    positions = chart.positions(cloud.points)
     order = resampling.order_along_principal_axis(positions, weights)
     n_chains = chain_count(n_particles)
     ancestors = order[resampling.systematic(weights[order], n_chains, streams.at(0))]
     worth = population.effective_size / (len(weights) * float(np.sum(weights**2)))
     shapes = _shapes(positions, weights, families, worth, n_particles, streams)
-    chains = _started(cloud.take(ancestors), positions[ancestors], families[ancestors] % 2, shapes)
-    run = _run(evaluator, chains, shapes, tuning, tempering_parameter, streams)
+    chains = _started(cloud.take(ancestors), positions[ancestors], families[ancestors] % 2, shapes, chart)
+    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams)
     moved = Population(
         join(run.clouds),
         np.tile(np.arange(n_chains), len(run.clouds)),
@@ -180,13 +188,13 @@ class _Chains(NamedTuple):
     log_fit: Floats
 
 
-def _started(cloud: Cloud, positions: Floats, groups: Integers, shapes: tuple[Shape, Shape]) -> _Chains:
-    """Chains at probit positions, each in the coordinates of its group's shape."""
+def _started(cloud: Cloud, positions: Floats, groups: Integers, shapes: tuple[Shape, Shape], chart: Chart) -> _Chains:
+    """Chains at positions, each in the coordinates of its group's shape."""
     mapped, log_volume, log_fit = np.empty_like(positions), np.empty(len(groups)), np.empty(len(groups))
     for group, shape in enumerate(shapes):
         mine = groups == group
         mapped[mine], _ = shape.coordinates.forward(positions[mine])
-        _, log_volume[mine] = shape.coordinates.inverse(mapped[mine])
+        _, log_volume[mine] = shape.coordinates.inverse(mapped[mine], chart)
         log_fit[mine] = shape.mixture.log_density(mapped[mine])
     return _Chains(cloud, groups, mapped, log_volume, log_fit)
 
@@ -201,6 +209,7 @@ class _Run(NamedTuple):
 
 def _run(
     evaluator: Evaluator,
+    chart: Chart,
     chains: _Chains,
     shapes: tuple[Shape, Shape],
     tuning: Tuning,
@@ -214,10 +223,10 @@ def _run(
     while True:
         for step in range(len(clouds) + 1, length + 1):
             chains, tally, solves = _advance(
-                evaluator, chains, shapes, tuning, tally, tempering_parameter, streams, step
+                evaluator, chart, chains, shapes, tuning, tally, tempering_parameter, streams, step
             )
             clouds.append(chains.cloud)
-            traces.append(np.column_stack([to_probit(chains.cloud.points), chains.cloud.log_ratio]))
+            traces.append(np.column_stack([chart.positions(chains.cloud.points), chains.cloud.log_ratio]))
             n_solves += solves
         correlation_time = tempering.integrated_autocorrelation_time(np.stack(traces))
         if _LENGTH_PER_CORRELATION_TIME * correlation_time <= length:
@@ -250,7 +259,7 @@ def _shapes(
 
 
 def _shape(points: Floats, shares: Floats, archive: Floats, effective_size: float) -> Shape:
-    """Coordinates and mixture fitted to weighted probit positions; straightened only where that clearly pays."""
+    """Coordinates and mixture fitted to weighted positions; straightened only where that clearly pays."""
     n_dim = points.shape[1]
     plain, straightened = Coordinates.probit(n_dim), Coordinates.straightening(archive)
     mapped, log_slope = straightened.forward(points)
@@ -263,6 +272,7 @@ def _shape(points: Floats, shares: Floats, archive: Floats, effective_size: floa
 
 def _advance(
     evaluator: Evaluator,
+    chart: Chart,
     chains: _Chains,
     shapes: tuple[Shape, Shape],
     tuning: Tuning,
@@ -281,10 +291,10 @@ def _advance(
         proposal = moves.propose(start, chains.log_fit[mine], shape, tuning, streams.at(step, group))
         proposed[mine], log_fit[mine], kinds[mine] = proposal.positions, proposal.log_fit, proposal.moves
         jumps[mine] = shape.squared_jumps(start, proposal.positions)
-        points[mine], log_volume[mine] = shape.coordinates.inverse(proposal.positions)
+        points[mine], log_volume[mine] = shape.coordinates.inverse(proposal.positions, chart)
         log_odds[mine] = proposal.log_asymmetry
     candidate, n_solves = evaluator(points)
-    # At the very edge of the cube the volume may be infinite where the density is zero: NaN, which is never accepted.
+    # At the very edge of a cube the volume may be infinite where the density is zero: NaN, which is never accepted.
     with np.errstate(invalid="ignore"):
         log_odds += (
             log_volume

@@ -134,7 +134,7 @@ class Cloud(NamedTuple):
     """Evaluated points: all that the road's density needs at any tempering parameter."""
 
     points: Floats
-    """Points of the unit cube, ``(n, d)``."""
+    """Of the unit cube or of another chart, ``(n, d)``."""
     log_reference: Floats
     """Log reference density, ``(n,)``."""
     log_ratio: Floats

@@ -5,7 +5,6 @@ from __future__ import annotations
 import timeit
 from pathlib import Path
 
-import arviz_stats
 import numpy as np
 import pymc as pm
 import pytensor.tensor as pt
@@ -15,8 +14,7 @@ from evidence_oracles import EvidenceOracle, linear_gaussian
 from pymc_cases import ENGINE, small_model, small_record
 
 from bwbn_bayes import to_pymc
-from bwbn_bayes.inference.pymc.smc import Batched, KernelName, effective_size, sample_smc, tidy
-from bwbn_bayes.inference.tmcmc.moves import EMPTY_TALLY
+from bwbn_bayes.inference.pymc.smc import Batched, KernelName, sample_smc, tidy
 
 
 def twin_of(oracle: EvidenceOracle) -> pm.Model:
@@ -70,42 +68,6 @@ def small_twin() -> pm.Model:
         x = pm.Normal("x")
         pm.Potential("likelihood", -0.5 * (x - 1.0) ** 2)
     return twin
-
-
-def test_no_particle_is_moved_by_what_was_fitted_to_it() -> None:
-    """Each half's proposals come from the other half, and nothing follows the stage's own acceptance.
-
-    The mixture was fitted to the very cloud that it moved and the walk's scale adapted within a stage: three storeys
-    lost 3 nats of evidence.
-    """
-    with pm.Model() as twin:
-        x = pm.Normal("x", shape=3)
-        pm.Potential("likelihood", -2.0 * pt.sum((x - 1.0) ** 2))
-    kernel = Batched(draws=200, model=twin, random_seed=1)
-    kernel.initialize(None, np.random.default_rng(1))
-    kernel.update_beta_and_weights()
-    kernel.resample()
-    kernel.tune()
-    before, tuning = kernel.shapes[0], kernel.tuning
-    kernel.tempered_posterior[kernel.groups == 0] += 5.0
-    kernel.tune()
-    np.testing.assert_array_equal(kernel.shapes[0].mixture.means, before.mixture.means)
-    np.testing.assert_array_equal(kernel.shapes[0].archive, before.archive)
-    assert not np.array_equal(kernel.shapes[1].mixture.means[0], before.mixture.means[0])
-    kernel._sweep(EMPTY_TALLY)
-    assert kernel.tuning is tuning
-
-
-def test_the_effective_size_of_a_cloud_is_that_of_its_families() -> None:
-    """Four copies of each draw, in any order: ArviZ took the shuffled copies for a chain of independent draws."""
-    rng = np.random.default_rng(3)
-    draws, families = rng.standard_normal((500, 4)), np.repeat(np.arange(500), 4)
-    order = rng.permutation(2000)
-    cloud = draws[families[order]]
-    found = effective_size(cloud, families[order])
-    assert found == pytest.approx(500.0, rel=4.0 * np.sqrt(2.0 / 500))
-    assert float(arviz_stats.ess(cloud[None, :, 0])) > 1500.0
-    assert effective_size(draws, np.arange(500)) == pytest.approx(500.0)
 
 
 @pytest.mark.parametrize("chains", [1, 2, 3])

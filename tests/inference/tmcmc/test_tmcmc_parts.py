@@ -8,9 +8,10 @@ from evidence_oracles import Floats, gaussian_in_box, linear_gaussian
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.tmcmc import sample
-from bwbn_bayes.inference.tmcmc.coordinates import Coordinates, to_probit
+from bwbn_bayes.inference.tmcmc.coordinates import UNBOUNDED, Coordinates, to_probit
 from bwbn_bayes.inference.tmcmc.mixture import fit_mixture
 from bwbn_bayes.inference.tmcmc.resampling import multinomial, systematic
+from bwbn_bayes.inference.tmcmc.stages import Streams, _shapes
 from bwbn_bayes.inference.tmcmc.tempering import (
     coefficient_of_variation,
     integrated_autocorrelation_time,
@@ -140,6 +141,29 @@ def test_history_is_complete() -> None:
     assert seen[-1].log_evidence == result.log_evidence
     assert result.particles.shape == (500, 2)
     assert result.log_likelihood == pytest.approx(ORACLE.log_likelihood(result.particles))
+
+
+def test_points_without_bounds_are_their_own_positions() -> None:
+    positions = np.random.default_rng(6).standard_normal((500, 3)) ** 3 * [1e-3, 1.0, 1e9]
+    coordinates = Coordinates.straightening(UNBOUNDED.positions(positions))
+    mapped, log_slope = coordinates.forward(positions)
+    back, log_volume = coordinates.inverse(mapped, UNBOUNDED)
+    np.testing.assert_allclose(back / positions.std(axis=0), positions / positions.std(axis=0), atol=1e-12)
+    np.testing.assert_allclose(log_volume, -log_slope, rtol=1e-9)
+
+
+def test_no_chain_is_moved_by_what_was_fitted_to_it() -> None:
+    """Each half of the families is moved by what the other half looks like."""
+    positions, families = np.random.default_rng(7).standard_normal((400, 3)), np.arange(400) % 8
+    even = families % 2 == 0
+
+    def of(positions: Floats) -> tuple[Floats, Floats]:
+        moved = _shapes(positions, np.full(400, 1.0 / 400), families, 400.0, 400, Streams(1, 1))
+        return moved[0].archive, moved[1].archive
+
+    before, after = of(positions), of(np.where(even[:, None], positions + 5.0, positions))
+    np.testing.assert_array_equal(before[0], after[0])
+    assert not np.any(np.isin(before[1], after[1]))
 
 
 def test_a_marginal_of_one_value_has_coordinates() -> None:

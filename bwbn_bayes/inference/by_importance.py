@@ -28,7 +28,7 @@ from bwbn_bayes.inference.pooled import FittedMixture, Pool
 from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.sheet_nodes import has_wide
 from bwbn_bayes.inference.summary import Draws
-from bwbn_bayes.inference.tmcmc.sampler import fewest_particles
+from bwbn_bayes.inference.tmcmc.stages import fewest_particles
 from bwbn_bayes.results import Check
 
 _PILOT = 800

@@ -24,12 +24,13 @@ from bwbn_bayes.inference.nested_laplace import NestedLaplace
 from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import Draws
-from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, fewest_particles, require_particles, sample
+from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, require_particles, sample
+from bwbn_bayes.inference.tmcmc.stages import fewest_particles
 from bwbn_bayes.inference.tmcmc.target import DefensiveMixture
 from bwbn_bayes.results import Check
 
 FIRST, SECOND = "tmcmc (bridge)", "tmcmc (second start)"
-_SHARE_OF_SECOND = 2
+_SHARE_OF_SECOND = 8
 """The second start has this fraction of the particles: it is there to be compared with."""
 _PRIOR_SHARE, _INFLATION = 0.2, 9.0
 _N_ATTEMPTS = 3

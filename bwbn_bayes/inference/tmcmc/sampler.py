@@ -27,6 +27,7 @@ from bwbn_bayes.inference.tmcmc.stages import (
     Evaluator,
     Population,
     Streams,
+    fewest_particles,
     plain_stage,
     waste_free_stage,
 )
@@ -130,11 +131,6 @@ def sample(
             state = _next_state(state, evaluator, n_particles, rng_seed, variant, began)
             _announce(state, progress)
     return _result(state, n_particles)
-
-
-def fewest_particles(n_dim: int) -> int:
-    """Particles from which the shape of a cloud in so many dimensions can be told."""
-    return 8 * (n_dim + 1)
 
 
 def require_particles(n_particles: int, n_dim: int) -> None:

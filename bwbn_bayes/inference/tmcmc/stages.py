@@ -31,7 +31,10 @@ PLAIN_SCALE = 0.2
 CHAIN_LENGTH = 16
 LONGEST_CHAIN = 512
 _CHAIN_MULTIPLE = 32
-_LENGTH_PER_CORRELATION_TIME = 8.0
+_EFFECTIVE_SHARE = 0.5
+"""Independent draws that the last stage asks its states to be worth, as a share of the particles."""
+_LEAST_CORRELATION_TIMES = 2.0
+"""Length of chains, in autocorrelation times, in which they forget where they began."""
 
 Evaluator = Callable[[Floats], tuple[Cloud, int]]
 """Points ``(n, d)`` to an evaluated cloud and the solves spent."""
@@ -130,8 +133,9 @@ def waste_free_stage(
 ) -> Moved:
     """Resample a few ancestors and run them as chains until decorrelated; the cloud is every state of every chain.
 
-    The chains grow by doubling from 16 steps until the longest integrated autocorrelation time (over the positions
-    and the log ratio) is an eighth of their length, or 512 steps, which the label then says.
+    The chains grow by doubling from 16 steps until they have twice the longest integrated autocorrelation time (over
+    the positions and the log ratio), or 512 steps, which the label then says. Those of the last stage must be worth
+    half as many independent draws as there are particles, too.
 
     Parameters
     ----------
@@ -160,12 +164,14 @@ def waste_free_stage(
     weights, tuning = tempering.normalised(log_weights[alive]), population.tuning
     positions = chart.positions(cloud.points)
     order = resampling.order_along_principal_axis(positions, weights)
-    n_chains = chain_count(n_particles)
+    n_chains = chain_count(n_particles, positions.shape[1])
     ancestors = order[resampling.systematic(weights[order], n_chains, streams.at(0))]
     worth = population.effective_size / (len(weights) * float(np.sum(weights**2)))
     shapes = _shapes(positions, weights, families, worth, n_particles, streams)
     chains = _started(cloud.take(ancestors), positions[ancestors], families[ancestors] % 2, shapes, chart)
-    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams)
+    for_draws = _EFFECTIVE_SHARE * n_particles / n_chains if tempering_parameter == 1.0 else 0.0
+    wanted = max(_LEAST_CORRELATION_TIMES, for_draws)
+    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams, wanted)
     moved = Population(
         join(run.clouds),
         np.tile(np.arange(n_chains), len(run.clouds)),
@@ -175,9 +181,19 @@ def waste_free_stage(
     return Moved(moved, run.tally.acceptance, run.n_solves, run.label)
 
 
-def chain_count(n_particles: int) -> int:
-    """Number of chains: a multiple of 32, so that batches of 16 lanes fill two threads."""
-    return _CHAIN_MULTIPLE * max(1, -(-n_particles // (CHAIN_LENGTH * _CHAIN_MULTIPLE)))
+def fewest_particles(n_dim: int) -> int:
+    """Particles from which the shape of a cloud in so many dimensions can be told."""
+    return 8 * (n_dim + 1)
+
+
+def chain_count(n_particles: int, n_dim: int) -> int:
+    """Number of chains: a multiple of 32, so that batches of 16 lanes fill two threads.
+
+    Never fewer than the shape can be told from. Chains that hardly move are worth their number; moves fitted to too few
+    hardly move them, and the next stage's are fitted to no more.
+    """
+    fewest = max(-(-n_particles // CHAIN_LENGTH), fewest_particles(n_dim))
+    return _CHAIN_MULTIPLE * -(-fewest // _CHAIN_MULTIPLE)
 
 
 class _Chains(NamedTuple):
@@ -215,8 +231,9 @@ def _run(
     tuning: Tuning,
     tempering_parameter: float,
     streams: Streams,
+    correlation_times: float,
 ) -> _Run:
-    """Advance the chains, doubling their length until they are decorrelated or at the cap."""
+    """Advance the chains, doubling their length until it is so many autocorrelation times, or at the cap."""
     clouds: list[Cloud] = []
     traces: list[Floats] = []
     tally, n_solves, length = moves.EMPTY_TALLY, 0, CHAIN_LENGTH
@@ -229,7 +246,7 @@ def _run(
             traces.append(np.column_stack([chart.positions(chains.cloud.points), chains.cloud.log_ratio]))
             n_solves += solves
         correlation_time = tempering.integrated_autocorrelation_time(np.stack(traces))
-        if _LENGTH_PER_CORRELATION_TIME * correlation_time <= length:
+        if correlation_times * correlation_time <= length:
             return _Run(clouds, correlation_time, tally, n_solves, f"{length} steps")
         if length >= LONGEST_CHAIN:
             label = f"stopped at the cap of {length} steps, still correlated"

@@ -31,7 +31,7 @@ from bwbn_bayes.discovery.build import (
 )
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis
 from bwbn_bayes.discovery.evidence import laplace
-from bwbn_bayes.discovery.explanation import Explanation, key_of
+from bwbn_bayes.discovery.explanation import Explanation, Key, key_of
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.race import FAR
@@ -80,6 +80,8 @@ def search(given: Explanation, run: Run) -> Pool:
                 break
             _round(parent, pool, run)
             n_whole += not run.stopped
+        if not given.is_specimen:
+            _exchange(pool, run)
         if not run.stopped:
             _change_forms(pool, run)
         build_alone(pool, run)
@@ -244,6 +246,21 @@ def _rivals(best: Explanation, pool: Pool) -> list[tuple[Explanation, Hypothesis
         if others[0].free_shapes and others[0].name not in best.names:
             found.setdefault(others[0].name, (one, others[0]))
     return list(found.values())[:_MOST_RIVALS]
+
+
+def _exchange(pool: Pool, run: Run) -> None:
+    """Build upon the best laws without each of their effects: what stands there has been the best beside the others.
+
+    What was found before the others came is what looked most like all that was missing, and may leave noise in the
+    place of the right one. Of a specimen every effect is fitted in every round.
+    """
+    tried: set[Key] = set()
+    while (best := pool.ranked()[0]).effects_key not in tried and len(best.added) > 1:
+        tried.add(best.effects_key)
+        for one in best.added:
+            base = pool.searched.get(best.effects_key - key_of([one]))
+            if base is not None and base.effects_key not in pool.expanded and not run.must_stop():
+                _round(base, pool, run)
 
 
 def _change_forms(pool: Pool, run: Run) -> None:

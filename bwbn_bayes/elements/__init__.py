@@ -1,8 +1,8 @@
 """Storey laws: the Bouc-Wen element, the effects that extend it, and how they combine.
 
 What the author of an effect needs stands here: a class of :class:`Effect` fills :class:`Slots` with expressions of
-:data:`DRIFT`, :data:`DRIFT_RATE`, :data:`HYSTERETIC_DISPLACEMENT`, :data:`ENERGY` and its parameters' symbols; a
-:class:`SearchGuide` beside it lets ``discover`` look for it.
+:data:`DRIFT`, :data:`DRIFT_RATE`, :data:`HYSTERETIC_DISPLACEMENT`, :data:`ENERGY`, :data:`PATH` and its parameters'
+symbols; a :class:`SearchGuide` beside it lets ``discover`` look for it.
 """
 
 from bwbn_bayes.elements.catalogue import register
@@ -11,6 +11,7 @@ from bwbn_bayes.elements.law import (
     DRIFT_RATE,
     ENERGY,
     HYSTERETIC_DISPLACEMENT,
+    PATH,
     AddedState,
     Effect,
     Event,
@@ -27,6 +28,7 @@ __all__ = [
     "DRIFT_RATE",
     "ENERGY",
     "HYSTERETIC_DISPLACEMENT",
+    "PATH",
     "AddedState",
     "Effect",
     "Event",

@@ -246,6 +246,10 @@ class StretchedLoss:
 Loss = LinearLoss | SaturatingLoss | StretchedLoss
 
 
+_GROWN = 3.0
+"""By how much the factor may have grown by the end, as the standard deviation of a prior: a quarter is then left."""
+
+
 def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Value | None]) -> Loss:
     """The form whose parameters are given.
 
@@ -263,19 +267,19 @@ def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Valu
 
 
 def priors_of(loss: Loss, scales: Scales) -> dict[str, Value]:
-    """What a search gives the parameters of a loss, by symbol: by the end the factor may have doubled."""
+    """What a search gives the parameters of a loss, by symbol: by the end a quarter may be left, or less."""
     whole = loss.driver.of_scales(scales)
     match loss:
         case LinearLoss():
-            return {loss.delta: HalfNormal(1.0 / whole)}
+            return {loss.delta: HalfNormal(_GROWN / whole)}
         case SaturatingLoss():
             # Most of it within a tenth to all of the work. With slower rates the loss is the linear one; with faster
             # ones it is there before the first cycle has ended, and the storey's own parameters say the same.
             rate = LogNormal(5.0 / whole, 1.0).truncated(0.5 / whole, 100.0 / whole)
-            return {loss.limit: HalfNormal(1.0), loss.rate: rate}
+            return {loss.limit: HalfNormal(_GROWN), loss.rate: rate}
         case StretchedLoss():  # in any shape between an early step and a late one
             return {
-                loss.loss: HalfNormal(1.0),
+                loss.loss: HalfNormal(_GROWN),
                 loss.bend: LogNormal(0.5, 2.0).truncated(1e-3, 100.0),
                 loss.power: LogNormal(1.0, 0.5).truncated(0.3, 3.0),
                 loss.at: whole,
@@ -283,12 +287,12 @@ def priors_of(loss: Loss, scales: Scales) -> dict[str, Value]:
 
 
 def starts_of(loss: Loss, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-    """Where fits of a loss start, by symbol: a small one and a large one."""
+    """Where fits of a loss start, by symbol: small, large, and all but all of it."""
     whole = loss.driver.of_scales(scales)
     match loss:
         case LinearLoss():
-            return {loss.delta: (0.1 / whole, 0.6 / whole)}
+            return {loss.delta: (0.1 / whole, 0.6 / whole, 3.0 / whole)}
         case SaturatingLoss():  # early and late
-            return {loss.limit: (0.15, 0.8), loss.rate: tuple(rate / whole for rate in (2.0, 8.0, 30.0))}
+            return {loss.limit: (0.15, 0.8, 3.0), loss.rate: tuple(rate / whole for rate in (2.0, 8.0, 30.0))}
         case StretchedLoss():  # on to the end and ended early, slower and faster at first
-            return {loss.loss: (0.15, 0.8), loss.bend: (0.05, 5.0), loss.power: (0.6, 1.0, 1.7)}
+            return {loss.loss: (0.2, 2.0), loss.bend: (0.05, 5.0), loss.power: (0.6, 1.0, 1.7)}

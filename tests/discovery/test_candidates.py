@@ -85,7 +85,7 @@ def test_in_every_storey_alike_sizes_are_those_of_the_mean_storey() -> None:
     assert one.label == "strength degradation (linear) in storeys 1, 2"
     assert one.brought == ("delta_nu",)
     assert (one.scales.energy, one.scales.stiffness, one.scales.drift) == (16.0, 50.0, 0.2)
-    assert one.effect.values["delta_nu"] == HalfNormal(1.0 / 16.0)
+    assert one.effect.values["delta_nu"] == HalfNormal(3.0 / 16.0)
 
 
 def test_a_specimen_has_storey_effects_only() -> None:

@@ -119,6 +119,7 @@ def test_a_building_is_looked_at_deeper_where_one_effect_leaves_anything_of_note
 
     building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(None,), blocks=())
     monkeypatch.setattr(searching, "_look_deeper", look_deeper)
+    monkeypatch.setattr(searching, "_exchange", lambda *_: None)
     monkeypatch.setattr(searching, "follow", lambda *_: None)
     monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)
     monkeypatch.setattr(Explanation, "is_quiet", property(lambda one: len(one.added) >= noise_from))
@@ -128,6 +129,22 @@ def test_a_building_is_looked_at_deeper_where_one_effect_leaves_anything_of_note
     assert looked == ([1] if noise_from > 1 else [])
     later = ["d"] if looked else ["a", "a + b", "a + b + c"]
     assert parents[:-1] == ["the model as given", *later]  # last, an unnamed force is asked for
+
+
+def test_what_was_found_first_must_be_the_best_beside_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`a` looks most like `b` and `c` together, and leaves noise beside `b`: a pinch stood for a loss of stiffness."""
+    building = SimpleNamespace(excitation_kind="ground_acceleration", has_time=True, parts=(None,), blocks=())
+    monkeypatch.setattr(searching, "weigh_to_first_order", lambda *_: None)
+    monkeypatch.setattr(Explanation, "is_quiet", property(lambda one: len(one.added) > 0))
+    monkeypatch.setattr(Explanation, "is_noise", property(lambda one: len(one.added) > 1))
+    monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
+    script = {"a": 50.0, "b": 20.0, "c": 10.0, "ab": 90.0, "bc": 120.0}
+    alone, _ = searched(script, monkeypatch)  # of a specimen every effect is fitted in every round
+    assert alone == ["the model as given", "a", "a + b"]
+    monkeypatch.setattr(sys.modules[__name__], "TEST", building)
+    parents, pool = searched(script, monkeypatch)
+    assert parents[:-1] == ["the model as given", "a", "a + b", "b", "c"]
+    assert pool.ranked()[0].label == "b + c"
 
 
 def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -60,6 +60,8 @@ class Pool:
     """With something unnamed, by its place."""
     expanded: set[Key] = field(default_factory=set)
     """What further effects were tried on."""
+    finished: set[Key] = field(default_factory=set)
+    """Of these, in whole rounds, before the time ran out."""
     asked: set[tuple[Key, str]] = field(default_factory=set)
     """Beside what something unnamed was looked for, and of which kind."""
     reshaped: set[Key] = field(default_factory=set)

@@ -67,7 +67,7 @@ def search(given: Explanation, run: Run) -> Pool:
     pool = Pool(run=run)
     given = pool.begin(given)
     run.consider(hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED))
-    n_whole, followed = 0, given.is_specimen  # a specimen's laws never leave noise
+    followed = given.is_specimen  # a specimen's laws never leave noise
     with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
         for number in range(run.settings.most_rounds):
             _look_wider(number, given, pool, run)
@@ -79,7 +79,6 @@ def search(given: Explanation, run: Run) -> Pool:
             if parent is None:
                 break
             _round(parent, pool, run)
-            n_whole += not run.stopped
         if not given.is_specimen:
             _exchange(pool, run)
         if not run.stopped:
@@ -96,8 +95,8 @@ def search(given: Explanation, run: Run) -> Pool:
     if run.stopped:
         sentence = (
             f"The search was stopped by the time limit of {run.settings.time_limit_s:g} s, "
-            f"{_when_stopped(len(pool.expanded), n_whole)}: what it had not tried by then has no part in the "
-            "probabilities."
+            f"{_when_stopped(len(pool.expanded), len(pool.finished))}: what it had not tried by then has no part in "
+            "the probabilities."
         )
         run.cut_short = (sentence,)
         run.say(sentence)
@@ -123,6 +122,8 @@ def _round(parent: Explanation, pool: Pool, run: Run) -> None:
         pool.add(_reshaped(pool, run))
         pool.add(left_out(pool.ranked()[0], pool.searched, run))
         pool.weigh()
+    if not run.stopped:
+        pool.finished.add(parent.effects_key)
     _tell(f"Built upon {parent.label}", parent.label, pool, run)
 
 

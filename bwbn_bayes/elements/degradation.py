@@ -54,6 +54,8 @@ class Driver:
         The state that it is.
     form : str
         What the form of a loss that grows with it is called, after its shape.
+    source : str
+        Of the loss in proportion to it.
     by_the_end : callable
         How far it has come by the end of a response.
     of_scales : callable
@@ -64,6 +66,7 @@ class Driver:
     unit: str
     state: sp.Symbol
     form: str
+    source: str
     by_the_end: Callable[[PlaceResponse], float]
     of_scales: Callable[[Scales], float]
 
@@ -73,6 +76,7 @@ WORK = Driver(
     unit="J",
     state=ENERGY,
     form="",
+    source=LINEAR_SOURCE,
     by_the_end=lambda at: at.energy,
     of_scales=lambda scales: scales.energy,
 )
@@ -81,6 +85,7 @@ DRIFT_PATH = Driver(
     unit="m",
     state=PATH,
     form=", with the path",
+    source=PATH_SOURCE,
     by_the_end=lambda at: at.path,
     of_scales=lambda scales: scales.path,
 )
@@ -113,7 +118,7 @@ class LinearLoss:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The loss per unit of work or path."""
-        source = PATH_SOURCE if self.driver is DRIFT_PATH else LINEAR_SOURCE
+        source = self.driver.source
         told = f"loss of {self.what} per unit of {self.driver.name}"
         unit = f"1/{self.driver.unit}"
         return (Parameter(symbol=self.delta, unit=unit, neutral=0.0, lower=0.0, description=told, source=source),)

@@ -12,9 +12,10 @@ from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.cross_validation import CrossValidation, cross_validated
 from bwbn_bayes.discovery.evidence import Evidence
 from bwbn_bayes.discovery.where import Disagreement, disagreement
+from bwbn_bayes.inference.least_squares import squares
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.residuals import leaves_noise, leaves_quiet
+from bwbn_bayes.inference.residuals import leaves_noise, leaves_quiet, residual_of
 from bwbn_bayes.inference.unnamed.further_link import FurtherLink, Span
 from bwbn_bayes.inference.unnamed.reading import ReadingError
 from bwbn_bayes.inference.unnamed.state_function import StateForce
@@ -159,6 +160,22 @@ class Explanation:
         if isinstance(self.estimate, Estimate | ReadingError):
             return self.estimate.beside(self.posterior)
         return self.posterior, self.best
+
+    @cached_property
+    def residual(self) -> Floats:
+        """What its laws by themselves leave of the record at their best fit, ``(n_channels, n_times)``."""
+        return residual_of(self.posterior, self.best)
+
+    def over_noise(self, rows: Floats) -> float:
+        """What rows ``(n_channels, n_times)`` cost beside what it leaves, in nat: half their squares over its noise."""
+        noise = self.evidence.posterior.noise
+        return 0.5 * float(np.sum(self._precision * squares(self.posterior.record, rows[None], noise.correlation)))
+
+    @cached_property
+    def _precision(self) -> Floats:
+        """Of its noise ``(1, n_blocks)``, by its own account of the errors."""
+        posterior, point = self.whole
+        return posterior.with_noise(self.evidence.posterior.noise).precision(point[None])
 
     @cached_property
     def is_noise(self) -> bool:

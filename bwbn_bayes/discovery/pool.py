@@ -28,7 +28,6 @@ from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, find_modes, settled
 from bwbn_bayes.inference.residuals import has_past
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.specimen import fitted_basis
-from bwbn_bayes.records.blocks import counts
 
 _MOST_COLOURED, _COLOURED_REACH = 4, 400.0
 """Explanations that are refitted under autoregressive errors in each round, and how far below the best: a law has been
@@ -151,8 +150,7 @@ class Pool:
     @property
     def beliefs(self) -> Beliefs:
         """The posterior over all of them."""
-        n_samples = int(np.sum(counts(next(iter(self.plain.values())).posterior.record)))
-        return self._beliefs(self._every, n_samples)
+        return self._beliefs(self._every, laws_err=True)
 
     @property
     def compared(self) -> Beliefs:
@@ -173,9 +171,9 @@ class Pool:
         """The posterior over what the search builds upon: a building's laws alone, a specimen's beside a force."""
         return self._beliefs(tuple(self.searched.values()))
 
-    def _beliefs(self, explanations: Sequence[Explanation], n_samples: int = 0) -> Beliefs:
+    def _beliefs(self, explanations: Sequence[Explanation], *, laws_err: bool = False) -> Beliefs:
         variants = self.run.variants
-        return beliefs(explanations, len(variants) or 1, variants, n_samples=n_samples)
+        return beliefs(explanations, len(variants) or 1, variants, laws_err=laws_err)
 
     def ranked(self) -> list[Explanation]:
         """One of each set of effects, as it is searched, the most probable sets first."""

@@ -34,8 +34,6 @@ NAMED = 0.9
 POSSIBLE = 0.5
 """Probability from which an effect is said to be possible: it is more likely there than not."""
 
-_MOST = 100.0
-"""Exponents at most, so that nothing overflows."""
 _NEGLIGIBLE = 1e-3
 """Probability of an explanation below which it moves no verdict."""
 
@@ -292,7 +290,7 @@ def sides[T](explanations: Iterable[T], has: Callable[[T], bool]) -> list[T]:
 
 
 def beliefs(
-    explanations: Sequence[Explanation], n_effects: int, variants: Mapping[str, int], *, n_samples: int = 0
+    explanations: Sequence[Explanation], n_effects: int, variants: Mapping[str, int], *, laws_err: bool = False
 ) -> Beliefs:
     """Weigh explanations against each other.
 
@@ -304,12 +302,12 @@ def beliefs(
         Effects that were considered, over which a prior is split.
     variants : mapping of str to int
         Forms and places of each, over which its share is split again.
-    n_samples : int
-        Measured numbers that they explain, where laws may err; a search asks what explains more, whatever the reason.
+    laws_err : bool
+        Whether laws may err; a search asks what explains more, whatever the reason.
     """
     prior = np.array([log_prior(one, n_effects, variants) for one in explanations])
     errors = np.zeros((2, len(explanations)))
-    law_error, forgiven = law_errors(explanations, n_samples) if n_samples else errors
+    law_error, forgiven = law_errors(explanations) if laws_err else errors
     order = np.argsort(-(prior + _log_evidences(explanations) + forgiven), kind="stable")
     return Beliefs(
         explanations=tuple(explanations[i] for i in order),
@@ -319,20 +317,15 @@ def beliefs(
     )
 
 
-def law_errors(explanations: Sequence[Explanation], n_samples: int) -> tuple[Floats, Floats]:
+def law_errors(explanations: Sequence[Explanation]) -> tuple[Floats, Floats]:
     """By how much laws would have to err to do without what others add to them, and the evidence that they have so.
 
-    Without its laws an explanation would leave squares larger by ``exp(2 N / n)``, where they gain N nats of n samples
-    whose level of noise is unknown; in units of the noise they explain ``Q = n (exp(2 N / n) - 1) / 2``. Where they err
-    by a share r of what they do, they leave ``r^2 Q``: so many nats may be had by further effects that are not there.
-    With r half-normal of scale s = :data:`LAW_ERROR`, an error that explains g nats costs ``r^2 / (2 s^2)`` of them,
-    ``r^2 = g / Q``. It is taken to explain whatever other explanations with the same effects do by what acts where
-    these act, a force of no known law among it, which is the most that it could.
-
-    Parameters
-    ----------
-    explanations : sequence of Explanation
-    n_samples : int
+    What laws do is the difference of what is predicted with them and without, each at its best fit; over the noise it
+    is worth Q nats. Where they err by a share r of it, they leave ``r^2 Q``: so many nats may be had by further effects
+    that are not there. With r half-normal of scale s = :data:`LAW_ERROR`, an error that explains g nats costs
+    ``r^2 / (2 s^2)`` of them, ``r^2 = g / Q``. It is taken to explain whatever other explanations with the same effects
+    do by what acts where these act, a force of no known law among it, which is the most that it could; the noise is
+    what the best of these leaves.
 
     Returns
     -------
@@ -340,17 +333,19 @@ def law_errors(explanations: Sequence[Explanation], n_samples: int) -> tuple[Flo
         The share, and what it is worth [nat].
     """
     log_evidence = _log_evidences(explanations)
-    bare = {one.unnamed: value for one, value in zip(explanations, log_evidence, strict=True) if not one.added}
+    bare = {one.unnamed: one for one in explanations if not one.added}
     law_error, forgiven = np.zeros((2, len(explanations)))
     for number, one in enumerate(explanations):
-        gained_by_laws = log_evidence[number] - bare.get(one.unnamed, bare.get(None, np.inf))
-        if not one.added or gained_by_laws <= 0.0:
+        without = bare.get(one.unnamed, bare.get(None))
+        if not one.added or without is None or one.evidence.log_evidence <= without.evidence.log_evidence:
             continue
-        explained = 0.5 * n_samples * np.expm1(min(2.0 * gained_by_laws / n_samples, _MOST))
-        alike = [one.placed <= other.placed and _stays_where(one, other) for other in explanations]
-        gained = float(np.max(log_evidence[alike]) - log_evidence[number])
-        law_error[number] = np.sqrt(gained / explained)
-        forgiven[number] = max(gained - 0.5 * (law_error[number] / LAW_ERROR) ** 2, 0.0)
+        alike = [n for n, other in enumerate(explanations) if one.placed <= other.placed and _stays_where(one, other)]
+        most = max(alike, key=lambda n: log_evidence[n])
+        gained = float(log_evidence[most] - log_evidence[number])
+        done = explanations[most].over_noise(one.residual - without.residual) if gained > 0.0 else np.inf
+        if done > 0.0:
+            law_error[number] = np.sqrt(gained / done)
+            forgiven[number] = max(gained - 0.5 * (law_error[number] / LAW_ERROR) ** 2, 0.0)
     return law_error, forgiven
 
 

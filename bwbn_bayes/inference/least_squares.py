@@ -40,12 +40,15 @@ def squared_residuals(
 def squares_of(record: Record, response: Floats, correlation: Correlation | ScaledCorrelation | None) -> Floats:
     """The same of responses ``(n_draws, n_channels, n_times)``."""
     with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away misses by infinity
-        residual = record.where_counted(record.measured - response)
-        if correlation is None:
-            misfit = mean_squares(record, residual) * counts(record)
-        else:
-            misfit = correlation.squares(residual)
+        misfit = squares(record, record.where_counted(record.measured - response), correlation)
     return np.where(np.isfinite(misfit), misfit, np.inf)
+
+
+def squares(record: Record, rows: Floats, correlation: Correlation | ScaledCorrelation | None) -> Floats:
+    """Sums ``(n, n_blocks)`` of squares of rows ``(n, n_channels, n_times)``, whitened."""
+    if correlation is None:
+        return np.asarray(mean_squares(record, rows) * counts(record))
+    return correlation.squares(rows)
 
 
 def normal_equations(

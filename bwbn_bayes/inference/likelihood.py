@@ -483,6 +483,10 @@ class Posterior:
         found = self.noise.precision(self._of_all_blocks(misfit), self._n_times, noise_values)
         return np.asarray(found)[:, : misfit.shape[1]]
 
+    def precision(self, points: Floats) -> Floats:
+        """Of the noise that is left, ``(n_draws, n_blocks)``: minus twice the likelihood's slope in the squares."""
+        return self._precision(self.misfit(points), self.split(points)[1])
+
     def most(self, promised: Floats) -> Floats:
         """What the log likelihood gains at most, ``(n_draws,)``, where its expansion promises this."""
         return self.noise.most(promised, self._n_times)

@@ -19,7 +19,10 @@ BESIDE = {"": 1000.0, "a": 1010.0, "b": 1005.0}
 
 
 def letter(name: str) -> Any:
-    return SimpleNamespace(name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1, free_shapes=())
+    effect = SimpleNamespace(level="link")
+    return SimpleNamespace(
+        name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1, free_shapes=(), effect=effect
+    )
 
 
 ALPHABET = {name: letter(name) for name in "abcdef"}
@@ -31,6 +34,7 @@ def explanation(script: Script, names: str, *, unnamed: Any = None, is_noise: bo
     added = tuple(ALPHABET[name] for name in names)
     result = Explanation(added=added, posterior=nothing, modes=(), evidence=evidence, unnamed=unnamed)
     result.__dict__["is_noise"] = is_noise
+    result.__dict__.update(residual=np.zeros((1, 1)), over_noise=lambda _: 0.0)  # no law errs by what others explain
     return result
 
 

@@ -1,5 +1,6 @@
 """From evidences to classes and names, against sums by hand."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -166,20 +167,28 @@ def test_the_law_that_is_delivered_has_one_of_a_family_that_is_certain(monkeypat
     assert found.predictive is alone[1]
 
 
-def evidence_of(squares: float, n: int) -> float:
-    """Of n samples with an unknown level of noise, of which an explanation leaves these squares."""
-    return -0.5 * n * float(np.log(squares / n))
+N = 4000
+
+
+def leaving(*sizes: float, added: Sequence[Any] = (), n: int = N, unnamed: Any = None) -> Explanation:
+    """Of n samples with an unknown level of noise, an explanation that leaves histories of these sizes beside it.
+
+    They are in the unit of the noise, and each is uncorrelated with the others.
+    """
+    log_evidence = -0.5 * n * float(np.log(1.0 + np.sum(np.square(sizes))))
+    result = explanation(log_evidence, *added, unnamed=unnamed)
+    result.__dict__["residual"] = np.sqrt(n) * np.array([[*sizes, 0.0, 0.0][:2]])  # else solved for
+    result.__dict__["over_noise"] = lambda rows: 0.5 * float(np.sum(np.square(rows)))
+    return result
 
 
 @pytest.mark.parametrize("error", [0.005, 0.02, 0.1])
 @pytest.mark.parametrize("size", [5.0, 30.0])
 def test_by_how_much_a_law_must_err_is_told_from_the_squares_that_are_left(error: float, size: float) -> None:
     """A law that does 5 or 30 times the noise, and what it errs by taken up by a second effect that is not there."""
-    n = 4000
-    given, right = explanation(evidence_of(n * (1.0 + size**2), n)), n * 1.0
-    alone = explanation(evidence_of(right * (1.0 + (error * size) ** 2), n), SLIP)
-    both = explanation(evidence_of(right, n), SLIP, CUBIC)
-    found, forgiven = law_errors((given, alone, both), n)
+    given, alone = leaving(size), leaving(0.0, error * size, added=[SLIP])
+    both = leaving(added=[SLIP, CUBIC])
+    found, forgiven = law_errors((given, alone, both))
     assert found[1] == pytest.approx(error, rel=0.02 + (error * size) ** 2)  # of first order
     gained = both.evidence.log_evidence - alone.evidence.log_evidence
     assert forgiven[1] == pytest.approx(max(gained - 0.5 * (found[1] / LAW_ERROR) ** 2, 0.0))
@@ -189,21 +198,29 @@ def test_by_how_much_a_law_must_err_is_told_from_the_squares_that_are_left(error
 @pytest.mark.parametrize(("error", "named"), [(0.015, False), (0.1, True)])
 def test_what_a_law_errs_by_is_no_further_effect(error: float, named: bool) -> None:
     """A softened stop was a hard one with cubic stiffness beside it, by a hundred nats of the eighty thousand."""
-    n, size = 4000, 30.0
-    given = explanation(evidence_of(n * (1.0 + size**2), n))
-    alone = explanation(evidence_of(n * (1.0 + (error * size) ** 2), n), SLIP)
-    both = explanation(evidence_of(n, n), SLIP, CUBIC)
-    found = beliefs((given, alone, both), N_EFFECTS, VARIANTS, n_samples=n)
+    size = 30.0
+    every = leaving(size), leaving(0.0, error * size, added=[SLIP]), leaving(added=[SLIP, CUBIC])
+    found = beliefs(every, N_EFFECTS, VARIANTS, laws_err=True)
     assert (found.names["cubic_stiffness"] > 0.9) == named
     assert found.names["slip_lock"] > 0.99
-    assert beliefs((given, alone, both), N_EFFECTS, VARIANTS).names["cubic_stiffness"] > 0.9  # a law without error
+    assert beliefs(every, N_EFFECTS, VARIANTS).names["cubic_stiffness"] > 0.9  # a law without error
+
+
+def test_what_a_law_does_is_no_matter_of_what_else_could_account_for_it() -> None:
+    """Autoregressive errors took most of what a softened stop explains, so that it erred by seven times as much."""
+    size = 30.0
+    given, alone, both = leaving(size), leaving(0.0, 0.015 * size, added=[SLIP]), leaving(added=[SLIP, CUBIC])
+    taken = SimpleNamespace(log_evidence=alone.evidence.log_evidence - 500.0, log_evidence_se=0.1)
+    coloured = replace(given, evidence=cast(Any, taken))
+    coloured.__dict__.update(residual=given.residual, is_noise=False)
+    found, _ = law_errors((coloured, alone, both))
+    assert found[1] == pytest.approx(0.015, rel=0.2)
 
 
 def test_in_much_noise_no_error_of_a_law_is_seen() -> None:
     """An effect as large as the noise: a second one, of a third of it, is worth what it is worth."""
-    n = 600
-    given, alone = explanation(evidence_of(2.0 * n, n)), explanation(evidence_of(1.1 * n, n), SLIP)
-    _, forgiven = law_errors((given, alone, explanation(evidence_of(n, n), SLIP, CUBIC)), n)
+    every = leaving(1.0, n=600), leaving(0.0, 0.3, added=[SLIP], n=600), leaving(added=[SLIP, CUBIC], n=600)
+    _, forgiven = law_errors(every)
     assert np.all(forgiven == 0.0)
 
 
@@ -222,12 +239,9 @@ def test_in_much_noise_no_error_of_a_law_is_seen() -> None:
     ],
 )
 def test_a_law_errs_where_it_acts(second: Any, unnamed: Any, forgiven: bool) -> None:
-    """Two hundred nats by a change of another storey are no error of two per cent of a pinch in this one."""
-    n, size = 4000, 30.0
-    given = explanation(evidence_of(n * (1.0 + size**2), n))
-    alone = explanation(evidence_of(1.1 * n, n), SLIP)
-    both = explanation(evidence_of(n, n), SLIP, *([] if second is None else [second]), unnamed=unnamed)
-    _, found = law_errors((given, alone, both), n)
+    """Two hundred nats by a change of another storey are no error of one per cent of a pinch in this one."""
+    added = [SLIP] if second is None else [SLIP, second]
+    _, found = law_errors((leaving(30.0), leaving(0.0, 0.3, added=[SLIP]), leaving(added=added, unnamed=unnamed)))
     assert (found[1] > 100.0) == forgiven
 
 
@@ -235,14 +249,13 @@ def test_a_law_in_another_form_has_the_name_too() -> None:
     """What a hard stop with cubic stiffness explains is what a softened one may err by, though its form is another."""
     soft = hypothesis("slip_lock", 2)
     soft.symbols = ("soft",)
-    n = 4000
     every = (
-        explanation(evidence_of(900.0 * n, n)),
-        explanation(evidence_of(1.05 * n, n), soft),
-        explanation(evidence_of(1.2 * n, n), SLIP),
-        explanation(evidence_of(n, n), SLIP, CUBIC),
+        leaving(30.0),
+        leaving(0.0, 0.22, added=[soft]),
+        leaving(0.0, 0.45, added=[SLIP]),
+        leaving(added=[SLIP, CUBIC]),
     )
-    found = beliefs(every, N_EFFECTS, VARIANTS, n_samples=n)
+    found = beliefs(every, N_EFFECTS, VARIANTS, laws_err=True)
     assert found.best is every[1]
     assert found.names["cubic_stiffness"] < 0.1
 

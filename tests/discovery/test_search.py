@@ -37,7 +37,10 @@ TEST: Any = SimpleNamespace(excitation_kind="displacement", has_time=True, parts
 
 
 def letter(name: str) -> Any:
-    return SimpleNamespace(name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1, free_shapes=())
+    effect = SimpleNamespace(level="link")
+    return SimpleNamespace(
+        name=name, symbols=(name,), storeys=(1,), label=name, n_brought=1, free_shapes=(), effect=effect
+    )
 
 
 ALPHABET = tuple(letter(name) for name in "abcd")
@@ -50,6 +53,7 @@ def explanation(script: Script, *added: Any) -> Explanation:
     posterior: Any = SimpleNamespace(record=TEST)
     result = Explanation(added=added, posterior=posterior, modes=modes, evidence=evidence)
     result.__dict__["is_noise"] = result.__dict__["is_quiet"] = True  # else found from the record
+    result.__dict__.update(residual=np.zeros((1, 1)), over_noise=lambda _: 0.0)  # no law errs by what others explain
     return result
 
 

@@ -123,7 +123,7 @@ def _under_smaller_laws(parent: Explanation, every: Sequence[Hypothesis]) -> tup
 def in_other_forms(best: Explanation, known: Mapping[Key, Explanation], run: Run) -> Iterator[Explanation]:
     """An explanation with each of its effects in its other forms, or at other places, where it is known without it.
 
-    An effect in a free shape is tried at other places in all of its usual forms, which this one stands for.
+    An effect in a free shape is tried at other places in this one, and in all of its usual forms, which it stands for.
 
     Parameters
     ----------
@@ -139,7 +139,9 @@ def in_other_forms(best: Explanation, known: Mapping[Key, Explanation], run: Run
         own = [h for h in run.considered_first if h.name == one.name]
         usual = {h.symbols for h in own}
         elsewhere = {one.symbols} if one.symbols in usual else usual
-        alike = [h for h in own if h.storeys == one.storeys or h.symbols in elsewhere]
+        # Of the model as given, the first round has fitted the usual forms everywhere.
+        alike = [h for h in own if base.added and (h.storeys == one.storeys or h.symbols in elsewhere)]
+        alike += {h.storeys: form for h in own for form in h.free_shapes if form.symbols == one.symbols}.values()
         alike = [h for h in alike if not is_present(base.model, h.effect, h.storeys)]
         every = [replace(h, base=base.model, carried=()) for h in alike]
         every = [h for h in every if base.effects_key | key_of([h]) not in known]

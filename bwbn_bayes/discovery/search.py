@@ -267,12 +267,10 @@ def _exchange(pool: Pool, run: Run) -> None:
 def _change_forms(pool: Pool, run: Run) -> None:
     """The best laws with each effect in its other forms and places, and what is best then without what it can spare.
 
-    The form and place of an effect are those in which it was best before the others came: what they err by, some of
-    these may stand in for.
+    The form and place of an effect are those in which it was best before the others came, and of a free shape the place
+    is that of the usual form that led to it: what they err by, some of the others may stand in for.
     """
     best = pool.ranked()[0]
-    if len(best.added) < 2:
-        return
     pool.add(in_other_forms(best, pool.searched, run))
     pool.weigh()
     while pool.ranked()[0].effects_key != best.effects_key:

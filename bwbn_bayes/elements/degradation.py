@@ -25,6 +25,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import sympy as sp
 
@@ -184,6 +185,15 @@ _OFFSET = 1e-5
 """Added to ``x/X`` and taken off again after the power, whose slope at zero is infinite below one."""
 
 
+def risen(share: Any, bend: Any, power: Any) -> Any:
+    """``W(share) / W(1)`` with ``W(x) = 1 - exp(-bend x^power)``: how far wear has come, of numbers or symbols."""
+
+    def worn(x: Any) -> Any:
+        return 1 - sp.exp(bend * (_OFFSET**power - (x + _OFFSET) ** power))
+
+    return worn(share) / worn(sp.S.One)
+
+
 @dataclass(frozen=True, kw_only=True)
 class StretchedLoss:
     """``loss W(x) / W(X)`` with ``W(x) = 1 - exp(-bend (x/X)^power)``, where x is the work or the path.
@@ -233,19 +243,12 @@ class StretchedLoss:
     def expression(self) -> sp.Expr:
         """What is added to the factor."""
         loss, bend, power, at = (symbol(s) for s in (self.loss, self.bend, self.power, self.at))
-
-        def risen(share: sp.Expr) -> sp.Expr:
-            return 1 - sp.exp(bend * (_OFFSET**power - (share + _OFFSET) ** power))
-
-        return loss * risen(sp.Abs(self.driver.state) / at) / risen(sp.S.One)
+        return loss * risen(sp.Abs(self.driver.state) / at, bend, power)
 
     def reached(self, at: PlaceResponse) -> float:
         """The loss by the end of a response."""
-
-        def risen(share: float) -> float:
-            return -math.expm1(at[self.bend] * (_OFFSET ** at[self.power] - (share + _OFFSET) ** at[self.power]))
-
-        return at[self.loss] * risen(abs(self.driver.by_the_end(at)) / at[self.at]) / risen(1.0)
+        share = abs(self.driver.by_the_end(at)) / at[self.at]
+        return at[self.loss] * float(risen(share, at[self.bend], at[self.power]))
 
 
 Loss = LinearLoss | SaturatingLoss | StretchedLoss
@@ -253,6 +256,9 @@ Loss = LinearLoss | SaturatingLoss | StretchedLoss
 
 _GROWN = 3.0
 """By how much the factor may have grown by the end, as the standard deviation of a prior: a quarter is then left."""
+
+BEND, POWER = LogNormal(0.5, 2.0).truncated(1e-3, 100.0), LogNormal(1.0, 0.5).truncated(0.3, 3.0)
+"""Priors of a free shape: any between an early step and a late one."""
 
 
 def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Value | None]) -> Loss:
@@ -282,11 +288,11 @@ def priors_of(loss: Loss, scales: Scales) -> dict[str, Value]:
             # ones it is there before the first cycle has ended, and the storey's own parameters say the same.
             rate = LogNormal(5.0 / whole, 1.0).truncated(0.5 / whole, 100.0 / whole)
             return {loss.limit: HalfNormal(_GROWN), loss.rate: rate}
-        case StretchedLoss():  # in any shape between an early step and a late one
+        case StretchedLoss():
             return {
                 loss.loss: HalfNormal(_GROWN),
-                loss.bend: LogNormal(0.5, 2.0).truncated(1e-3, 100.0),
-                loss.power: LogNormal(1.0, 0.5).truncated(0.3, 3.0),
+                loss.bend: BEND,
+                loss.power: POWER,
                 loss.at: whole,
             }
 

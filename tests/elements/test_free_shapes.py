@@ -32,7 +32,7 @@ SHAPES = {
     "stiffness_degradation, path": {"eta_c": 0.8, "a_eta": 0.9, "r_eta": 0.7, "U_eta": 4.0},
     "strength_degradation, path": {"nu_c": 0.6, "a_nu": 1.6, "r_nu": 1.4, "U_nu": 4.0},
     "strength_degradation": {"nu_e": 0.9, "b_nu": 0.3, "m_nu": 1.8, "E_nu": 3.0},
-    "slip_lock": {"s_w": 0.2, "sigma_w": 0.3, "e_w": 0.5, "q_w": 0.6, "p_w": 1.3, "E_w": 3.0},
+    "slip_lock": {"s_w": 0.2, "sigma_w": 0.3, "b_w": 0.5, "m_w": 0.6, "p_w": 1.3, "E_w": 3.0},
     "foliente_pinching": {
         "zeta_g": 0.7,
         "p_g": 1.1,
@@ -96,7 +96,7 @@ def written(name: str, p: Mapping[str, float], states: Mapping[str, Floats]) -> 
         share = [np.abs(v)]
     elif name == "slip_lock":
         bell = np.exp(-(np.abs(z / p["sigma_w"]) ** p["p_w"])) / (p["sigma_w"] * gamma(1.0 + 1.0 / p["p_w"]))
-        slip = p["s_w"] * ((eps + p["e_w"]) / p["E_w"]) ** p["q_w"] * bell
+        slip = p["s_w"] * risen(eps / p["E_w"], p["b_w"], p["m_w"]) / risen(1.0, p["b_w"], p["m_w"]) * bell
     elif name == "foliente_pinching":
         depth = p["zeta_g"] * (1.0 - np.exp(-p["p_g"] * eps))
         width = (p["psi_g"] + p["delta_g"] * eps) * (p["lambda_g"] + depth)
@@ -150,7 +150,7 @@ CONTAINED = {
     "strength, with the path": ({"theta_nu": 0.3}, {"nu_c": 1.2, "a_nu": 1e-5, "r_nu": 1.0, "U_nu": 4.0}),
     "slip": (
         {"delta_s": 0.05, "sigma": 0.05},
-        {"s_w": 0.15, "sigma_w": 0.05 * math.sqrt(2.0), "e_w": 0.0, "q_w": 1.0, "p_w": 2.0, "E_w": 3.0},
+        {"s_w": 0.15, "sigma_w": 0.05 * math.sqrt(2.0), "b_w": 1e-5, "m_w": 1.0, "p_w": 2.0, "E_w": 3.0},
     ),
     "pinch": (
         {"zeta_s": 0.8, "p": 2.0, "q": 0.2, "psi_0": 0.08, "delta_psi": 0.01, "lambda_": 0.3},

@@ -36,7 +36,7 @@ NUISANCES = {
     "b_eta": 0.1, "m_eta": 0.7, "E_eta": 8.0, "b_nu": 0.1, "m_nu": 1.6, "E_nu": 8.0,
     "a_eta": 0.1, "r_eta": 0.7, "U_eta": 8.0, "a_nu": 0.1, "r_nu": 1.6, "U_nu": 8.0,
     "beta_h": 2.0, "gamma_h": 0.5, "n_h": 1.5, "x_h": 1.1,
-    "sigma_w": 0.03, "e_w": 1.0, "q_w": 0.8, "p_w": 1.6, "E_w": 8.0, "p_h": 2.2, "u_h": 1.1, "p_q": 1.6, "v_q": 2.2,
+    "sigma_w": 0.03, "b_w": 1.0, "m_w": 0.8, "p_w": 1.6, "E_w": 8.0, "p_h": 2.2, "u_h": 1.1, "p_q": 1.6, "v_q": 2.2,
     "p_v": 0.5, "v_v": 2.2,
     "p_g": 5.0, "x_d": 0.02, "r_d": 0.8, "g_d": 0.3, "u_d": 1.1,
     **{name + side: size for side in ("", "p", "n") for name, size in

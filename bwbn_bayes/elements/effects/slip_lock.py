@@ -8,6 +8,7 @@ from typing import ClassVar, override
 
 import sympy as sp
 
+from bwbn_bayes.elements.degradation import BEND, POWER, risen
 from bwbn_bayes.elements.law import (
     ENERGY,
     HYSTERETIC_DISPLACEMENT,
@@ -133,12 +134,13 @@ def _free_parameter(name: str, unit: str, neutral: float, lower: float, descript
 
 @dataclass(frozen=True, kw_only=True)
 class FreeSlip(Effect):
-    """Slip-lock in a free shape: ``s = s_w ((epsilon + e_w)/E_w)^q_w``, ``a(z) ~ exp(-|z/sigma_w|^p_w)``.
+    """Slip-lock in a free shape: ``s = s_w W(epsilon)/W(E_w)``, ``a(z) ~ exp(-|z/sigma_w|^p_w)``.
 
-    The bell has the area 2, so that a full crossing slips by ``2 s``, as that of
-    :class:`SlipLock`, which it is with ``p_w = 2``, ``q_w = 1``, ``e_w = 0``, ``sigma_w = sqrt(2) sigma`` and
-    ``s_w = delta_s E_w``. With a power near one the bell resembles a Lorentzian, with a large one it has a flat top;
-    with a large ``e_w`` the slip is there from the start.
+    The slip grows as losses in a free shape do, ``W(x) = 1 - exp(-b_w (x/E_w)^m_w)``: with a small bend by a power of
+    the work; with a large one it is there from the start. The bell has the area 2, so that a full crossing slips by
+    ``2 s``, as that of :class:`SlipLock`, which it is with ``p_w = 2``, ``m_w = 1``, a vanishing ``b_w``,
+    ``sigma_w = sqrt(2) sigma`` and ``s_w = delta_s E_w``. With a power near one the bell resembles a Lorentzian, with a
+    large one it has a flat top.
 
     Parameters
     ----------
@@ -146,9 +148,9 @@ class FreeSlip(Effect):
         Slip magnitude at the work ``E_w``. [m]
     sigma_w : float, Prior or PerStorey
         Half width of the bell in hysteretic displacement. [m]
-    e_w : float, Prior or PerStorey
-        Work that the joint has behind it at the start. [J]
-    q_w : float, Prior or PerStorey
+    b_w : float, Prior or PerStorey
+        How far the slip has saturated by the work ``E_w``.
+    m_w : float, Prior or PerStorey
         Power of the work.
     p_w : float, Prior or PerStorey
         Power in the bell.
@@ -159,13 +161,15 @@ class FreeSlip(Effect):
     ----------
     .. [1] T. T. Baber and M. N. Noori, "Random Vibration of Degrading, Pinching Systems", J. Eng. Mech. 111(8), 1985
        (the Gaussian bell, the slip in proportion to work); the other shapes are our generalisation.
-    .. [2] M. Abramowitz and I. A. Stegun, "Handbook of Mathematical Functions", 1964, 6.1.35 (the bell's area).
+    .. [2] G. C. Foliente, "Hysteresis Modeling of Wood Joints and Structural Systems", J. Struct. Eng. 121(6), 1995: a
+       pinch that saturates with work.
+    .. [3] M. Abramowitz and I. A. Stegun, "Handbook of Mathematical Functions", 1964, 6.1.35 (the bell's area).
     """
 
     s_w: Value
     sigma_w: Value
-    e_w: Value
-    q_w: Value
+    b_w: Value
+    m_w: Value
     p_w: Value
     E_w: Value
 
@@ -180,22 +184,24 @@ class FreeSlip(Effect):
     form: ClassVar[str] = "free shape"
     signature: ClassVar[Signature] = replace(
         SlipLock.signature,
-        size=lambda at: 2.0 * at["s_w"] * ((abs(at.energy) + at["e_w"]) / at["E_w"]) ** at["q_w"] / at.peak("drift"),
+        size=lambda at: (
+            2.0 * at["s_w"] * float(risen(abs(at.energy) / at["E_w"], at["b_w"], at["m_w"])) / at.peak("drift")
+        ),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         _free_parameter("s_w", "m", 0.0, 0.0, "slip magnitude at a known work"),
         _free_parameter("sigma_w", "m", 1.0, 1e-9, "half width of the slip"),
-        _free_parameter("e_w", "J", 1.0, 0.0, "work behind the joint at the start"),
-        _free_parameter("q_w", "", 1.0, 0.0, "power of the work in the slip"),
+        _free_parameter("b_w", "", 1.0, 1e-6, "how far the slip has saturated by a known work"),
+        _free_parameter("m_w", "", 1.0, 0.1, "power of the work in the slip"),
         _free_parameter("p_w", "", 2.0, 0.5, "power in the bell of the slip"),
         _free_parameter("E_w", "J", 1.0, 1e-12, "that work, known"),
     )
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        s_w, sigma, e_w, q, p, work = (symbol(parameter.symbol) for parameter in self.parameters)
+        s_w, sigma, bend, power, p, work = (symbol(parameter.symbol) for parameter in self.parameters)
         s, a = step("s_e"), step("a_e")
-        slip = s_w * ((sp.Abs(ENERGY) + e_w) / work) ** q
+        slip = s_w * risen(sp.Abs(ENERGY) / work, bend, power)
         exponent = _ROUNDING**p - (HYSTERETIC_DISPLACEMENT**2 / sigma**2 + _ROUNDING**2) ** (p / 2)
         area = sum(coefficient * p**-power for power, coefficient in enumerate(_GAMMA))
         return replace(
@@ -222,8 +228,8 @@ class FreeSlipSearch(SearchGuide[FreeSlip]):
         one = FreeSlip(
             s_w=HalfNormal(0.3 * scales.drift),
             sigma_w=Uniform(0.03 * z, 0.7 * z),
-            e_w=LogNormal(0.1 * energy, 2.0).truncated(1e-3 * energy, 10.0 * energy),
-            q_w=LogNormal(1.0, 0.7).truncated(0.05, 3.0),
+            b_w=BEND,
+            m_w=POWER,
             p_w=LogNormal(2.0, 0.6).truncated(0.8, 10.0),
             E_w=energy,
         )
@@ -234,7 +240,7 @@ class FreeSlipSearch(SearchGuide[FreeSlip]):
         return {
             "s_w": (0.03 * scales.drift, 0.2 * scales.drift),
             "sigma_w": tuple(share * scales.hysteretic_displacement for share in (0.09, 0.2, 0.45)),
-            "e_w": (0.02 * scales.energy, scales.energy),
-            "q_w": (0.8,),
+            "b_w": (0.1, 5.0),
+            "m_w": (0.9,),
             "p_w": (1.7,),
         }

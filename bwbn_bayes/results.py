@@ -51,7 +51,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hints
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -243,7 +243,7 @@ class Result:
             facts = _built(Facts, raw)
         except FileNotFoundError:
             raise UserError(f"result file {path} does not exist: give the path of a saved result.nc") from None
-        except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        except UNREADABLE_ARRAYS as error:
             raise UserError(f"{path} is no saved result: give a result.nc that Result.save wrote") from error
         return cls(tree=tree, facts=facts)
 

@@ -105,6 +105,12 @@ def test_a_changed_record_model_or_option_is_run_again(fleet: Path, monkeypatch:
     assert len(ran) == 10
 
 
+def test_records_that_would_share_a_folder_are_named(tmp_path: Path) -> None:
+    places = [tmp_path / one / "same" / "r1.csv" for one in ("a", "b")]
+    with pytest.raises(UserError, match=rf"{places[0]} and {places[1]} have the same name"):
+        jobs_of(places, tmp_path, model=None, discover=False, options=())
+
+
 def test_a_name_that_is_no_text_is_told_and_linked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A record whose name is bytes of another encoding ended the batch in a traceback."""
     name = os.fsdecode(b"caf\xe9")

@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from bwbn_bayes.baselines.network import Network, NetworkSettings, train
+from bwbn_bayes.baselines.network import Network, train
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
@@ -64,7 +64,6 @@ def fit_forces(
     rng: np.random.Generator,
     *,
     variant: Variant = "printed",
-    settings: NetworkSettings | None = None,
 ) -> ForceFit:
     """Learn every storey's force from the record alone, storey by storey from the top.
 
@@ -79,8 +78,6 @@ def fit_forces(
         Starts the k-means.
     variant : {"printed", "drift"}
         Inputs of the networks.
-    settings : NetworkSettings, optional
-        What the networks' validation chooses from.
 
     Returns
     -------
@@ -96,7 +93,7 @@ def fit_forces(
     if variant == "drift":
         drift, rate = kinematics(record, len(mass))
         pairs = [np.column_stack(pair) for pair in zip(drift, rate, strict=True)]
-        networks = [train(inputs, force, rng, settings) for inputs, force in zip(pairs, measured, strict=True)]
+        networks = [train(inputs, force, rng) for inputs, force in zip(pairs, measured, strict=True)]
         forces = np.stack([network(inputs) for network, inputs in zip(networks, pairs, strict=True)])
         return ForceFit(variant=variant, networks=tuple(networks), forces=forces, measured_forces=measured)
     ground, networks = record.excitation, []
@@ -107,7 +104,7 @@ def fit_forces(
         inputs = np.column_stack([total - ground, ground, *above])
         # Eqs. 21 to 23: the force of a storey is the force above less the inertia of the floor between.
         target = sum(above, start=np.zeros_like(total)) - mass[floor - 1] * total
-        networks.append(train(inputs, target, rng, settings))
+        networks.append(train(inputs, target, rng))
         learned.append(networks[-1](inputs))
     return ForceFit(
         variant=variant, networks=tuple(networks[::-1]), forces=np.stack(learned[::-1]), measured_forces=measured

@@ -92,7 +92,10 @@ def records_of(pattern: str) -> tuple[Path, ...]:
         found = Path(place.anchor).glob(str(place.relative_to(place.anchor)))
     else:
         found = Path().glob(pattern)
-    records = tuple(sorted(path for path in found if path.suffix.lower() in RECORD_SUFFIXES and path.is_file()))
+    try:
+        records = tuple(sorted(path for path in found if path.suffix.lower() in RECORD_SUFFIXES and path.is_file()))
+    except ValueError as error:  # of Python 3.12, where ** is a part of a name
+        raise UserError(f"{pattern}: {error}: write ** between slashes") from None
     if not records:
         raise UserError(
             f"{pattern}: no record (.csv, .nc, .mat ...) is there: give a directory, or a pattern in quotes"
@@ -106,8 +109,10 @@ def jobs_of(
     """One job for each record; without a model, of the record's own starting model."""
     stems = [path.stem for path in records]
     names = [p.stem if stems.count(p.stem) == 1 else f"{p.parent.name}_{p.stem}{p.suffix}" for p in records]
-    if len(set(names)) < len(names):
-        raise UserError("two records have the same name and directory name: rename one, their results would mix")
+    alike = next((name for name in names if names.count(name) > 1), None)
+    if alike is not None:
+        both = " and ".join(str(p) for p, name in zip(records, names, strict=True) if name == alike)
+        raise UserError(f"{both} have the same name and directory name: rename one, their results would mix")
     source = b"" if model is None else model.read_bytes()
     command = "discover" if discover else "identify"
     jobs = []

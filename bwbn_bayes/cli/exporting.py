@@ -81,7 +81,7 @@ def _of_model(source: Path, record: Path | None) -> Exportable:
     from bwbn_bayes.structures.model_file import load_model_file
 
     file = load_model_file(source)
-    excitation = read_record(record) if record is not None else file.excitation or file.record
+    excitation = read_record(record, file.columns) if record is not None else file.excitation or file.record
     if excitation is None:
         raise UserError(f"{source} defines no `excitation`: add one, or give it with --record FILE")
     missing = [name for name in file.model.space.names if name not in file.truth]

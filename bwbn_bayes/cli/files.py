@@ -7,7 +7,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -37,7 +37,8 @@ def writable(directory: Path) -> Path:
         with replacing(directory):
             pass
         for made in missing:
-            made.rmdir()
+            with suppress(OSError):  # another command that began with this one is at work there
+                made.rmdir()
     return directory
 
 
@@ -198,12 +199,22 @@ def write_new(text: str, path: Path) -> None:
     UserError
         If there is one, or it cannot be written.
     """
+    _write_all_new({path: text.encode()}, path)
+
+
+def _write_all_new(contents: Mapping[Path, bytes], path: Path) -> None:
+    """New files, all of them or none: one that is half written would be in the way of the next try."""
+    made: list[Path] = []
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise UserError(f"--out {path} exists already: give another name") from None
+        for place, content in contents.items():
+            with place.open("xb") as file:
+                made.append(place)
+                file.write(content)
     except OSError as error:
+        for place in made:
+            place.unlink(missing_ok=True)
+        if isinstance(error, FileExistsError):
+            raise UserError(f"{error.filename} exists already: give another name with --out") from None
         raise UserError(f"--out {path} cannot be written ({error.strerror}): choose another place") from error
 
 
@@ -217,9 +228,4 @@ def write_example(name: str, path: Path) -> None:
     """
     source, *records = example_files(name)
     places = {source: path} | {record: path.parent / record.name for record in records}
-    taken = next((place for place in places.values() if place.exists()), None)
-    if taken is not None:
-        raise UserError(f"{taken} exists already: give another place with --out")
-    with writing(f"--out {path}", "choose another place"):
-        for original, place in places.items():
-            place.write_bytes(original.read_bytes())
+    _write_all_new({place: original.read_bytes() for original, place in places.items()}, path)

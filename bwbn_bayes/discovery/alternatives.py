@@ -12,6 +12,7 @@ from bwbn_bayes.discovery.candidates import hypotheses, scales_of
 from bwbn_bayes.discovery.run import on_one_thread
 from bwbn_bayes.discovery.score import scores
 from bwbn_bayes.discovery.workers import ONE_THREAD, Threads, Workers
+from bwbn_bayes.elements.catalogue import capital
 from bwbn_bayes.engines.lanes import ALONE, Lanes
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.residuals import heard_rests
@@ -69,7 +70,7 @@ def alternatives_check(posterior: Posterior, point: Floats) -> tuple[Check, ...]
     # At the maximum of a parabola that gains one nat at `smallest`.
     size = best.smallest * np.sqrt(best.nats)
     amount = f" ({best.amplitude} near {size:.2g}{f' {best.unit}' if best.unit else ''})" if np.isfinite(size) else ""
-    sentence = f"{_capital(hypothesis.label)}{amount} would explain more: worth {best.nats:.0f} nats to first order."
+    sentence = f"{capital(hypothesis.label)}{amount} would explain more: worth {best.nats:.0f} nats to first order."
     other = next((pair for pair in ranked[1:] if pair[1].name != hypothesis.name), None)
     if other is not None and other[0].nats > best.nats - _AS_WELL:
         sentence += f" So would {other[1].label}."
@@ -88,7 +89,3 @@ def _asking(posterior: Posterior) -> tuple[Posterior, Workers]:
 
 def _check(nats: float, limit: float, sentence: str) -> tuple[Check, ...]:
     return (Check(name=ALTERNATIVES, value=nats, limit=limit, passed=nats <= limit, sentence=sentence),)
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

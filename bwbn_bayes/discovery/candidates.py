@@ -318,8 +318,6 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
     at_start = parameters_at(model.law, xr.Dataset({name: ("storey", column) for name, column in columns}), 0.0)
     parameters = {name: at_start[name].values for name in ("A", *_PARAMETER_SCALES.values())}
     onset = moment_of_share(record, ONSET_SHARE)
-    ways = [np.array(model.links_below(model.joints[i][1])) - 1 for i in range(model.n_links)]
-    floor_rate = [np.max(np.abs(np.sum(rows["drift_rate"][way], axis=0))) for way in ways]
     period = _period(model, parameters, rows)
     return tuple(
         Scales(
@@ -332,7 +330,6 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
             **{name: float(parameters[symbol][i]) for name, symbol in _PARAMETER_SCALES.items()},
             mass=float(masses(model)[i]),
             total_mass=float(sum(model.masses)),
-            floor_rate=max(float(floor_rate[i]), 1e-12),
             acceleration=max(float(np.std(rows["acceleration"][min(i, len(rows["acceleration"]) - 1)])), 1e-12),
             ground_acceleration=max(float(np.std(record.excitation)), 1e-12),
             period=period,

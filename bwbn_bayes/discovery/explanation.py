@@ -108,11 +108,6 @@ class Explanation:
         return sum(hypothesis.n_brought for hypothesis in self.added)
 
     @property
-    def n_placed(self) -> int:
-        """Places at which its effects act."""
-        return sum(len(hypothesis.storeys) for hypothesis in self.added)
-
-    @property
     def label(self) -> str:
         """Its effects in words."""
         parts = [hypothesis.label for hypothesis in self.added]

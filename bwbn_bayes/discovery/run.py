@@ -24,10 +24,13 @@ from bwbn_bayes.engines.executors import Executor
 from bwbn_bayes.engines.lanes import Lanes, usable_processors
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.settings import require_few_particles, require_whole
 from bwbn_bayes.structures.structure import Structure
 
 Listener = Callable[[str, Progress | Unfinished | None], None]
 """Called with what is being done or was found; with how far it is; after each step with all that is known by then."""
+
+_LEAST = {"seed": 0, "most_effects": 0, "most_rounds": 0, "particles": 1, "n_workers": 1, "workers": 1}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +65,7 @@ class DiscoverySettings:
     Raises
     ------
     UserError
-        If the time limit is no positive number, or there are fewer workers than one.
+        If the time limit is no positive number, or a count or the seed is no whole number in its range.
     """
 
     seed: int = 1
@@ -81,8 +84,8 @@ class DiscoverySettings:
         limit = self.time_limit_s
         if limit is not None and not 0.0 < limit < np.inf:
             raise UserError(f"time limit: {limit:g} s is no time to search in, give a positive number of seconds")
-        if self.workers < 1:
-            raise UserError(f"workers is {self.workers}, it must be a whole number from 1 on")
+        require_whole(self, _LEAST)
+        require_few_particles(self.particles)
 
 
 @dataclass

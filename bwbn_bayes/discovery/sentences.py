@@ -11,7 +11,7 @@ from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.probability import NAMED, Beliefs, Family
 from bwbn_bayes.discovery.where import Disagreement
-from bwbn_bayes.elements.catalogue import title_of
+from bwbn_bayes.elements.catalogue import capital, title_of
 from bwbn_bayes.inference.unnamed.further_link import Span
 from bwbn_bayes.results import Facts
 
@@ -78,7 +78,7 @@ def _unnamed(one: UnnamedForce | UnnamedReading, gap: Gap) -> str:
     """What has no name: where it is, how large, what it is a function of, and what is left beside it."""
     if isinstance(one, UnnamedForce):
         # "A link between the ground and floor 2"
-        what = f"{one.place[:1].upper()}{one.place[1:]}" if one.nodes else f"A force of no known law at {one.place}"
+        what = capital(one.place) if one.nodes else f"A force of no known law at {one.place}"
         whole, again = "force", "a force"
     else:
         what, whole, again = f"An error of no known kind in {one.channel}", "reading", "an error"
@@ -150,7 +150,7 @@ def _effect(one: Added) -> str:
         text += f"; more than noise is left, and not all of the record bears it out (probability {agreed})"
     if one.signature is not None:
         text += f"; {signature_in_words(one.signature)}"
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{capital(text)}."
 
 
 def _either(family: Family) -> str:
@@ -158,7 +158,7 @@ def _either(family: Family) -> str:
     sure = evidence_in_words(family.log_bayes_factor)
     words = f"{nats_in_words(family.log_bayes_factor)}, probability {probability_in_words(family.probability)}"
     names = " and ".join(title_of(name) for name in sorted(family.names))
-    title = f"{family.title[:1].upper()}{family.title[1:]}"
+    title = capital(family.title)
     return f"{title}: {sure} evidence ({words}); which of {names} it is, the record does not tell."
 
 

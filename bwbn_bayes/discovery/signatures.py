@@ -12,6 +12,7 @@ from bwbn_bayes.discovery.cross_validation import stretches_of
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.outcome import SignatureFacts
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
+from bwbn_bayes.inference.arrays import measured_storey_force
 from bwbn_bayes.inference.refits import refitted
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.summary import observe
@@ -171,7 +172,5 @@ def _measured(signature: Signature, hypothesis: Hypothesis, model: Structure, to
     drift = told.responses[0].histories["drift"]
     if drift.ndim > 1 or not hypothesis.storeys:
         return None
-    storey = hypothesis.storeys[0] if len(hypothesis.storeys) == 1 else None
-    if storey is None or not {*range(storey, model.n_floors + 1)} <= {*record.floors}:
-        return None
-    return signature.of_measured(drift, np.asarray(record.storey_forces(model.masses, lowest_storey=storey)[0]))
+    force = measured_storey_force(model, record, hypothesis.storeys[0]) if len(hypothesis.storeys) == 1 else None
+    return None if force is None else signature.of_measured(drift, force)

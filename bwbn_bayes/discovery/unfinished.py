@@ -70,6 +70,7 @@ class Unfinished:
                 "fit": fit["after"],
                 "held_out": None,
                 "cross_validated": best.cross_validation.nrmse,
+                "log_score": best.cross_validation.log_score,
             },
             "probabilities": {name: p for name, p in self.believed.names.items() if p >= LEAST_SHOWN},
             "families": [],

@@ -94,6 +94,11 @@ def title_of(name: str) -> str:
     return (effect_class.title if effect_class is not None else "") or name.replace("_", " ")
 
 
+def capital(text: str) -> str:
+    """A text that begins a sentence or stands in a table."""
+    return text[:1].upper() + text[1:]
+
+
 def catalogue() -> tuple[EffectFacts, ...]:
     """Facts about every registered effect, in the order of registration."""
     return tuple(_facts(effect_class) for effect_class in registered())

@@ -30,8 +30,6 @@ class Scales:
         Of the floor above the storey. [kg]
     total_mass : float
         Of all floors. [kg]
-    floor_rate : float
-        Largest floor velocity relative to the ground. [m/s]
     acceleration : float
         Root mean square of the floor's total acceleration. [m/s^2]
     ground_acceleration : float
@@ -56,7 +54,6 @@ class Scales:
     n: float
     mass: float
     total_mass: float
-    floor_rate: float
     acceleration: float
     ground_acceleration: float
     period: float

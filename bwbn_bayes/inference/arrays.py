@@ -35,6 +35,17 @@ _UNITS = {
 }
 
 
+def measured_storey_force(model: Structure, record: Record, storey: int) -> Floats | None:
+    """Force ``(n_times,)`` [N] of a storey by equilibrium of the floors above, whatever its law.
+
+    None where one of these has no sensor, or the floors hang together by more than storeys.
+    """
+    if not model.is_chain or not {*range(storey, model.n_floors + 1)} <= {*record.floors}:
+        return None
+    force: Floats = record.storey_forces(model.masses, lowest_storey=storey)[0]
+    return force
+
+
 def noise_scales(posterior: Posterior, points: Floats, rng: np.random.Generator) -> Floats:
     """Noise standard deviations ``(n_draws, n_blocks)``, one from each draw's own posterior of them.
 

@@ -26,6 +26,8 @@ from bwbn_bayes.parameters import Floats
 
 PARETO_LIMIT = 0.7
 _LEAST_DRAWS = 30
+_NEGLIGIBLE = 30.0
+"""How far below the best a mode takes no part. [nat]"""
 
 
 class Proposal(Protocol):
@@ -92,13 +94,13 @@ class WeightedDraws:
         return self.points[index], self.log_likelihood[index]
 
 
-def laplace_mixture(modes: Sequence[Mode], *, within: float = 30.0) -> Mixture:
+def laplace_mixture(modes: Sequence[Mode]) -> Mixture:
     """The proposal at the modes: normal with the Gauss-Newton covariance, and a wider Student-t for the tails.
 
-    Modes more than ``within`` nats below the best by Laplace's approximation of their mass are left out.
+    Modes more than 30 nats below the best by Laplace's approximation of their mass are left out.
     """
     masses = np.array([_laplace_mass(mode) for mode in modes])
-    kept = np.flatnonzero(masses > np.max(masses) - within)
+    kept = np.flatnonzero(masses > np.max(masses) - _NEGLIGIBLE)
     shares = np.exp(masses[kept] - logsumexp(masses[kept]))
     shares = 0.9 * shares + 0.1 / len(kept)
     components: list[Proposal] = []

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.registry import METHODS
@@ -14,6 +15,23 @@ _CHOICES = {"method": tuple(METHODS), "variant": ("default", "plain"), "sampler"
 _LEAST = {"seed": 0, "particles": 1, "workers": 1}
 MOST_PARTICLES = 10_000_000
 """Beyond that memory ends before patience does."""
+
+
+def require_whole(options: Any, least: Mapping[str, int]) -> None:
+    """Raise :class:`UserError` unless each of these is a whole number from so many on; NumPy's become Python's own."""
+    for name, fewest in least.items():
+        given = getattr(options, name)
+        if not isinstance(given, Integral) or given < fewest:
+            raise UserError(
+                f"{type(options).__name__}: {name} is {given!r}, it must be a whole number from {fewest} on"
+            )
+        object.__setattr__(options, name, int(given))
+
+
+def require_few_particles(particles: int) -> None:
+    """Raise :class:`UserError` where no memory would hold them."""
+    if particles > MOST_PARTICLES:
+        raise UserError(f"particles is {particles}, it must be {MOST_PARTICLES} at most: give fewer")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,10 +84,5 @@ class Settings:
             given = getattr(self, name)
             if given not in choices:
                 raise UserError(f"Settings: {name} {given!r} is not known: choose one of {', '.join(choices)}")
-        for name, least in _LEAST.items():
-            given = getattr(self, name)
-            if not isinstance(given, Integral) or given < least:
-                raise UserError(f"Settings: {name} is {given!r}, it must be a whole number from {least} on")
-            object.__setattr__(self, name, int(given))
-        if self.particles > MOST_PARTICLES:
-            raise UserError(f"Settings: particles is {self.particles}, it must be {MOST_PARTICLES} at most")
+        require_whole(self, _LEAST)
+        require_few_particles(self.particles)

@@ -224,14 +224,14 @@ def _parameter_facts(posterior: Posterior, draws: Draws) -> tuple[ParameterFacts
     return tuple(facts)
 
 
-def densest_interval(draws: Floats, support: tuple[float, float], prob: float = 0.9) -> tuple[float, float]:
-    """Shortest interval that holds a share of the draws ``(n,)``; where it reaches a bound of their support, up to it.
+def densest_interval(draws: Floats, support: tuple[float, float]) -> tuple[float, float]:
+    """Shortest interval that holds 90 % of the draws ``(n,)``; where it reaches a bound of their support, up to it.
 
     Where the density is highest at a bound the interval belongs there, but every draw lies a little inside.
     """
     from arviz_stats.base import array_stats  # it inspects the whole stack when imported: dear inside other imports
 
-    low, high = map(float, array_stats.hdi(draws, prob=prob))
+    low, high = map(float, array_stats.hdi(draws, prob=0.9))
     near = _NEAR_A_BOUND * (high - low)
     if low <= np.min(draws) < support[0] + near:
         low = support[0]

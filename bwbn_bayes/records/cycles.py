@@ -119,12 +119,6 @@ def cycle_numbers(displacement: Floats) -> NDArray[np.int64]:
     return numbers
 
 
-def path_length(displacement: Floats) -> Floats:
-    """Way covered up to each sample, in m, of a displacement history ``(n_times,)``."""
-    steps = np.abs(np.diff(displacement, prepend=displacement[0]))
-    return np.asarray(np.cumsum(steps))
-
-
 def turning_points(displacement: Floats, threshold: float) -> list[int]:
     """Samples at which a history ``(n_times,)`` turns by more than ``threshold``, its first and last extremes too."""
     values = np.asarray(displacement, dtype=np.float64).tolist()

@@ -97,7 +97,8 @@ class JoinedRecord(Record):
     @override
     def floors(self) -> tuple[int, ...]:
         """Floors with an acceleration channel in every record that measures anything."""
-        return tuple(sorted(set.intersection(*(set(member.floors) for member in self.members if member.channels))))
+        measured = [set(member.floors) for member in self.members if member.channels]
+        return tuple(sorted(set.intersection(*measured))) if measured else ()
 
     @override
     def equals(self, other: Record) -> bool:
@@ -141,7 +142,8 @@ class JoinedRecord(Record):
             rows = {name: np.asarray(values)[stretch] for name, values in channels.items()}
             # What stands where a record does not measure, stays out of it.
             measured = {name: row for name, row in rows.items() if name in member.channels or name not in self.channels}
-            return member.with_channels(measured, truth=truth)
+            known = {name: sd for name, sd in (noise_sd or {}).items() if name in measured}
+            return member.with_channels(measured, noise_sd=known, truth=truth)
 
         return self._of(list(map(own, self.members, self.stretches)))
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError
 from bwbn_bayes.records.columns import Column, Table, record_of
 from bwbn_bayes.records.hdf5 import require_hdf5
 from bwbn_bayes.records.labels import labels_as_json, labels_of_json
@@ -95,7 +95,9 @@ def read_netcdf(path: Path | str, columns: str | None = None) -> Record:
     try:
         require_hdf5(path)
         # decode_cf would turn a time in "seconds" into a timedelta.
-        dataset = xr.load_dataset(path, engine="h5netcdf", decode_cf=False)
-    except (OSError, ValueError, KeyError, RuntimeError):
-        raise UserError(f"{path}: the file is not netCDF-4, or it is damaged") from None
+        dataset = xr.load_dataset(path, engine="h5netcdf", decode_cf=False, phony_dims="sort")
+    except UNREADABLE_ARRAYS:
+        raise UserError(
+            f"{path}: the file is not netCDF-4, or it is damaged: save it anew as netCDF-4, or give CSV"
+        ) from None
     return _record(dataset, columns, name=Path(path).stem, place=str(path))

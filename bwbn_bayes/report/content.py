@@ -14,6 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bwbn_bayes.inference.responses import STATISTICS, evenly
+from bwbn_bayes.parameters import Floats
 from bwbn_bayes.report.pieces import (
     Band,
     ChannelTrace,
@@ -29,7 +30,6 @@ from bwbn_bayes.report.pieces import (
 from bwbn_bayes.results import Facts, ParameterFacts, Result
 from bwbn_bayes.structures.parts import SPECIMEN
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 MAX_PANELS = 6

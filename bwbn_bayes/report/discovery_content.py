@@ -13,8 +13,9 @@ import numpy as np
 from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Step
 from bwbn_bayes.discovery.where import Disagreement
+from bwbn_bayes.inference.arrays import measured_storey_force
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.cycles import path_length
+from bwbn_bayes.records.cycles import path_of
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report.comparison import Part, begins_of, parts_of
 from bwbn_bayes.report.content import DRIFT_RATIO, gather, shown
@@ -197,12 +198,12 @@ def _heat_map(discovery: Discovery, title: str, seen: Disagreement) -> HeatMap:
         places=tuple(row.place if row.storey is not None else row.channel.replace("_", " ") for row in rows),
         edges=seen.edges if record.has_time else _path_at(seen.edges, record),
         values=np.array([row.ratios for row in rows]),
-        begins=begins_of(record, record.times if record.has_time else path_length(record.excitation)),
+        begins=begins_of(record, record.times if record.has_time else path_of(record.excitation)),
     )
 
 
 def _path_at(instants: Floats, record: Record) -> Floats:
-    return np.asarray(np.interp(instants, record.times, path_length(record.excitation)))
+    return np.asarray(np.interp(instants, record.times, path_of(record.excitation)))
 
 
 def _planes(model: Structure, stages: Sequence[tuple[str, Disagreement]]) -> tuple[PlaneMap, ...]:
@@ -239,9 +240,8 @@ def _measured_force(model: Structure, record: Record, storey: int) -> Floats | N
     if model.is_driven:
         force = record.channels.get("force")
         return None if force is None else record.where_counted(force, otherwise=np.nan)
-    if not {*range(storey, model.n_floors + 1)} <= {*record.floors}:
-        return None
-    return record.where_counted(record.storey_forces(model.masses, lowest_storey=storey)[0], otherwise=np.nan)
+    force = measured_storey_force(model, record, storey)
+    return None if force is None else record.where_counted(force, otherwise=np.nan)
 
 
 def _explanations(step: Step, added: Sequence[Added]) -> tuple[ExplanationBar, ...]:

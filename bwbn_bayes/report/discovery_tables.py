@@ -10,7 +10,7 @@ from markupsafe import Markup
 from bwbn_bayes.discovery.candidates import place_in_words
 from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, SignatureFacts, UnnamedReading
 from bwbn_bayes.discovery.sentences import evidence_in_words, nats_in_words, probability_in_words, runner_up
-from bwbn_bayes.elements.catalogue import title_of
+from bwbn_bayes.elements.catalogue import capital, title_of
 from bwbn_bayes.report.discovery_content import DiscoveryContent
 from bwbn_bayes.report.numbers import (
     NOTHING,
@@ -80,7 +80,7 @@ def _error_figure(what: str, gap: Gap, *, changed: bool) -> KeyFigure:
 def spot_sentences(discovery: Discovery) -> tuple[str, ...]:
     """Stretches of time in which the given model's residual stands out; none where what it leaves is noise."""
     spots = discovery.before.spots[:MAX_SPOTS] if discovery.verdict != "no_missing_effect" else ()
-    return tuple(f"{spot.sentence[:1].upper()}{spot.sentence[1:]}." for spot in spots)
+    return tuple(f"{capital(spot.sentence)}." for spot in spots)
 
 
 def _share(value: float) -> str:
@@ -100,7 +100,7 @@ def _effect_row(added: Added) -> tuple[str | Markup, ...]:
     factor, se = added.log_bayes_factor, added.log_bayes_factor_se
     value, error = with_uncertainty((factor, se), se)
     return (
-        _capital(added.title),
+        capital(added.title),
         evidence_in_words(factor),
         probability_in_words(added.name_probability),
         probability_in_words(added.place_probability),
@@ -112,7 +112,7 @@ def _effect_row(added: Added) -> tuple[str | Markup, ...]:
 def names_table(discovery: Discovery) -> Table:
     """Probability that each effect is part of the model, whatever else is."""
     likely = [(name, p) for name, p in discovery.probabilities.items() if p >= LEAST_SHOWN][:MAX_NAMES]
-    rows = tuple((_capital(title_of(name)), probability_in_words(p)) for name, p in likely)
+    rows = tuple((capital(title_of(name)), probability_in_words(p)) for name, p in likely)
     return Table(columns=("effect", "probability that it is part of the model"), rows=rows)
 
 
@@ -133,7 +133,7 @@ def signatures_table(added: tuple[Added, ...]) -> Table:
 def _signature_row(added: Added, seen: SignatureFacts) -> tuple[str | Markup, ...]:
     measure = Markup("{} [{}]").format(seen.measure, html_unit(seen.unit)) if seen.unit else seen.measure
     return (
-        _capital(added.title),
+        capital(added.title),
         measure,
         NOTHING if seen.measured is None else significant(seen.measured, 2),
         significant(seen.mean, 2),
@@ -143,10 +143,6 @@ def _signature_row(added: Added, seen: SignatureFacts) -> tuple[str | Markup, ..
     )
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
 def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:
     """What each added effect is, from which size it is called so, and what would tell it from its equivalents."""
     notes: list[str] = []
@@ -154,7 +150,7 @@ def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:
         effect = one.hypothesis.effect
         reason = effect.signature.reason
         least = f" It deserves this name from a least size on: {reason}." if reason else ""
-        notes.append(f"{_capital(one.title)}: {effect.summary} ({effect.source}).{least}")
+        notes.append(f"{capital(one.title)}: {effect.summary} ({effect.source}).{least}")
         notes += one.separation
     return tuple(notes)
 
@@ -189,7 +185,7 @@ def _limit_row(name: str, symbol: str, unit: str, limits: Sequence[DetectionLimi
     expected = max(limit.expected for limit in limits if limit is not None)
     scale = display_scale(unit, expected)
     return (
-        Markup("{} <span class='prior'>{}</span>").format(_capital(title_of(name)), html_symbol(symbol)),
+        Markup("{} <span class='prior'>{}</span>").format(capital(title_of(name)), html_symbol(symbol)),
         html_unit(scale.unit) if unit else "",
         significant(scale.factor * expected, 2),
         *("" if limit is None else _size(scale.factor * limit.smallest) for limit in limits),

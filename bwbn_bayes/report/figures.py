@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from bwbn_bayes.report.canvas import (
     DASHES,
@@ -37,6 +36,7 @@ from bwbn_bayes.report.pieces import (
     Band,
     ChannelTrace,
     Content,
+    Floats,
     StoreyHistory,
     StoreyLoop,
     strongest_window,
@@ -45,8 +45,6 @@ from bwbn_bayes.report.pieces import (
 
 if TYPE_CHECKING:
     from bwbn_bayes.results import StageFacts
-
-Floats = NDArray[np.float64]
 
 
 def draw_all(content: Content) -> tuple[Drawing, ...]:

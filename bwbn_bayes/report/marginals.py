@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from bwbn_bayes.report.canvas import (
     DASHES,
@@ -21,9 +20,7 @@ from bwbn_bayes.report.canvas import (
     legend,
 )
 from bwbn_bayes.report.numbers import math_symbol, math_unit
-from bwbn_bayes.report.pieces import Content, Marginal, Pair
-
-Floats = NDArray[np.float64]
+from bwbn_bayes.report.pieces import Content, Floats, Marginal, Pair
 
 MAX_MARGINALS = 24
 MAX_SCATTER = 1500

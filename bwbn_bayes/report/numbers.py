@@ -49,10 +49,10 @@ def display_scale(unit: str, magnitude: float) -> Scale:
     return Scale(unit, 1.0)
 
 
-def decimal_place(sd: float, digits: int = 2) -> int:
-    """Decimal place (2 for hundredths, -1 for tens) that shows an sd with the given number of digits."""
-    rounded = float(f"{sd:.{digits - 1}e}")
-    return digits - 1 - math.floor(math.log10(abs(rounded)))
+def decimal_place(sd: float) -> int:
+    """Decimal place (2 for hundredths, -1 for tens) that shows an sd with two digits."""
+    rounded = float(f"{sd:.1e}")
+    return 1 - math.floor(math.log10(abs(rounded)))
 
 
 def with_uncertainty(values: tuple[float, ...], sd: float) -> tuple[str, ...]:

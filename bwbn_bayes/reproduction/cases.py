@@ -25,7 +25,6 @@ MethodName = Literal["IPV", "GA", "TMCMC"]
 Excitation = Literal["Sin", "ElCentro"]
 
 METHODS: tuple[MethodName, ...] = get_args(MethodName)
-EXCITATIONS: tuple[Excitation, ...] = get_args(Excitation)
 STOREYS = (1, 2, 3)
 DAMAGE_TIMES: Mapping[Excitation, tuple[float, float, float]] = {
     "Sin": (30.0, 60.0, 100.0),

@@ -14,8 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import TIME, StoreyLaw
-
-Floats = NDArray[np.float64]
+from bwbn_bayes.parameters import Floats
 
 Landmark = tuple[tuple[str, ...], Floats | NDArray[np.float32]]
 """A variable of a Dataset: dimensions and values."""

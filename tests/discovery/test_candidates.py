@@ -30,7 +30,7 @@ STOREY = BoucWen(
 BASE = ShearBuilding(masses=[1.0, 1.0], storey=STOREY)
 SCALES = Scales(
     drift=0.2, path=8.0, drift_rate=1.0, hysteretic_displacement=0.15, energy=8.0, force=4.0, stiffness=25.0,
-    damping=0.1, alpha=0.05, beta=2.0, gamma=1.0, n=1.5, mass=1.0, floor_rate=1.5, acceleration=1.0,
+    damping=0.1, alpha=0.05, beta=2.0, gamma=1.0, n=1.5, mass=1.0, acceleration=1.0,
     ground_acceleration=1.0, period=1.3, onset=1.0, duration=20.0, total_mass=3, time_step=0.02,
 )  # fmt: skip
 CHANNELS = ("acceleration_1", "acceleration_2")

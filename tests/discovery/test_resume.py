@@ -108,6 +108,7 @@ def test_what_is_known_is_written_after_each_step(run: Any, command: Command) ->
         whole["verdict"],
         True,
     )
+    assert known["best_model"].keys() == whole["best_model"].keys()
     assert known["best_model"]["effects"] == whole["best_model"]["effects"]
     assert known["best_model"]["fit"] == pytest.approx(whole["best_model"]["fit"], rel=1e-6)
     assert (known["best_model"]["held_out"], "held_out" in known["gap"]) == (None, False)
@@ -186,6 +187,17 @@ def test_a_search_that_the_limit_stopped_goes_on(
     assert not any(one["effects"] for one in stopped["candidates"])
     assert any("before its first round" in sentence for sentence in stopped["sentences"])
     assert timeless(command("--resume")) == timeless(whole)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [{"seed": -1}, {"particles": 0}, {"particles": 2000.5}, {"n_workers": 0}, {"workers": 0}, {"most_effects": -1}],
+)
+def test_a_count_is_a_whole_number_before_the_search_begins(option: dict[str, Any]) -> None:
+    """Too few draws were refused at its end, a seed below zero in a traceback."""
+    (name,) = option
+    with pytest.raises(UserError, match=rf"^DiscoverySettings: {name} is .*, it must be a whole number from"):
+        DiscoverySettings(**option)
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])

@@ -17,7 +17,7 @@ from bwbn_bayes.elements.signature import NO_SIGNATURE, PlaceResponse
 
 SCALES = Scales(
     drift=1.0, path=40.0, drift_rate=2.0, hysteretic_displacement=0.3, energy=8.0, force=4.0, stiffness=10.0,
-    damping=0.05, alpha=0.01, beta=2.0, gamma=2.0, n=1.5, mass=1.0, floor_rate=3.0, acceleration=2.0,
+    damping=0.05, alpha=0.01, beta=2.0, gamma=2.0, n=1.5, mass=1.0, acceleration=2.0,
     ground_acceleration=1.5, period=2.0, onset=0.0, duration=20.0, total_mass=3, time_step=0.01,
 )  # fmt: skip
 STOREY = {"k": 10.0, "c": 0.05, "alpha": 0.01, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 1.5}

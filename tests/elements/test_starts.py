@@ -21,7 +21,7 @@ from bwbn_bayes.structures.shear_building import ShearBuilding
 
 SCALES = Scales(
     drift=0.02, path=0.8, drift_rate=0.3, hysteretic_displacement=0.012, energy=800.0, force=9e4, stiffness=8e6,
-    damping=6e4, alpha=0.04, beta=60.0, gamma=30.0, n=1.3, mass=1.2e4, floor_rate=0.5, acceleration=2.0,
+    damping=6e4, alpha=0.04, beta=60.0, gamma=30.0, n=1.3, mass=1.2e4, acceleration=2.0,
     ground_acceleration=1.0, period=0.7, onset=1.5, duration=31.0, total_mass=36000, time_step=0.02,
 )  # fmt: skip
 STOREY = BoucWen(k=8e6, c=6e4, alpha=0.04, beta=60.0, gamma=30.0, n=1.3)

@@ -315,7 +315,7 @@ def test_a_contact_that_no_step_follows_is_solved():
 
 SCALES = Scales(
     drift=0.2, path=8.0, drift_rate=1.0, hysteretic_displacement=0.2, energy=3.0, force=3.0, stiffness=10.0,
-    damping=0.05, alpha=0.01, beta=2.0, gamma=2.0, n=1.5, mass=1.0, floor_rate=1.5, acceleration=1.2,
+    damping=0.05, alpha=0.01, beta=2.0, gamma=2.0, n=1.5, mass=1.0, acceleration=1.2,
     ground_acceleration=1.0, period=2.0, onset=0.5, duration=30.0, total_mass=3, time_step=0.02,
 )  # fmt: skip
 

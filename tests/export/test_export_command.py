@@ -47,6 +47,14 @@ def test_another_ground_motion_and_another_name(model: Path) -> None:
     assert len(Path("x.py").read_text(encoding="utf-8")) < len(_written(model))
 
 
+def test_a_record_is_read_by_the_column_map_of_the_model_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mapped.py").write_text(MODEL + KNOWN + '\ncolumns = "t = time [s], ag = ground_acceleration [m/s^2]"\n')
+    rows = "\n".join(f"{0.02 * i:.2f},{0.1 * (i % 5)}" for i in range(100))
+    Path("q.csv").write_text(f"t,ag\n{rows}\n")
+    assert export("opensees", "mapped.py", "--record", "q.csv", "--out", "x.py") == 0
+
+
 def _written(model: Path) -> str:
     assert export("opensees", model, "--out", "longer.py") == 0
     return Path("longer.py").read_text(encoding="utf-8")
@@ -55,7 +63,7 @@ def _written(model: Path) -> str:
 @pytest.mark.parametrize(
     ("source", "arguments", "sentence"),
     [
-        (MODEL + KNOWN, ("one.py", "--out", "one.py"), "--out one.py exists already"),
+        (MODEL + KNOWN, ("one.py", "--out", "one.py"), "one.py exists already"),
         (MODEL + KNOWN.splitlines()[0], ("one.py",), "one.py does not know k: add `truth`"),
         (MODEL, ("one.py",), "one.py defines no `excitation`"),
         (MODEL, ("none.nc",), "none.nc does not exist"),

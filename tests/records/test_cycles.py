@@ -10,7 +10,7 @@ import pytest
 
 from bwbn_bayes import UserError
 from bwbn_bayes.records import HalfCycle, half_cycles, read_record, repeats
-from bwbn_bayes.records.cycles import cycle_numbers, path_length, repeated_samples
+from bwbn_bayes.records.cycles import cycle_numbers, path_of, repeated_samples
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 
@@ -149,6 +149,6 @@ def test_cycles_are_counted_by_two_half_cycles_from_one():
 
 
 def test_the_path_is_the_sum_of_all_ways():
-    path = path_length(through(1.0, -2.0, 3.0))
+    path = path_of(through(1.0, -2.0, 3.0))
     assert path[[0, 40, 80, 120]] == pytest.approx([0.0, 1.0, 4.0, 9.0])
     assert len(path) == 121

@@ -96,6 +96,17 @@ def test_records_are_changed_one_by_one() -> None:
         np.testing.assert_allclose(list(part.noise_sd.values()), 0.1 * sizes)
 
 
+def test_what_is_known_of_new_noise_stays_with_its_record() -> None:
+    ones = {name: np.ones(50) for name in JOINED.channels}
+    told = JOINED.with_channels(ones, noise_sd={"acceleration_2": 0.3})
+    assert [dict(part.noise_sd) for part in told.parts] == [{}, {"acceleration_2": 0.3}]
+
+
+def test_motions_that_nothing_measures_have_no_floors() -> None:
+    bare = [Record(name=name, time_step=0.1, excitation=np.ones(20)) for name in ("first", "second")]
+    assert join_records(bare).floors == ()
+
+
 def test_it_survives_a_pickle_and_its_hash_knows_the_order() -> None:
     again = pickle.loads(pickle.dumps(JOINED))
     assert again.equals(JOINED)

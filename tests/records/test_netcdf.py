@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -135,12 +136,28 @@ def test_damaged_and_missing_files(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"run.nc: the file is empty$"):
         read_record(path)
     path.write_text("time [s]\n")
-    with pytest.raises(UserError, match=r"run.nc: the file is not netCDF-4, or it is damaged$"):
+    with pytest.raises(UserError, match=r"run.nc: the file is not netCDF-4, or it is damaged: save it anew"):
         read_record(path)
     save(foreign(), path)
     path.write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(UserError, match=r"run.nc: the file is not netCDF-4, or it is damaged$"):
+    with pytest.raises(UserError, match=r"run.nc: the file is not netCDF-4, or it is damaged: save it anew"):
         read_record(path)
+
+
+def test_an_hdf5_file_of_another_kind_is_refused(tmp_path: Path) -> None:
+    """Empty arrays and named types ended in tracebacks of h5netcdf, arrays without names in its warning."""
+    with h5py.File(tmp_path / "run.nc", "w") as file:
+        file["nothing"] = h5py.Empty("f8")
+    with pytest.raises(UserError, match=r"run.nc: "):
+        read_record(tmp_path / "run.nc")
+    with h5py.File(tmp_path / "run.nc", "w") as file:
+        file["own_type"] = np.dtype("f8")
+    with pytest.raises(UserError, match=r"run.nc: "):
+        read_record(tmp_path / "run.nc")
+    with h5py.File(tmp_path / "run.nc", "w") as file:
+        file["plain"] = np.zeros(8)
+    with pytest.raises(UserError, match=r"run.nc"):
+        read_record(tmp_path / "run.nc")
 
 
 def test_writing_where_it_cannot(tmp_path: Path) -> None:

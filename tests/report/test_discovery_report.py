@@ -12,7 +12,7 @@ from bwbn_bayes.discovery.outcome import UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.effects import CubicStiffness, SensorGain
+from bwbn_bayes.elements.effects import CubicStiffness, SensorGain, StrengthDegradation
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.parameters import Uniform
 from bwbn_bayes.records.excitation import el_centro
@@ -171,6 +171,29 @@ def test_drifts_are_told_as_ratios_of_the_storey_height(found, tmp_path):
     files = write_discovery(found, tmp_path)
     for page in (files.html, tmp_path / "identify" / "report.html"):
         assert "peak drift ratio [%]" in page.read_text(encoding="utf-8")
+
+
+def test_what_a_brace_lacks_is_told_without_a_measured_force():
+    """No equilibrium of floors tells the force of a brace, or of a storey beside one; the page of a discovery broke."""
+    braced = two_storeys().with_link(BoucWen(**STIFF_BRACE), joins=(0, 2))
+    hidden = braced.with_effect(StrengthDegradation(delta_nu=2.0), storeys=[3])
+    ground = el_centro("chopra", duration=8.0)
+    record = replace(simulate(hidden, ground, {"k[1,2]": 60.0}, snr_db=40.0), truth={})
+    settings = DiscoverySettings(effects=(StrengthDegradation,), particles=50, n_workers=1)
+    found = discover(braced, record, settings=settings)
+    assert [(one.hypothesis.name, one.hypothesis.storeys) for one in found.added] == [("strength_degradation", (3,))]
+    assert found.added[0].signature.measured is None
+    loops = gather_discovery(found).loops
+    assert [loop.title for loop in loops] == ["Storey 1", "Storey 2", "Ground to floor 2"]
+    assert all(loop.measured is None for loop in loops)
+
+
+def two_storeys():
+    storey = BoucWen(k=Uniform(20, 120), c=0.4, alpha=0.15, beta=12.0, gamma=2.0, n=1.3)
+    return ShearBuilding(masses=[2.0, 1.0], storey=storey)
+
+
+STIFF_BRACE = {"k": 40.0, "c": 0.0, "alpha": 0.05, "beta": 200.0, "gamma": 100.0, "n": 1.3}
 
 
 def test_old_and_new_equations_are_those_that_differ(found):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bwbn_bayes import UserError
-from bwbn_bayes.reproduction.cases import EXCITATIONS, Case, building, cases_of, truth_of
+from bwbn_bayes.reproduction.cases import DAMAGE_TIMES, Case, building, cases_of, truth_of
 from bwbn_bayes.reproduction.options import Options
 from bwbn_bayes.reproduction.printed import TABLES, one_row, printed
 
@@ -75,7 +75,7 @@ def test_a_is_identified_only_where_asked() -> None:
 
 
 def test_ipv_has_its_own_exponent_and_groups() -> None:
-    for excitation, jump in zip(EXCITATIONS, (2.7, 4.2), strict=True):
+    for excitation, jump in zip(DAMAGE_TIMES, (2.7, 4.2), strict=True):
         truth = truth_of(Case(method="IPV", group=5, snr="inf", excitation=excitation))
         assert truth["n"] == 1.0
         assert truth["delta_nu_jump"] == pytest.approx(jump)

@@ -49,7 +49,7 @@ def test_nothing_is_copied_over_a_file_of_the_user_s(tmp_path: Path, capsys: pyt
     mine = tmp_path / "hidden_effect_held_out.csv"
     mine.write_text("mine")
     assert bwbn("model", "--example", "hidden_effect", "--out", tmp_path / "new.py") == 2
-    assert "hidden_effect_held_out.csv exists already: give another place with --out" in capsys.readouterr().err
+    assert "hidden_effect_held_out.csv exists already: give another name with --out" in capsys.readouterr().err
     assert mine.read_text() == "mine" and not (tmp_path / "new.py").exists()
 
 

@@ -88,7 +88,7 @@ class Counted:
 
 SCALES = Scales(
     drift=0.3, path=12.0, drift_rate=1.5, hysteretic_displacement=0.2, energy=3.0, force=4.0, stiffness=20.0,
-    damping=0.3, alpha=0.1, beta=2.0, gamma=1.0, n=1.5, mass=1.0, floor_rate=1.5, acceleration=3.0,
+    damping=0.3, alpha=0.1, beta=2.0, gamma=1.0, n=1.5, mass=1.0, acceleration=3.0,
     ground_acceleration=2.0, period=0.8, onset=0.3, duration=2.0, total_mass=3, time_step=0.02,
 )  # fmt: skip
 FORMS: list[Effect] = [form for effect in filter(is_sought, registered()) for form in guide_of(effect).priors(SCALES)]

@@ -1,9 +1,12 @@
 """The one exception that means "the user can mend this"."""
 
+import os
+import threading
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
+from pathlib import Path
 from zipfile import BadZipFile
 
 UNREADABLE_ARRAYS = (
@@ -45,6 +48,27 @@ def writing(what: str, advice: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise UserError(f"{what} cannot be written ({error.strerror or error}): {advice}") from error
+
+
+def replace_file(path: Path | str, contents: bytes) -> None:
+    """Write a file beside, and let it take the name when it is whole: a full disk costs nobody what stood there before.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    place = Path(path)
+    if place.exists() and not place.is_file():  # a pipe, or a terminal
+        place.write_bytes(contents)
+        return
+    place = place.resolve()  # what a link points to
+    fresh = place.with_name(f".new-{os.getpid()}-{threading.get_ident()}")
+    try:
+        fresh.write_bytes(contents)
+        fresh.replace(place)
+    finally:
+        fresh.unlink(missing_ok=True)
 
 
 def require_installed(extra: str, what: str) -> None:

@@ -51,7 +51,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hints
 
-from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError
+from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, replace_file
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -219,8 +219,8 @@ class Result:
         tree = self.tree.copy()
         tree.attrs["facts"] = json.dumps(asdict(self.facts))
         # By way of memory: HDF5 on a full disk ends in pages of its own.
-        with tree.to_netcdf(engine="h5netcdf", encoding=_compression(tree)) as contents, Path(path).open("wb") as file:
-            file.write(contents)
+        with tree.to_netcdf(engine="h5netcdf", encoding=_compression(tree)) as contents:
+            replace_file(path, bytes(contents))
 
     @classmethod
     def load(cls, path: Path | str) -> Result:

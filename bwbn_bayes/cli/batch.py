@@ -23,7 +23,7 @@ from urllib.parse import quote
 
 from bwbn_bayes.engines.children import end_with_parent
 from bwbn_bayes.engines.journal import forget
-from bwbn_bayes.errors import UserError, writing
+from bwbn_bayes.errors import UserError, replace_file, writing
 from bwbn_bayes.records.readers import RECORD_SUFFIXES
 from bwbn_bayes.records.record import one_line
 from bwbn_bayes.report.batch_html import BatchRow, batch_page
@@ -216,12 +216,7 @@ def _written(jobs: Sequence[Job], refused: dict[str, str], out: Path) -> tuple[B
     with writing(f"--out {out}", "finished records are kept; make room there"):
         out.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
-            fresh = out / f"{name}.new"
-            try:
-                fresh.write_text(text, encoding="utf-8")
-                fresh.replace(out / name)
-            finally:
-                fresh.unlink(missing_ok=True)
+            replace_file(out / name, text.encode())
     return rows
 
 

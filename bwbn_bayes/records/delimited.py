@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, replace_file
 from bwbn_bayes.records.column_map import Meaning, header_meaning
 from bwbn_bayes.records.columns import Column, Table, record_of
 from bwbn_bayes.records.labels import Labels
@@ -86,7 +86,7 @@ def write_csv(record: Record, path: Path | str) -> None:
     table = np.column_stack(list(columns.values()))
     lines += [",".join(map(repr, row)) for row in table.tolist()]
     try:
-        Path(path).write_bytes(("\n".join(lines) + "\n").encode())
+        replace_file(path, ("\n".join(lines) + "\n").encode())
     except OSError as error:
         raise UserError(f"{path}: the file cannot be written ({error.strerror})") from None
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError
+from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, replace_file
 from bwbn_bayes.records.columns import Column, Table, record_of
 from bwbn_bayes.records.hdf5 import require_hdf5
 from bwbn_bayes.records.labels import labels_as_json, labels_of_json
@@ -72,7 +72,7 @@ def write_netcdf(record: Record, path: Path | str) -> None:
     try:
         # By way of memory: HDF5 on a full disk ends in pages of its own.
         contents = bytes(as_dataset(record).to_netcdf(engine="h5netcdf"))
-        Path(path).write_bytes(contents)
+        replace_file(path, contents)
     except OSError as error:
         raise UserError(f"{path}: the file cannot be written ({error.strerror or error})") from None
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 
+from bwbn_bayes.errors import replace_file
 from bwbn_bayes.reproduction.cases import STOREYS, Case, cases_of, printed_column
 from bwbn_bayes.reproduction.measure import Outcome
 from bwbn_bayes.reproduction.printed import Row, printed
@@ -82,12 +84,13 @@ def comparison(tables: Sequence[int], outcomes: Sequence[Outcome]) -> tuple[Line
 
 def write_csv(lines: Sequence[Line], path: Path) -> None:
     """Write the lines as CSV; numbers that do not exist stay empty."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Line)])
-        writer.writeheader()
-        for line in lines:
-            plain = asdict(line)
-            writer.writerow({k: "" if isinstance(v, float) and np.isnan(v) else v for k, v in plain.items()})
+    file = StringIO(newline="")
+    writer = csv.DictWriter(file, [field.name for field in fields(Line)])
+    writer.writeheader()
+    for line in lines:
+        plain = asdict(line)
+        writer.writerow({k: "" if isinstance(v, float) and np.isnan(v) else v for k, v in plain.items()})
+    replace_file(path, file.getvalue().encode())
 
 
 def _line(table: int, case: Case, quantity: str, paper: str, outcomes: Sequence[Outcome]) -> Line:

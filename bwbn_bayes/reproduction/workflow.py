@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bwbn_bayes.engines.journal import forget
-from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, writing
+from bwbn_bayes.errors import UNREADABLE_ARRAYS, UserError, replace_file, writing
 from bwbn_bayes.reproduction.cases import Case, MethodName, cases_of
 from bwbn_bayes.reproduction.comparison import comparison, write_csv
 from bwbn_bayes.reproduction.figures import draw_all
@@ -98,8 +98,8 @@ def reproduce(
         directory.mkdir(parents=True, exist_ok=True)  # tables of what the paper assumes need no case
         write_csv(rows, csv_path)
         for path, (_, png) in zip(paths, drawings, strict=True):
-            path.write_bytes(png)
-        html.write_text(page, encoding="utf-8")
+            replace_file(path, png)
+        replace_file(html, page.encode())
     return Files(html=html, csv=csv_path, figures=paths, n_run=n_run, n_kept=len(outcomes) - n_run)
 
 
@@ -147,12 +147,11 @@ def _run(job: _Job, path: Path) -> None:
 def _finish(path: Path, outcome: Outcome, histories: Histories) -> None:
     """Write arrays first, facts last and at once: a case with its JSON is whole."""
     thin = {name: values.astype(np.float32) for name, values in asdict(histories).items()}
-    partial = path.with_suffix(".partial")
     with _writing(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(path.with_suffix(".npz"), allow_pickle=False, **thin)
-        partial.write_text(json.dumps(finite(outcome.as_json()), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        partial.replace(path)
+        text = json.dumps(finite(outcome.as_json()), indent=1, allow_nan=False)
+        replace_file(path, f"{text}\n".encode())
 
 
 def _writing(directory: Path) -> AbstractContextManager[None]:

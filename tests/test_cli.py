@@ -522,7 +522,6 @@ def test_a_home_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
         (("simulate", "locked/m.py"), "is_file"),
         (("export", "opensees", "locked/result.nc"), "is_dir"),
         (("batch", "locked"), "iterdir"),
-        (("model", "--example", "sdof", "--out", "locked/m.py"), "exists"),
     ],
     ids=lambda value: value if isinstance(value, str) else value[0],
 )

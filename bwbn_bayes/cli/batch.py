@@ -15,6 +15,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
@@ -49,7 +50,7 @@ class Job:
     finished_file : str
         What the command writes when it is done.
     key : str
-        Hash of everything that the result depends on.
+        Hash of version, options, record and model file: what it depends on, but for what that file itself reads.
     """
 
     name: str
@@ -170,24 +171,29 @@ def run_batch(jobs: Sequence[Job], out: Path, n_at_once: int, say: Callable[[str
 def _run(job: Job) -> str:
     """Run a job; the sentence by which it was refused, if it was."""
     try:
-        with writing(f"--out {job.directory}", "make room there, or choose another directory"):
-            return _ran(job)
+        return _ran(job)
     except UserError as error:
         return str(error)
 
 
 def _ran(job: Job) -> str:
     """Run a job in a process of its own; the sentence by which that was refused, if it was."""
-    job.directory.mkdir(parents=True, exist_ok=True)
+    writes = partial(writing, f"--out {job.directory}", "make room there, or choose another directory")
+    with writes():
+        job.directory.mkdir(parents=True, exist_ok=True)
     said = job.directory / _SAID
     process = multiprocessing.get_context("spawn").Process(target=_in_process, args=(job.arguments, str(said)))
-    with _STARTING:
-        process.start()
+    try:
+        with _STARTING:
+            process.start()
+    except OSError as error:
+        raise UserError(f"no process could be started ({error.strerror or error}): take fewer --workers") from error
     process.join()
     if process.exitcode == 0 and (job.directory / job.finished_file).exists():
-        (job.directory / _NOTE).write_text(json.dumps({"key": job.key}) + "\n", encoding="utf-8")
-        forget(job.checkpoint)
-        said.unlink(missing_ok=True)
+        with writes():
+            (job.directory / _NOTE).write_text(json.dumps({"key": job.key}) + "\n", encoding="utf-8")
+            forget(job.checkpoint)
+            said.unlink(missing_ok=True)
         return ""
     lines = said.read_text(encoding="utf-8", errors="replace").splitlines() if said.exists() else []
     last = lines[-1].removeprefix("error: ") if lines else "it said nothing"

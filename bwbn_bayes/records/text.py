@@ -22,11 +22,11 @@ def file_bytes(path: Path) -> bytes:
             raise UserError(f"{path}: the file cannot be read (it is no plain file): give the path of one")
         data = path.read_bytes()
     except FileNotFoundError:
-        raise UserError(f"{path}: no such file") from None
+        raise UserError(f"{path}: no such file, give the path of one") from None
     except OSError as error:
-        raise UserError(f"{path}: the file cannot be read ({error.strerror})") from None
+        raise UserError(f"{path}: the file cannot be read ({error.strerror}): mend that, or get it anew") from None
     if not data.strip():
-        raise UserError(f"{path}: the file is empty")
+        raise UserError(f"{path}: the file is empty, get it anew")
     return data
 
 

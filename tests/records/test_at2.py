@@ -41,8 +41,11 @@ def test_other_units(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("", "{path}: the file is empty"),
-        (HEAD, "{path}, line 3: no 'ACCELERATION ... IN UNITS OF', the file is not a PEER acceleration record"),
+        ("", "{path}: the file is empty, get it anew"),
+        (
+            HEAD,
+            "{path}, line 3: no 'ACCELERATION ... IN UNITS OF', the file is not a PEER acceleration record",
+        ),
         (
             HEAD + UNIT.replace("ACCELERATION", "VELOCITY") + COUNT + NUMBERS,
             "{path}, line 3: no 'ACCELERATION ... IN UNITS OF', the file is not a PEER acceleration record",
@@ -90,7 +93,7 @@ def test_every_bad_file_gets_one_sentence(tmp_path: Path, text: str, sentence: s
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"motion.AT2: no such file$"):
+    with pytest.raises(UserError, match=r"motion.AT2: no such file, give the path of one$"):
         read_record(tmp_path / "motion.AT2")
 
 

@@ -168,7 +168,7 @@ CHANNELS = (
     "force for a cyclic test"
 )
 BAD_FILES = [
-    ("\n \n", "{path}: the file is empty"),
+    ("\n \n", "{path}: the file is empty, get it anew"),
     ("# name: x\n", "{path}: the file is empty, it needs a header and at least 8 rows of numbers"),
     (HEADER, "{path}: the record has 0 points, at least 8 are needed"),
     (lines(rows=ROWS[:7]), "{path}: the record has 7 points, at least 8 are needed"),
@@ -315,7 +315,7 @@ def test_not_utf8_names_the_line(tmp_path: Path) -> None:
 
 
 def test_missing_file_folder_and_suffix(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"absent.csv: no such file$"):
+    with pytest.raises(UserError, match=r"absent.csv: no such file, give the path of one$"):
         read_record(tmp_path / "absent.csv")
     (tmp_path / "folder.csv").mkdir()
     with pytest.raises(UserError, match=r"folder.csv: the file cannot be read"):

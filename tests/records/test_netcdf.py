@@ -130,10 +130,10 @@ def test_every_bad_file_gets_one_sentence(
 
 def test_damaged_and_missing_files(tmp_path: Path) -> None:
     path = tmp_path / "run.nc"
-    with pytest.raises(UserError, match=r"run.nc: no such file$"):
+    with pytest.raises(UserError, match=r"run.nc: no such file, give the path of one$"):
         read_record(path)
     path.write_bytes(b"")
-    with pytest.raises(UserError, match=r"run.nc: the file is empty$"):
+    with pytest.raises(UserError, match=r"run.nc: the file is empty, get it anew$"):
         read_record(path)
     path.write_text("time [s]\n")
     with pytest.raises(UserError, match=r"run.nc: the file is not netCDF-4, or it is damaged: save it anew"):

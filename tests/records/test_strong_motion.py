@@ -61,7 +61,7 @@ def lines_of(text: str) -> list[str]:
 @pytest.mark.parametrize(
     ("name", "text", "sentence"),
     [
-        ("run.v2", "", "{path}: the file is empty"),
+        ("run.v2", "", "{path}: the file is empty, get it anew"),
         ("run.v2", "CORRECTED ACCELEROGRAM\n", "{path}, line 1: no 'Format v01.20', the file is not in COSMOS format"),
         ("run.v2", "\n".join(lines_of(cosmos({"1": MOTION}))[:45]), "{path}: no line '... acceleration pts,"),
         (

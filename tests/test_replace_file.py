@@ -35,7 +35,7 @@ def test_what_a_full_disk_cuts_off_is_not_in_the_way_of_the_next_try(tmp_path: P
         write_example("hidden_effect", tmp_path / "hidden_effect.py")
     assert list(tmp_path.iterdir()) == []
     write_example("hidden_effect", tmp_path / "hidden_effect.py")
-    with pytest.raises(UserError, match="hidden_effect.py exists already: give another name with --out"):
+    with pytest.raises(UserError, match=r"hidden_effect.py exists already: give another name with --out"):
         write_example("hidden_effect", tmp_path / "hidden_effect.py")
 
 

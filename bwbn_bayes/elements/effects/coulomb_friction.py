@@ -101,10 +101,10 @@ class CoulombFriction(Effect):
     def signature(self) -> Signature:
         """Friction over peak force; what turns slowly is viscous, not dry."""
         force, width = _SYMBOLS[self.smoothing]
-        turned_in = "drift" if self._sticks else "drift_rate"
+        turned_in, where = ("drift", "after reversals") if self._sticks else ("drift_rate", "over drift rate")
         return Signature(
             measure="friction force over the storey's peak force",
-            plain_name="the shape of the force over drift rate (a smoothed friction)",
+            plain_name=f"the shape of the force {where} (a smoothed friction)",
             reason="0.4 % of the peak force, turned within an eighth of the largest drift rate, or drift where it "
             "sticks: what turns more slowly is viscous, not dry",
             size=lambda at: at[force] / at.peak("restoring_force"),

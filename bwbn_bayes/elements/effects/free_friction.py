@@ -71,7 +71,7 @@ class FreeFriction(Effect):
     form: ClassVar[str] = "free shape"
     signature: ClassVar[Signature] = Signature(
         measure="friction force over the storey's peak force",
-        plain_name="the shape of the force over drift rate (a smoothed friction)",
+        plain_name="the shape of the force after reversals (a smoothed friction)",
         reason="0.4 % of the peak force, turned within an eighth of the largest drift: what turns slowly is not dry",
         size=lambda at: at["F_d"] / at.peak("restoring_force"),
         least=0.004,

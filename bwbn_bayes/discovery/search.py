@@ -258,6 +258,7 @@ def _exchange(pool: Pool, run: Run) -> None:
     tried: set[Key] = set()
     while (best := pool.ranked()[0]).effects_key not in tried and len(best.added) > 1:
         tried.add(best.effects_key)
+        pool.add(left_out(best, pool.searched, run))
         for one in best.added:
             base = pool.searched.get(best.effects_key - key_of([one]))
             if base is not None and base.effects_key not in pool.expanded and not run.must_stop():

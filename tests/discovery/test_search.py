@@ -151,6 +151,24 @@ def test_what_was_found_first_must_be_the_best_beside_the_others(monkeypatch: py
     assert pool.ranked()[0].label == "b + c"
 
 
+def test_what_the_best_is_without_each_effect_is_known_before_it_is_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tuned mass beside a Maxwell branch had not been fitted without the pinch that stood for a loss of stiffness."""
+    a, b, *_ = ALPHABET
+    script = {"": 0.0, "a": 30.0, "b": 10.0, "ab": 90.0}
+    pool = Pool(run=run_of())
+    pool.add([explanation(script), explanation(script, a), explanation(script, a, b)])
+    parents: list[str] = []
+
+    def round_of(parent: Explanation, pool: Pool, _: Run) -> None:
+        pool.expanded.add(parent.effects_key)
+        parents.append(parent.label)
+
+    monkeypatch.setattr(searching, "left_out", lambda *_: [explanation(script, b)])
+    monkeypatch.setattr(searching, "_round", round_of)
+    searching._exchange(pool, pool.run)
+    assert parents == ["b", "a"]
+
+
 def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """After two rounds a force of one state leaves noise beside the model as given; laws alone were far from it."""
     followed: list[int] = []

@@ -207,7 +207,7 @@ def test_what_a_law_errs_by_is_no_further_effect(error: float, named: bool) -> N
 
 
 def test_what_a_law_does_is_no_matter_of_what_else_could_account_for_it() -> None:
-    """Autoregressive errors took most of what a softened stop explains, so that it erred by seven times as much."""
+    """Autoregressive errors beside the model as given take most of what a law explains; it does as much as before."""
     size = 30.0
     given, alone, both = leaving(size), leaving(0.0, 0.015 * size, added=[SLIP]), leaving(added=[SLIP, CUBIC])
     taken = SimpleNamespace(log_evidence=alone.evidence.log_evidence - 500.0, log_evidence_se=0.1)

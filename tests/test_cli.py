@@ -544,6 +544,23 @@ def test_what_the_user_may_not_read_is_one_sentence(
     _is_one_sentence(outcome, "locked", "Permission denied: ask for the right to it, or give another path")
 
 
+def test_what_the_user_may_not_write_is_one_sentence(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An example asked a closed folder what it holds; it writes there or says that it may not."""
+    monkeypatch.chdir(tmp_path)
+    own = Path.open
+
+    def closed(path: Path, *arguments: object, **options: object) -> object:
+        if path.parts[:1] == ("locked",):
+            raise PermissionError(errno.EACCES, "Permission denied", str(path))
+        return own(path, *arguments, **options)  # type: ignore[call-overload]
+
+    (tmp_path / "locked").mkdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", closed)
+        outcome = run("model", "--example", "sdof", "--out", "locked/m.py")
+    _is_one_sentence(outcome, "--out locked/m.py cannot be written (Permission denied): choose another place")
+
+
 def test_where_nobody_reads_nothing_is_said() -> None:
     """`bwbn engines >&-` ended in a traceback, and so did a reader that closed a pipe."""
     done = _shown_to(None, "engines", closed=True)

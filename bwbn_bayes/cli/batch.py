@@ -12,6 +12,7 @@ import json
 import multiprocessing
 import os
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -108,9 +109,9 @@ def jobs_of(
     records: Sequence[Path], out: Path, *, model: Path | None, discover: bool, options: Sequence[str]
 ) -> list[Job]:
     """One job for each record; without a model, of the record's own starting model."""
-    stems = [path.stem for path in records]
-    names = [p.stem if stems.count(p.stem) == 1 else f"{p.parent.name}_{p.stem}{p.suffix}" for p in records]
-    alike = next((name for name in names if names.count(name) > 1), None)
+    stems = Counter(path.stem for path in records)
+    names = [p.stem if stems[p.stem] == 1 else f"{p.parent.name}_{p.stem}{p.suffix}" for p in records]
+    alike = next((name for name, n in Counter(names).items() if n > 1), None)
     if alike is not None:
         both = " and ".join(str(p) for p, name in zip(records, names, strict=True) if name == alike)
         raise UserError(f"{both} have the same name and directory name: rename one, their results would mix")

@@ -69,7 +69,7 @@ def test_figures_effects_and_what_is_left_stand_on_the_page(tmp_path: Path, monk
     assert "gap_impact" not in text
     assert "from 34.6 to 2.34 % of the signal; noise\nalone would leave 1.2." in text
     assert "Its errors are 3.50 and 1.04 times those of the spring" in " ".join(text.split())
-    assert "of the drift alone, 2 % of the force" in text
+    assert "of the drift alone, 2.1 % of the force" in text
     assert "- floor 1, 3 to 4 s: residual 2.9 times the noise" in text
     assert "abc1234 on some processor" in text
     assert "All true parameters lie in their 99 % intervals." in text

@@ -1,5 +1,6 @@
 """What rows cost beside what an explanation leaves, against likelihoods of records to which they are added."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -48,7 +49,7 @@ def forced(white: Floats) -> Explanation:
 
 
 @pytest.mark.parametrize("kind", [explained, coloured, forced])
-def test_what_rows_cost_is_what_the_likelihood_loses_by_them(kind) -> None:  # type: ignore[no-untyped-def]
+def test_what_rows_cost_is_what_the_likelihood_loses_by_them(kind: Callable[[Floats], Explanation]) -> None:
     """Taken to and fro, so that only their squares tell; small, so that the level of noise stays."""
     one = kind(0.3 * np.random.default_rng(5).standard_normal(len(TIME)))
     posterior, point, share = one.evidence.posterior, one.best[None], 1e-2

@@ -63,7 +63,7 @@ def _written(model: Path) -> str:
 @pytest.mark.parametrize(
     ("source", "arguments", "sentence"),
     [
-        (MODEL + KNOWN, ("one.py", "--out", "one.py"), "one.py exists already"),
+        (MODEL + KNOWN, ("one.py", "--out", "one.py"), "one.py exists already: give another name with --out"),
         (MODEL + KNOWN.splitlines()[0], ("one.py",), "one.py does not know k: add `truth`"),
         (MODEL, ("one.py",), "one.py defines no `excitation`"),
         (MODEL, ("none.nc",), "none.nc does not exist"),

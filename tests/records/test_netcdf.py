@@ -136,27 +136,35 @@ def test_damaged_and_missing_files(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"run.nc: the file is empty, get it anew$"):
         read_record(path)
     path.write_text("time [s]\n")
-    with pytest.raises(UserError, match=r"run.nc: the file is not netCDF-4, or it is damaged: save it anew"):
+    with pytest.raises(
+        UserError, match=r"run.nc: the file is not netCDF-4, or it is damaged: save it anew as netCDF-4, or give CSV$"
+    ):
         read_record(path)
     save(foreign(), path)
     path.write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(UserError, match=r"run.nc: the file is not netCDF-4, or it is damaged: save it anew"):
+    with pytest.raises(
+        UserError, match=r"run.nc: the file is not netCDF-4, or it is damaged: save it anew as netCDF-4, or give CSV$"
+    ):
         read_record(path)
 
 
-def test_an_hdf5_file_of_another_kind_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        (
+            "nothing",
+            h5py.Empty("f8"),
+            "the file is not netCDF-4, or it is damaged: save it anew as netCDF-4, or give CSV$",
+        ),
+        ("own", np.dtype("f8"), "the file is not netCDF-4, or it is damaged: save it anew as netCDF-4, or give CSV$"),
+        ("plain", np.zeros(8), "column plain: the name is not known"),
+    ],
+)
+def test_an_hdf5_file_of_another_kind_is_refused(tmp_path: Path, name: str, value: object, sentence: str) -> None:
     """Empty arrays and named types ended in tracebacks of h5netcdf, arrays without names in its warning."""
     with h5py.File(tmp_path / "run.nc", "w") as file:
-        file["nothing"] = h5py.Empty("f8")
-    with pytest.raises(UserError, match=r"run.nc: "):
-        read_record(tmp_path / "run.nc")
-    with h5py.File(tmp_path / "run.nc", "w") as file:
-        file["own_type"] = np.dtype("f8")
-    with pytest.raises(UserError, match=r"run.nc: "):
-        read_record(tmp_path / "run.nc")
-    with h5py.File(tmp_path / "run.nc", "w") as file:
-        file["plain"] = np.zeros(8)
-    with pytest.raises(UserError, match=r"run.nc"):
+        file[name] = value
+    with pytest.raises(UserError, match=rf"run.nc[:,] {sentence}"):
         read_record(tmp_path / "run.nc")
 
 

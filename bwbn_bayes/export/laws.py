@@ -94,9 +94,9 @@ _SIZES_OF_NO_LAW = (
     *("mu_fast", "beta_h", "gamma_h", "n_h", "x_h", "sigma", "w", "w_0", "u_uv", "u_u", "v0", "v_ratio", "v_root"),
     *("p_eta", "p_nu", "b_eta", "m_eta", "E_eta", "b_nu", "m_nu", "E_nu"),
     *("a_eta", "r_eta", "U_eta", "a_nu", "r_nu", "U_nu"),
-    *("p_g", "q_g", "psi_g", "delta_g", "lambda_g", "m_g", "sigma_w", "b_w", "m_w", "p_w", "E_w"),
+    *("p_g", "q_g", "psi_g", "delta_g", "lambda_g", "m_g", "t_g", "sigma_w", "b_w", "m_w", "p_w", "E_w"),
     *("x_d", "r_d", "g_d", "u_d"),
-    *(f"{size}_s{side}" for side in ("", "p", "n") for size in "gpwuE"),
+    *(f"{size}_s{side}" for side in ("", "p", "n") for size in "gpswuE"),
 )
 _AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g", "k_bend")
 _SLIDER = ("inv_mu", "R_s", "m_s", "W_s", "Y_s", "n_s", "r_mu", "a_s")

@@ -41,13 +41,14 @@ SHAPES = {
         "delta_g": 0.03,
         "lambda_g": 0.3,
         "m_g": 1.4,
+        "t_g": 0.6,
     },
     "coulomb_friction": {"F_d": 0.5, "x_d": 0.05, "r_d": 1.6, "g_d": 0.4, "u_d": 0.8},
     "cubic_stiffness": {"F_h": -0.6, "p_h": 2.3, "u_h": 0.8},
     "quadratic_damping": {"F_q": 1.4, "p_q": 1.6, "v_q": 1.7},
-    "gap_impact": {"k_s": 6.0, "g_s": 0.3, "p_s": 1.5, "w_s": 0.4, "u_s": 0.8, "E_s": 3.0},
-    "gap_impact, positive": {"k_sp": 6.0, "g_sp": 0.3, "p_sp": 1.5, "w_sp": 0.4, "u_sp": 0.8, "E_sp": 3.0},
-    "gap_impact, negative": {"k_sn": 6.0, "g_sn": 0.3, "p_sn": 1.5, "w_sn": 0.4, "u_sn": 0.8, "E_sn": 3.0},
+    "gap_impact": {"k_s": 6.0, "g_s": 0.3, "p_s": 1.5, "s_s": 0.2, "w_s": 0.4, "u_s": 0.8, "E_s": 3.0},
+    "gap_impact, positive": {"k_sp": 6.0, "g_sp": 0.3, "p_sp": 1.5, "s_sp": 0.2, "w_sp": 0.4, "u_sp": 0.8, "E_sp": 3.0},
+    "gap_impact, negative": {"k_sn": 6.0, "g_sn": 0.3, "p_sn": 1.5, "s_sn": 0.2, "w_sn": 0.4, "u_sn": 0.8, "E_sn": 3.0},
 }
 """Off the usual shape, by effect and side."""
 
@@ -68,11 +69,15 @@ def risen(share: Floats | float, bend: float, power: float) -> Floats:
 
 
 def stop(name: str, p: Mapping[str, float], u: Floats, eps: Floats) -> Floats:
-    """A worn stop by Hertz's power, on one side or both."""
+    """A worn stop by Hertz's power that is met bit by bit, on one side or both."""
     tail = {"positive": "p", "negative": "n"}.get(name.partition(", ")[2], "")
-    k, g, power, w, largest, work = (p[s + tail] for s in ("k_s", "g_s", "p_s", "w_s", "u_s", "E_s"))
+    k, g, power, spread, w, largest, work = (p[s + tail] for s in ("k_s", "g_s", "p_s", "s_s", "w_s", "u_s", "E_s"))
     sides = {"p": (1.0,), "n": (-1.0,)}.get(tail, (1.0, -1.0))
-    met = [side * np.maximum(side * u - g * (1.0 + w * eps / work), 0.0) ** power for side in sides]
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    later = nodes[:, None] * spread * largest
+    met = [
+        side * 0.5 * weights @ np.maximum(side * u - g * (1.0 + w * eps / work) + later, 0.0) ** power for side in sides
+    ]
     return np.asarray(k * largest ** (1.0 - power) * np.sum(met, axis=0))
 
 
@@ -101,7 +106,8 @@ def written(name: str, p: Mapping[str, float], states: Mapping[str, Floats]) -> 
         depth = p["zeta_g"] * (1.0 - np.exp(-p["p_g"] * eps))
         width = (p["psi_g"] + p["delta_g"] * eps) * (p["lambda_g"] + depth)
         bound = (STOREY["beta"] + STOREY["gamma"]) ** (-1.0 / STOREY["n"])
-        multiplier = 1.0 - depth * np.exp(-(np.abs((z * np.sign(v) - p["q_g"] * bound) / width) ** p["m_g"]))
+        away = 1.0 + p["t_g"] * np.abs((z * np.sign(v) - p["q_g"] * bound) / width) ** p["m_g"]
+        multiplier = 1.0 - depth * away ** -(1.0 / p["t_g"])
     elif name == "coulomb_friction":
         q = states["q_d"]
         beside = p["F_d"] * q * (1.0 + p["g_d"] * np.abs(u) / p["u_d"])
@@ -154,7 +160,16 @@ CONTAINED = {
     ),
     "pinch": (
         {"zeta_s": 0.8, "p": 2.0, "q": 0.2, "psi_0": 0.08, "delta_psi": 0.01, "lambda_": 0.3},
-        {"zeta_g": 0.8, "p_g": 2.0, "q_g": 0.2, "psi_g": 0.08, "delta_g": 0.01, "lambda_g": 0.3, "m_g": 2.0},
+        {
+            "zeta_g": 0.8,
+            "p_g": 2.0,
+            "q_g": 0.2,
+            "psi_g": 0.08,
+            "delta_g": 0.01,
+            "lambda_g": 0.3,
+            "m_g": 2.0,
+            "t_g": 1e-5,
+        },
     ),
     "friction": (
         {"F_dahl": 0.5, "x_dahl": 0.05},
@@ -162,14 +177,17 @@ CONTAINED = {
     ),
     "spring": ({"k3": -0.4}, {"F_h": -0.4 * 0.8**3, "p_h": 3.0, "u_h": 0.8}),
     "damper": ({"c2": 0.2}, {"F_q": 0.2 * 1.7**2, "p_q": 2.0, "v_q": 1.7}),
-    "stop": ({"k_g": 15.0, "g": 0.3}, {"k_s": 15.0, "g_s": 0.3, "p_s": 1.0, "w_s": 0.0, "u_s": 0.8, "E_s": 3.0}),
+    "stop": (
+        {"k_g": 15.0, "g": 0.3},
+        {"k_s": 15.0, "g_s": 0.3, "p_s": 1.0, "s_s": 1e-5, "w_s": 0.0, "u_s": 0.8, "E_s": 3.0},
+    ),
     "stop, positive": (
         {"k_gp": 15.0, "g_p": 0.3},
-        {"k_sp": 15.0, "g_sp": 0.3, "p_sp": 1.0, "w_sp": 0.0, "u_sp": 0.8, "E_sp": 3.0},
+        {"k_sp": 15.0, "g_sp": 0.3, "p_sp": 1.0, "s_sp": 1e-5, "w_sp": 0.0, "u_sp": 0.8, "E_sp": 3.0},
     ),
     "stop, negative": (
         {"k_gn": 15.0, "g_n": 0.3},
-        {"k_sn": 15.0, "g_sn": 0.3, "p_sn": 1.0, "w_sn": 0.0, "u_sn": 0.8, "E_sn": 3.0},
+        {"k_sn": 15.0, "g_sn": 0.3, "p_sn": 1.0, "s_sn": 1e-5, "w_sn": 0.0, "u_sn": 0.8, "E_sn": 3.0},
     ),
 }
 """Parameters of a usual form, and those of the free shape that are the same law."""
@@ -220,4 +238,4 @@ def test_a_free_shape_is_of_the_same_mechanism() -> None:
 def test_a_side_that_does_not_exist_is_refused() -> None:
     stopped = next(form for form in FREE if form.name == "gap_impact")
     with pytest.raises(UserError, match="FreeStop: side 'left' is not known"):
-        type(stopped)(k_h=1.0, g=0.1, p=1.5, w=0.0, u=1.0, E=1.0, side="left")
+        type(stopped)(k_h=1.0, g=0.1, p=1.5, s=0.01, w=0.0, u=1.0, E=1.0, side="left")

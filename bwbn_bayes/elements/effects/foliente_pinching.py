@@ -179,10 +179,11 @@ def _pinched(slots: Slots, own: tuple[sp.Symbol, ...], dip: Callable[[sp.Expr], 
 
 @dataclass(frozen=True, kw_only=True)
 class FreePinch(Effect):
-    """Foliente's multiplier of the Bouc-Wen rate, ``1 - z1 exp(-|(z sgn v - q_g z_u)/z2|^m_g)``.
+    """Foliente's multiplier of the Bouc-Wen rate, ``1 - z1 (1 + t_g |(z sgn v - q_g z_u)/z2|^m_g)^(-1/t_g)``.
 
-    ``z1``, ``z2`` and ``z_u`` are those of :class:`FolientePinching`, which it is with ``m_g = 2``. With a power near
-    1.4 the dip resembles a hyperbolic secant, with a large one it has a flat bottom.
+    ``z1``, ``z2`` and ``z_u`` are those of :class:`FolientePinching`, which it is with ``m_g = 2`` and a vanishing
+    ``t_g``. With a power near 1.4 the dip resembles a hyperbolic secant, with a large one it has a flat bottom; the
+    larger ``t_g``, the heavier its tails: one and the power two are a Lorentzian.
 
     Parameters
     ----------
@@ -200,6 +201,8 @@ class FreePinch(Effect):
         Floor of the width's growth with depth.
     m_g : float, Prior or PerStorey
         Power in the dip.
+    t_g : float, Prior or PerStorey
+        Weight of its tails.
 
     References
     ----------
@@ -214,6 +217,7 @@ class FreePinch(Effect):
     delta_g: Value
     lambda_g: Value
     m_g: Value
+    t_g: Value
 
     elements: ClassVar[tuple[str, ...]] = FolientePinching.elements
     name: ClassVar[str] = FolientePinching.name
@@ -233,15 +237,17 @@ class FreePinch(Effect):
             for usual, name in zip(FolientePinching.parameters, _OF_FREE_SHAPE, strict=True)
         ),
         replace(_parameter("m_g", "", 2.0, 0.5, "power in the dip of the pinch"), source=_GENERALISED),
+        replace(_parameter("t_g", "", 0.01, 1e-6, "weight of the dip's tails"), source=_GENERALISED),
     )
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        *own, power = (symbol(parameter.symbol) for parameter in self.parameters)
+        *own, power, tails = (symbol(parameter.symbol) for parameter in self.parameters)
 
         def dip(square: sp.Expr) -> sp.Expr:
             # A power of the square, not of the magnitude, and as deep at its tip as without the rounding.
-            return sp.exp(_ROUNDING**power - (square + _ROUNDING**2) ** (power / 2))
+            away = (square + _ROUNDING**2) ** (power / 2) - _ROUNDING**power
+            return sp.exp(-sp.log(1 + tails * away) / tails)
 
         return _pinched(slots, tuple(own), dip, mark="_g")
 
@@ -254,7 +260,8 @@ class FreePinchSearch(SearchGuide[FreePinch]):
     def priors(self, scales: Scales) -> tuple[FreePinch, ...]:
         (usual,) = FolientePinchingSearch().priors(scales)
         priors = dict(zip(_OF_FREE_SHAPE, usual.values.values(), strict=True))
-        return (FreePinch(**priors, m_g=LogNormal(2.0, 0.4).truncated(0.8, 8.0)),)
+        tails = HalfNormal(0.5).truncated(0.01, 3.0)
+        return (FreePinch(**priors, m_g=LogNormal(2.0, 0.4).truncated(0.8, 8.0), t_g=tails),)
 
     @override
     def starts(self, effect: FreePinch, scales: Scales) -> Mapping[str, tuple[float, ...]]:
@@ -262,4 +269,4 @@ class FreePinchSearch(SearchGuide[FreePinch]):
         (usual,) = guide.priors(scales)
         grid = guide.starts(usual, scales)
         of_usual = (grid[parameter.symbol] for parameter in usual.parameters)
-        return {**dict(zip(_OF_FREE_SHAPE, of_usual, strict=True)), "m_g": (1.7,)}
+        return {**dict(zip(_OF_FREE_SHAPE, of_usual, strict=True)), "m_g": (1.7,), "t_g": (0.2,)}

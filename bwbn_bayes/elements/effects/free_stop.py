@@ -1,11 +1,11 @@
-"""A stop in a free shape: by another power than the first, behind a gap that widens with work."""
+"""A stop in a free shape: by another power than the first, met bit by bit, behind a gap that widens with work."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Self, override
+from typing import Any, ClassVar, Self, override
 
 import numpy as np
 import sympy as sp
@@ -23,6 +23,7 @@ _FIELDS = {
     "k_h": ("k_s", "N/m", 0.0, 0.0, "stiffness of the stop, secant at a known closure"),
     "g": ("g_s", "m", 1.0, 0.0, "drift at the stop at the start"),
     "p": ("p_s", "", 1.0, 1.0, "power of the closure"),
+    "s": ("s_s", "", 3e-3, 1e-6, "half width of the drifts at which parts of the stop are met, over a known closure"),
     "w": ("w_s", "", 0.0, 0.0, "growth of the gap by a known work"),
     "u": ("u_s", "m", 1.0, 1e-12, "closure at which the stiffness is measured, known"),
     "E": ("E_s", "J", 1.0, 1e-12, "work at which the growth is measured, known"),
@@ -30,8 +31,8 @@ _FIELDS = {
 """By field: symbol, unit, neutral value, lower end and description."""
 _OPEN = 1e-9
 """Closure of a stop that is not met, over ``u``: a power of zero has no logarithm."""
-
-
+_AT_ONCE = 3e-3
+"""Half width, over ``u``, of a stop whose parts are met all but together."""
 _CONE = 2.0
 """Largest power of a contact: bodies rounded as ``r^m`` push by the power ``1 + 1/m`` of the closure: flat ones by the
 first, spheres by 3/2, cones by the second."""
@@ -68,9 +69,11 @@ def stop_signature(contact: Measure, gap: str, side: str) -> Signature:
 
 @dataclass(frozen=True, kw_only=True)
 class FreeStop(Effect):
-    """The force ``k_h u ((|u_drift| - g (1 + w epsilon/E))_+ / u)^p``, on both sides or on one.
+    """The force ``k_h u mean(((|u_drift| - g (1 + w epsilon/E))/u + s q)_+^p)``, on both sides or on one.
 
-    With ``p = 1`` and ``w = 0`` it is :class:`~bwbn_bayes.elements.effects.gap_impact.GapImpact`.
+    The mean is over ``q`` from -1 to 1: the stop's parts are met one after another, at drifts that are spread evenly
+    about the gap. With ``p = 1``, ``w = 0`` and a vanishing ``s`` it is
+    :class:`~bwbn_bayes.elements.effects.gap_impact.GapImpact`.
 
     Parameters
     ----------
@@ -80,6 +83,8 @@ class FreeStop(Effect):
         Drift at which it is met at the start. [m]
     p : float, Prior or PerStorey
         Power of the closure; 3/2 of two curved bodies.
+    s : float, Prior or PerStorey
+        Half width of the drifts at which its parts are met, over ``u``.
     w : float, Prior or PerStorey
         Share by which the gap has grown by the work ``E``.
     u : float
@@ -97,7 +102,7 @@ class FreeStop(Effect):
     References
     ----------
     .. [1] H. Hertz, "Über die Berührung fester elastischer Körper", J. reine angew. Math. 92, 1882 (the power 3/2;
-       cited from memory, not consulted); that the gap widens is our generalisation.
+       cited from memory, not consulted); that the gap widens, and the parts met one by one, are our generalisation.
     .. [2] I. N. Sneddon, "The relation between load and penetration in the axisymmetric Boussinesq problem for a punch
        of arbitrary profile", Int. J. Eng. Sci. 3(1), 1965 (the other powers; cited from memory, not consulted).
     """
@@ -105,6 +110,7 @@ class FreeStop(Effect):
     k_h: Value
     g: Value
     p: Value
+    s: Value
     w: Value
     u: Value
     E: Value
@@ -130,13 +136,13 @@ class FreeStop(Effect):
     @override
     def signature(self) -> Signature:
         """Force of the stop, on its side."""
-        k, g, p, w, u, work = self._symbols
+        k, g, p, s, w, u, work = self._symbols
 
         def contact(at: PlaceResponse) -> float:
             drift, energy = at.histories["drift"], at.histories["hysteretic_energy"]
             gap = at[g] * (1.0 + at[w] * np.abs(energy) / at[work])
-            closure = np.max([sign * drift - gap for sign in _SIGNS[self.side]])
-            return float(at[k] * at[u] * (max(closure, 0.0) / at[u]) ** at[p] / at.peak("restoring_force"))
+            closure = np.max([sign * drift - gap for sign in _SIGNS[self.side]]) / at[u]
+            return float(at[k] * at[u] * _pushed(closure, at[s], at[p]) / at.peak("restoring_force"))
 
         return stop_signature(contact, g, self.side)
 
@@ -155,19 +161,25 @@ class FreeStop(Effect):
     @property
     @override
     def values(self) -> Mapping[str, Value]:
-        return dict(zip(self._symbols, (self.k_h, self.g, self.p, self.w, self.u, self.E), strict=True))
+        return dict(zip(self._symbols, (self.k_h, self.g, self.p, self.s, self.w, self.u, self.E), strict=True))
 
     @classmethod
     @override
     def neutral_forms(cls) -> tuple[Self, ...]:
-        return tuple(cls(k_h=0.0, g=1.0, p=1.0, w=0.0, u=1.0, E=1.0, side=side) for side in _SIGNS)
+        return tuple(cls(k_h=0.0, g=1.0, p=1.0, s=_AT_ONCE, w=0.0, u=1.0, E=1.0, side=side) for side in _SIGNS)
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        k, g, p, w, u, work = (symbol(s) for s in self._symbols)
+        k, g, p, s, w, u, work = (symbol(name) for name in self._symbols)
         gap = g * (1 + w * sp.Abs(ENERGY) / work)
-        pushed = [sign * sp.Max((sign * DRIFT - gap) / u, _OPEN) ** p for sign in _SIGNS[self.side]]
+        pushed = [sign * _pushed((sign * DRIFT - gap) / u, s, p) for sign in _SIGNS[self.side]]
         return replace(slots, added_force=slots.added_force + k * u * sp.Add(*pushed))
+
+
+def _pushed(closure: Any, s: Any, p: Any) -> Any:
+    """``mean((closure + s q)_+^p)`` over ``q`` from -1 to 1, of numbers or symbols."""
+    ends = (sp.Max(closure + sign * s, _OPEN) ** (p + 1) for sign in (1, -1))
+    return (next(ends) - next(ends)) / (2 * s * (p + 1))
 
 
 @guides(FreeStop)
@@ -181,6 +193,7 @@ class FreeStopSearch(SearchGuide[FreeStop]):
                 k_h=HalfNormal(3.0 * scales.stiffness),
                 g=Uniform(FREE_TRAVEL * scales.drift, 1.5 * scales.drift),
                 p=Uniform(1.0, _CONE),
+                s=HalfNormal(0.1).truncated(_AT_ONCE, 0.5),
                 w=HalfNormal(0.5).truncated(0.0, 5.0),
                 u=scales.drift,
                 E=scales.energy,
@@ -191,10 +204,11 @@ class FreeStopSearch(SearchGuide[FreeStop]):
 
     @override
     def starts(self, effect: FreeStop, scales: Scales) -> Mapping[str, tuple[float, ...]]:
-        k, g, p, w, *_ = (parameter.symbol for parameter in effect.parameters)
+        k, g, p, s, w, *_ = (parameter.symbol for parameter in effect.parameters)
         return {
             k: (0.3 * scales.stiffness, 2.0 * scales.stiffness),
             g: tuple(share * scales.drift for share in (0.3, 0.5, 0.7)),
             p: (1.2, 1.7),
+            s: (0.05,),
             w: (0.1,),
         }

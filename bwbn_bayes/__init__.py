@@ -42,7 +42,7 @@ if TYPE_CHECKING:
         SuddenDamage,
         ViscousDamper,
     )
-    from bwbn_bayes.elements.effects.backlash import Slack
+    from bwbn_bayes.elements.effects.backlash import FreeSlack, Slack
     from bwbn_bayes.elements.effects.cubic_stiffness import PowerSpring
     from bwbn_bayes.elements.effects.foliente_pinching import FreePinch
     from bwbn_bayes.elements.effects.free_friction import FreeFriction
@@ -87,6 +87,7 @@ __all__ = [
     "FreeFriction",
     "FreePinch",
     "FreeSlip",
+    "FreeSlack",
     "FreeStop",
     "FrictionPendulum",
     "GapImpact",
@@ -194,7 +195,7 @@ _on_first_use = importer(
             "SuddenDamage",
             "ViscousDamper",
         ),
-        "bwbn_bayes.elements.effects.backlash": ("Slack",),
+        "bwbn_bayes.elements.effects.backlash": ("FreeSlack", "Slack"),
         "bwbn_bayes.elements.effects.cubic_stiffness": ("PowerSpring",),
         "bwbn_bayes.elements.effects.free_friction": ("FreeFriction",),
         "bwbn_bayes.elements.effects.foliente_pinching": ("FreePinch",),

@@ -46,6 +46,7 @@ SHAPES = {
     "coulomb_friction": {"F_d": 0.5, "x_d": 0.05, "r_d": 1.6, "g_d": 0.4, "u_d": 0.8},
     "cubic_stiffness": {"F_h": -0.6, "p_h": 2.3, "u_h": 0.8},
     "quadratic_damping": {"F_q": 1.4, "p_q": 1.6, "v_q": 1.7},
+    "backlash": {"b_f": 0.2, "w_f": 0.3, "s_f": 0.15},
     "gap_impact": {"k_s": 6.0, "g_s": 0.3, "p_s": 1.5, "s_s": 0.2, "w_s": 0.4, "u_s": 0.8, "E_s": 3.0},
     "gap_impact, positive": {"k_sp": 6.0, "g_sp": 0.3, "p_sp": 1.5, "s_sp": 0.2, "w_sp": 0.4, "u_sp": 0.8, "E_sp": 3.0},
     "gap_impact, negative": {"k_sn": 6.0, "g_sn": 0.3, "p_sn": 1.5, "s_sn": 0.2, "w_sn": 0.4, "u_sn": 0.8, "E_sn": 3.0},

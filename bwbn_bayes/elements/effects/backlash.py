@@ -1,4 +1,4 @@
-"""Play in series with the storey: of a held kind, or slack that carries no force."""
+"""Play in series with the storey: of a held kind, or slack that carries little force or none."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ from bwbn_bayes.elements.law import (
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
-from bwbn_bayes.parameters import HalfNormal, Parameter, Value
+from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Value
 
 PLAY = symbol("d")
 """Position within the play, from -b to b. [m]"""
 SLACK = symbol("d_0")
 """Position within the slack, from -b_0 to b_0. [m]"""
+FREE_SLACK = symbol("d_f")
+"""Position within the slack of a free shape, from -b_f to b_f. [m]"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,15 +145,84 @@ class Slack(Effect):
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        half, width, alpha, forward = symbol("b_0"), symbol("w_0"), symbol("alpha"), sp.sign(DRIFT_RATE)
-        room, loose = step("xi_0"), step("xi_f")
-        force = alpha * (DRIFT - SLACK) + (1 - alpha) * HYSTERETIC_DISPLACEMENT
-        steps = (
-            ("room ahead in the slack, in w_0", room, (half - SLACK * forward) / width),
-            ("how far the springs are unloaded", loose, 1 + force * forward / width),
-        )
-        named = tuple(Definition(caption=c, subject=x, expression=e) for c, x, e in steps)
-        return _crossed(slots, SLACK, _ramp(room) * _ramp(loose), width, named)
+        return _loose(slots, SLACK, symbol("b_0"), symbol("w_0"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeSlack(Effect):
+    """A slack that opens and closes over any distance, in which the springs carry some of the drift.
+
+    As :class:`Slack`, but that the springs follow the share ``s_f`` of the drift while the slack is crossed:
+    ``dd/dt = (1 - s_f) v clip((b_f - d sgn v)/w_f, 0, 1) clip(1 + f sgn v/w_f, 0, 1)``.
+
+    Parameters
+    ----------
+    b_f : float, Prior or PerStorey
+        Half of the width of the slack. [m]
+    w_f : float, Prior or PerStorey
+        Distance over which it opens and closes. [m]
+    s_f : float, Prior or PerStorey
+        Stiffness while it is crossed, over that of the springs.
+
+    References
+    ----------
+    .. [1] G. Tao and P. V. Kokotovic, "Adaptive Control of Systems with Actuator and Sensor Nonlinearities", Wiley,
+       1996 (dead zone). Cited from memory, not consulted; what is carried within it is our generalisation.
+    """
+
+    b_f: Value
+    w_f: Value
+    s_f: Value
+
+    elements: ClassVar[tuple[str, ...]] = Slack.elements
+    name: ClassVar[str] = Slack.name
+    summary: ClassVar[str] = Slack.summary
+    source: ClassVar[str] = Slack.source
+    residual: ClassVar[str] = Slack.residual
+    confusable: ClassVar[str] = Slack.confusable
+    form: ClassVar[str] = "free shape"
+    signature: ClassVar[Signature] = replace(
+        Slack.signature, size=lambda at: 2.0 * at["b_f"] * (1.0 - at["s_f"]) / at.peak("drift")
+    )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(symbol="b_f", unit="m", neutral=0.0, lower=0.0, description="half width of the slack", source=source),
+        Parameter(
+            symbol="w_f",
+            unit="m",
+            neutral=1.0,
+            lower=1e-9,
+            description="distance over which it opens and closes",
+            source=source,
+        ),
+        Parameter(
+            symbol="s_f",
+            unit="",
+            neutral=0.0,
+            lower=0.0,
+            upper=1.0,
+            description="stiffness while it is crossed, over that of the springs",
+            source=source,
+        ),
+    )
+
+    @override
+    def fill(self, slots: Slots) -> Slots:
+        return _loose(slots, FREE_SLACK, symbol("b_f"), symbol("w_f"), carried=symbol("s_f"), mark="_e")
+
+
+def _loose(
+    slots: Slots, place: sp.Symbol, half: sp.Expr, width: sp.Expr, carried: sp.Expr = sp.S.Zero, mark: str = "_0"
+) -> Slots:
+    """A slack that is crossed once the springs are unloaded."""
+    alpha, forward = symbol("alpha"), sp.sign(DRIFT_RATE)
+    room, loose = step(f"xi{mark}"), step(f"xi_f{mark}")
+    force = alpha * (DRIFT - place) + (1 - alpha) * HYSTERETIC_DISPLACEMENT
+    steps = (
+        ("room ahead in the slack, in its width", room, (half - place * forward) / width),
+        ("how far the springs are unloaded", loose, 1 + force * forward / width),
+    )
+    named = tuple(Definition(caption=c, subject=x, expression=e) for c, x, e in steps)
+    return _crossed(slots, place, (1 - carried) * _ramp(room) * _ramp(loose), width, named)
 
 
 def _ramp(x: sp.Expr) -> sp.Expr:
@@ -172,6 +243,22 @@ def _crossed(slots: Slots, place: sp.Symbol, free: sp.Expr, width: sp.Symbol, st
     )
 
 
+@guides(FreeSlack)
+class FreeSlackSearch(SearchGuide[FreeSlack]):
+    """How a search looks for slack in a free shape."""
+
+    @override
+    def priors(self, scales: Scales) -> tuple[FreeSlack, ...]:
+        drift = scales.drift
+        width = LogNormal(0.02 * drift, 1.0).truncated(0.002 * drift, 0.2 * drift)
+        return (FreeSlack(b_f=HalfNormal(0.15 * drift), w_f=width, s_f=Uniform(0.0, 0.5)),)
+
+    @override
+    def starts(self, effect: FreeSlack, scales: Scales) -> Mapping[str, tuple[float, ...]]:
+        drift = scales.drift
+        return {"b_f": (0.02 * drift, 0.1 * drift), "w_f": (0.01 * drift, 0.05 * drift), "s_f": (0.05,)}
+
+
 @guides(Slack)
 @guides(Backlash)
 class BacklashSearch(SearchGuide[Backlash | Slack]):
@@ -186,3 +273,7 @@ class BacklashSearch(SearchGuide[Backlash | Slack]):
     def starts(self, effect: Backlash | Slack, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         half = "b_0" if isinstance(effect, Slack) else "b"
         return {half: tuple(share * scales.drift for share in (0.01, 0.04, 0.12, 0.25))}
+
+    @override
+    def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
+        return FreeSlackSearch().priors(scales)

@@ -55,7 +55,7 @@ class FolientePinching(Effect):
     """``h = 1 - z1 exp(-(z sgn v - q z_u)^2 / z2^2)`` multiplies the Bouc-Wen rate.
 
     ``z1 = zeta_s (1 - exp(-p epsilon))``, ``z2 = (psi_0 + delta_psi epsilon)(lambda + z1)`` and
-    ``z_u = (1/(beta + gamma))^(1/n)`` (as OpenSees has it: without A and nu).
+    ``z_u = (1/(beta + gamma))^(1/n)`` (as OpenSees has it: without A and nu); a negative ``epsilon`` counts as none.
 
     Parameters
     ----------
@@ -164,9 +164,11 @@ def _pinched(slots: Slots, own: tuple[sp.Symbol, ...], dip: Callable[[sp.Expr], 
     depth, width, z_u = (step(f"{name}{mark}") for name in ("z_1", "z_2", "z_u"))
     offset = HYSTERETIC_DISPLACEMENT * sp.sign(DRIFT_RATE) - q * z_u
     bound = (1 / off_zero(closes)) ** (1 / symbol("n"))
+    # A pinch that deepens while the spring is bent lets more work out than went in: below zero the depth has no meaning.
+    work = sp.Max(ENERGY, 0)
     steps = (
-        ("depth of the pinch", depth, zeta_s * (1 - sp.exp(-p * ENERGY))),
-        ("width of the pinch", width, (psi_0 + delta_psi * ENERGY) * (floor + depth)),
+        ("depth of the pinch", depth, zeta_s * (1 - sp.exp(-p * work))),
+        ("width of the pinch", width, (psi_0 + delta_psi * work) * (floor + depth)),
         ("bound of the hysteretic displacement", z_u, bound),
     )
     return replace(

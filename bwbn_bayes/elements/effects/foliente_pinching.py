@@ -157,8 +157,17 @@ class FolientePinchingSearch(SearchGuide[FolientePinching]):
         return (*FreePinchSearch().priors(scales), *FreeSlipSearch().priors(scales))
 
 
-def _pinched(slots: Slots, own: tuple[sp.Symbol, ...], dip: Callable[[sp.Expr], sp.Expr], mark: str = "") -> Slots:
-    """The rate multiplied by one less the dip, a function of the squared distance from its middle over its width."""
+def _pinched(
+    slots: Slots,
+    own: tuple[sp.Symbol, ...],
+    dip: Callable[[sp.Expr], sp.Expr],
+    at_first: sp.Expr = sp.S.Zero,
+    mark: str = "",
+) -> Slots:
+    """The rate multiplied by one less the dip, a function of the squared distance from its middle over its width.
+
+    The share ``at_first`` of its depth is there from the start.
+    """
     zeta_s, p, q, psi_0, delta_psi, floor = own
     closes = symbol("beta") + symbol("gamma")
     depth, width, z_u = (step(f"{name}{mark}") for name in ("z_1", "z_2", "z_u"))
@@ -167,7 +176,7 @@ def _pinched(slots: Slots, own: tuple[sp.Symbol, ...], dip: Callable[[sp.Expr], 
     # A pinch that deepens while the spring is bent lets more work out than went in: below zero the depth has no meaning.
     work = sp.Max(ENERGY, 0)
     steps = (
-        ("depth of the pinch", depth, zeta_s * (1 - sp.exp(-p * work))),
+        ("depth of the pinch", depth, zeta_s * (1 - (1 - at_first) * sp.exp(-p * work))),
         ("width of the pinch", width, (psi_0 + delta_psi * work) * (floor + depth)),
         ("bound of the hysteretic displacement", z_u, bound),
     )
@@ -183,8 +192,8 @@ def _pinched(slots: Slots, own: tuple[sp.Symbol, ...], dip: Callable[[sp.Expr], 
 class FreePinch(Effect):
     """Foliente's multiplier of the Bouc-Wen rate, ``1 - z1 (1 + t_g |(z sgn v - q_g z_u)/z2|^m_g)^(-1/t_g)``.
 
-    ``z1``, ``z2`` and ``z_u`` are those of :class:`FolientePinching`, which it is with ``m_g = 2`` and a vanishing
-    ``t_g``. With a power near 1.4 the dip resembles a hyperbolic secant, with a large one it has a flat bottom; the
+    With ``z1 = zeta_g (1 - (1 - i_g) exp(-p_g epsilon))``; ``z2`` and ``z_u`` are those of :class:`FolientePinching`,
+    which it is with ``i_g = 0``, ``m_g = 2`` and a vanishing ``t_g``. With a power near 1.4 the dip resembles a hyperbolic secant, with a large one it has a flat bottom; the
     larger ``t_g``, the heavier its tails: one and the power two are a Lorentzian.
 
     Parameters
@@ -205,6 +214,8 @@ class FreePinch(Effect):
         Power in the dip.
     t_g : float, Prior or PerStorey
         Weight of its tails.
+    i_g : float, Prior or PerStorey
+        Share of the depth that is there from the start.
 
     References
     ----------
@@ -220,6 +231,7 @@ class FreePinch(Effect):
     lambda_g: Value
     m_g: Value
     t_g: Value
+    i_g: Value
 
     elements: ClassVar[tuple[str, ...]] = FolientePinching.elements
     name: ClassVar[str] = FolientePinching.name
@@ -231,7 +243,8 @@ class FreePinch(Effect):
     mechanism: ClassVar[str] = FolientePinching.mechanism
     form: ClassVar[str] = "free shape"
     signature: ClassVar[Signature] = replace(
-        FolientePinching.signature, size=lambda at: at["zeta_g"] * (1.0 - math.exp(-at["p_g"] * at.energy))
+        FolientePinching.signature,
+        size=lambda at: at["zeta_g"] * (1.0 - (1.0 - at["i_g"]) * math.exp(-at["p_g"] * at.energy)),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         *(
@@ -240,18 +253,19 @@ class FreePinch(Effect):
         ),
         replace(_parameter("m_g", "", 2.0, 0.5, "power in the dip of the pinch"), source=_GENERALISED),
         replace(_parameter("t_g", "", 0.01, 1e-6, "weight of the dip's tails"), source=_GENERALISED),
+        replace(_parameter("i_g", "", 0.0, 0.0, "share of the pinch from the start", 1.0), source=_GENERALISED),
     )
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        *own, power, tails = (symbol(parameter.symbol) for parameter in self.parameters)
+        *own, power, tails, at_first = (symbol(parameter.symbol) for parameter in self.parameters)
 
         def dip(square: sp.Expr) -> sp.Expr:
             # A power of the square, not of the magnitude, and as deep at its tip as without the rounding.
             away = (square + _ROUNDING**2) ** (power / 2) - _ROUNDING**power
             return sp.exp(-sp.log(1 + tails * away) / tails)
 
-        return _pinched(slots, tuple(own), dip, mark="_g")
+        return _pinched(slots, tuple(own), dip, at_first, mark="_g")
 
 
 @guides(FreePinch)
@@ -263,7 +277,7 @@ class FreePinchSearch(SearchGuide[FreePinch]):
         (usual,) = FolientePinchingSearch().priors(scales)
         priors = dict(zip(_OF_FREE_SHAPE, usual.values.values(), strict=True))
         tails = HalfNormal(0.5).truncated(0.01, 3.0)
-        return (FreePinch(**priors, m_g=LogNormal(2.0, 0.4).truncated(0.8, 8.0), t_g=tails),)
+        return (FreePinch(**priors, m_g=LogNormal(2.0, 0.4).truncated(0.8, 8.0), t_g=tails, i_g=Uniform(0.0, 1.0)),)
 
     @override
     def starts(self, effect: FreePinch, scales: Scales) -> Mapping[str, tuple[float, ...]]:
@@ -271,4 +285,4 @@ class FreePinchSearch(SearchGuide[FreePinch]):
         (usual,) = guide.priors(scales)
         grid = guide.starts(usual, scales)
         of_usual = (grid[parameter.symbol] for parameter in usual.parameters)
-        return {**dict(zip(_OF_FREE_SHAPE, of_usual, strict=True)), "m_g": (1.7,), "t_g": (0.2,)}
+        return {**dict(zip(_OF_FREE_SHAPE, of_usual, strict=True)), "m_g": (1.7,), "t_g": (0.2,), "i_g": (0.1, 0.9)}

@@ -170,6 +170,7 @@ CONTAINED = {
             "lambda_g": 0.3,
             "m_g": 2.0,
             "t_g": 1e-5,
+            "i_g": 0.0,
         },
     ),
     "friction": (

@@ -173,7 +173,7 @@ def _pinched(
     depth, width, z_u = (step(f"{name}{mark}") for name in ("z_1", "z_2", "z_u"))
     offset = HYSTERETIC_DISPLACEMENT * sp.sign(DRIFT_RATE) - q * z_u
     bound = (1 / off_zero(closes)) ** (1 / symbol("n"))
-    # A pinch that deepens while the spring is bent lets more work out than went in: below zero the depth has no meaning.
+    # A pinch that deepens while the spring is bent lets out more work than went in; below none the law means nothing.
     work = sp.Max(ENERGY, 0)
     steps = (
         ("depth of the pinch", depth, zeta_s * (1 - (1 - at_first) * sp.exp(-p * work))),
@@ -193,8 +193,9 @@ class FreePinch(Effect):
     """Foliente's multiplier of the Bouc-Wen rate, ``1 - z1 (1 + t_g |(z sgn v - q_g z_u)/z2|^m_g)^(-1/t_g)``.
 
     With ``z1 = zeta_g (1 - (1 - i_g) exp(-p_g epsilon))``; ``z2`` and ``z_u`` are those of :class:`FolientePinching`,
-    which it is with ``i_g = 0``, ``m_g = 2`` and a vanishing ``t_g``. With a power near 1.4 the dip resembles a hyperbolic secant, with a large one it has a flat bottom; the
-    larger ``t_g``, the heavier its tails: one and the power two are a Lorentzian.
+    which it is with ``i_g = 0``, ``m_g = 2`` and a vanishing ``t_g``. With a power near 1.4 the dip resembles a
+    hyperbolic secant, with a large one it has a flat bottom; the larger ``t_g``, the heavier its tails: one and the
+    power two are a Lorentzian.
 
     Parameters
     ----------

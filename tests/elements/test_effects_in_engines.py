@@ -34,7 +34,8 @@ SIZES = {
     "F_q": 0.3, "p_q": 1.6, "v_q": 1.5,
     **{name + side: size for side in ("", "p", "n") for name, size in
        (("k_s", 4.0), ("g_s", 0.1), ("p_s", 1.5), ("s_s", 0.15), ("w_s", 0.3), ("u_s", 0.4), ("E_s", 2.0))},
-    "zeta_g": 0.6, "p_g": 0.8, "q_g": 0.2, "psi_g": 0.1, "delta_g": 0.02, "lambda_g": 0.3, "m_g": 1.7, "t_g": 0.6, "i_g": 0.2,
+    "zeta_g": 0.6, "p_g": 0.8, "q_g": 0.2, "psi_g": 0.1, "delta_g": 0.02, "lambda_g": 0.3, "m_g": 1.7, "t_g": 0.6,
+    "i_g": 0.2,
     "k_geo": 0.5,
     "k_ramp": -3.0, "k_ramp_time": 0.71, "k_ramp_duration": 0.83,
 }  # fmt: skip

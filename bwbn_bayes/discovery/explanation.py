@@ -151,9 +151,15 @@ class Explanation:
 
     @cached_property
     def whole(self) -> tuple[Posterior, Floats]:
-        """Its posterior with what has no name acting, or taken off the record, and the fit that goes with it."""
+        """Its posterior with what has no name acting, or taken off the record, and the fit that goes with it.
+
+        Without it where it leaves more, once it is solved for, than the laws do by themselves: it is expected to first
+        order, and with little damping a response is linear in forces far smaller than its own.
+        """
         if isinstance(self.estimate, Estimate | ReadingError):
-            return self.estimate.beside(self.posterior)
+            posterior, point = self.estimate.beside(self.posterior)
+            if posterior.log_likelihood(point[None])[0] > self.modes[0].log_likelihood:
+                return posterior, point
         return self.posterior, self.best
 
     @cached_property

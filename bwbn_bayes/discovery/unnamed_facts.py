@@ -41,8 +41,7 @@ def beside_it(believed: Beliefs, held_out: HeldOut | None, gap: Gap, rng: np.ran
     """The gap with what is left beside what has no name; on held-out data where that is the same function there.
 
     Such are a link, a force of one state, and an error of what a sensor shows; what changes in time is known of one
-    record. A force to first order that leaves more than is left without it, once it is solved for, says nothing of what
-    is left: with little damping a response is linear in forces far smaller than its own.
+    record.
     """
     chosen = nameless(believed)
     if chosen is None or chosen.is_specimen:

@@ -167,6 +167,22 @@ def test_what_cannot_be_solved_with_a_force_to_first_order_is_told_of_the_model_
     assert np.all(np.isfinite(told.state))
 
 
+@pytest.mark.parametrize(("times", "acts"), [(1.0, True), (30.0, False)])
+def test_a_force_to_first_order_acts_where_it_leaves_less_than_the_laws(
+    record: Record, plain: Explanation, best: StateForce, times: float, acts: bool
+) -> None:
+    """The true one, and one of thirty times its size."""
+    values = best.posterior.split(best.modes[0].point[None])[0]
+    drift = best.posterior.engine.simulate(best.posterior.model, values, record, ("drift_2",)).values[0, 0]
+    force = {2: times * window(drift)[knots_of(record, MODEL).samples]}
+    point = best.modes[0].point[[best.posterior.space.names.index(name) for name in plain.posterior.space.names]]
+    beside = replace(plain, unnamed=(2,), estimate=Estimate(gain=1.0, kind="of drift", forces=force, point=point))
+    posterior, at = beside.whole
+    assert (posterior is not plain.posterior) == acts
+    assert (posterior.log_likelihood(at[None])[0] > plain.modes[0].log_likelihood + 10.0) == acts
+    assert (beside.over_noise(record.measured) > 2.0 * plain.over_noise(record.measured)) == acts
+
+
 def test_a_function_told_anew_over_another_reach_is_the_same(record: Record) -> None:
     """Within the old reach; beyond it the force stays what it was at its end."""
     posterior = posterior_of(record)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from bwbn_bayes.elements.effects.backlash import FreeSlack, Slack
     from bwbn_bayes.elements.effects.cubic_stiffness import PowerSpring
     from bwbn_bayes.elements.effects.foliente_pinching import FreePinch
-    from bwbn_bayes.elements.effects.free_friction import FreeFriction
+    from bwbn_bayes.elements.effects.free_friction import FreeFriction, SpeedFriction
     from bwbn_bayes.elements.effects.free_stop import FreeStop
     from bwbn_bayes.elements.effects.quadratic_damping import PowerDamper
     from bwbn_bayes.elements.effects.slip_lock import FreeSlip
@@ -122,6 +122,7 @@ __all__ = [
     "SlidingBase",
     "SlipLock",
     "Specimen",
+    "SpeedFriction",
     "StiffnessDegradation",
     "StoreyCoupling",
     "StoreyParameter",
@@ -197,7 +198,7 @@ _on_first_use = importer(
         ),
         "bwbn_bayes.elements.effects.backlash": ("FreeSlack", "Slack"),
         "bwbn_bayes.elements.effects.cubic_stiffness": ("PowerSpring",),
-        "bwbn_bayes.elements.effects.free_friction": ("FreeFriction",),
+        "bwbn_bayes.elements.effects.free_friction": ("FreeFriction", "SpeedFriction"),
         "bwbn_bayes.elements.effects.foliente_pinching": ("FreePinch",),
         "bwbn_bayes.elements.effects.free_stop": ("FreeStop",),
         "bwbn_bayes.elements.effects.quadratic_damping": ("PowerDamper",),

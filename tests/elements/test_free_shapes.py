@@ -42,11 +42,13 @@ SHAPES = {
         "lambda_g": 0.3,
         "m_g": 1.4,
         "t_g": 0.6,
+        "i_g": 0.3,
     },
     "coulomb_friction": {"F_d": 0.5, "x_d": 0.05, "r_d": 1.6, "g_d": 0.4, "u_d": 0.8},
+    "coulomb_friction, speed": {"F_b": 0.4, "x_b": 0.06, "s_b": 0.7, "v_b": 0.3},
     "cubic_stiffness": {"F_h": -0.6, "p_h": 2.3, "u_h": 0.8},
     "quadratic_damping": {"F_q": 1.4, "p_q": 1.6, "v_q": 1.7},
-    "backlash": {"b_f": 0.2, "w_f": 0.3, "s_f": 0.15},
+    "backlash": {"b_f": 0.5, "w_f": 0.3, "s_f": 0.15},
     "gap_impact": {"k_s": 6.0, "g_s": 0.3, "p_s": 1.5, "s_s": 0.2, "w_s": 0.4, "u_s": 0.8, "E_s": 3.0},
     "gap_impact, positive": {"k_sp": 6.0, "g_sp": 0.3, "p_sp": 1.5, "s_sp": 0.2, "w_sp": 0.4, "u_sp": 0.8, "E_sp": 3.0},
     "gap_impact, negative": {"k_sn": 6.0, "g_sn": 0.3, "p_sn": 1.5, "s_sn": 0.2, "w_sn": 0.4, "u_sn": 0.8, "E_sn": 3.0},
@@ -82,8 +84,26 @@ def stop(name: str, p: Mapping[str, float], u: Floats, eps: Floats) -> Floats:
     return np.asarray(k * largest ** (1.0 - power) * np.sum(met, axis=0))
 
 
+def written_beside(name: str, p: Mapping[str, float], states: Mapping[str, Floats]) -> tuple[Floats, list[Floats]]:
+    """Force of what stands beside the springs, and of a contact that sticks the rate of its share."""
+    u, v = states["u"], states["v"]
+    if name == "coulomb_friction":
+        q = states["q_d"]
+        force = p["F_d"] * q * (1.0 + p["g_d"] * np.abs(u) / p["u_d"])
+        return force, [v / p["x_d"] * (1.0 - np.sign(v) * q) ** p["r_d"]]
+    if name == "coulomb_friction, speed":
+        q = states["q_b"]
+        force = p["F_b"] * q * (1.0 + p["s_b"] * p["v_b"] ** 2 / (p["v_b"] ** 2 + v**2))
+        return force, [v / p["x_b"] * (1.0 - np.sign(v) * q)]
+    if name == "cubic_stiffness":
+        return p["F_h"] * np.sign(u) * np.abs(u / p["u_h"]) ** p["p_h"], []
+    if name == "quadratic_damping":
+        return p["F_q"] * np.sign(v) * np.abs(v / p["v_q"]) ** p["p_q"], []
+    return stop(name, p, u, states["epsilon"]), []
+
+
 def written(name: str, p: Mapping[str, float], states: Mapping[str, Floats]) -> list[Floats]:
-    """Force, rate of z and, of a contact that sticks, of its share; of the path."""
+    """Force, rate of z and, of a contact that sticks, of its share; of the path; of a slack's place."""
     u, v, z, eps = (states[s] for s in ("u", "v", "z", "epsilon"))
     nu, eta, slip, beside = (np.zeros(N_STATES) for _ in range(4))
     multiplier = np.ones(N_STATES)
@@ -104,21 +124,19 @@ def written(name: str, p: Mapping[str, float], states: Mapping[str, Floats]) -> 
         bell = np.exp(-(np.abs(z / p["sigma_w"]) ** p["p_w"])) / (p["sigma_w"] * gamma(1.0 + 1.0 / p["p_w"]))
         slip = p["s_w"] * risen(eps / p["E_w"], p["b_w"], p["m_w"]) / risen(1.0, p["b_w"], p["m_w"]) * bell
     elif name == "foliente_pinching":
-        depth = p["zeta_g"] * (1.0 - np.exp(-p["p_g"] * eps))
+        depth = p["zeta_g"] * (1.0 - (1.0 - p["i_g"]) * np.exp(-p["p_g"] * eps))
         width = (p["psi_g"] + p["delta_g"] * eps) * (p["lambda_g"] + depth)
         bound = (STOREY["beta"] + STOREY["gamma"]) ** (-1.0 / STOREY["n"])
         away = 1.0 + p["t_g"] * np.abs((z * np.sign(v) - p["q_g"] * bound) / width) ** p["m_g"]
         multiplier = 1.0 - depth * away ** -(1.0 / p["t_g"])
-    elif name == "coulomb_friction":
-        q = states["q_d"]
-        beside = p["F_d"] * q * (1.0 + p["g_d"] * np.abs(u) / p["u_d"])
-        share = [v / p["x_d"] * (1.0 - np.sign(v) * q) ** p["r_d"]]
-    elif name == "cubic_stiffness":
-        beside = p["F_h"] * np.sign(u) * np.abs(u / p["u_h"]) ** p["p_h"]
-    elif name == "quadratic_damping":
-        beside = p["F_q"] * np.sign(v) * np.abs(v / p["v_q"]) ** p["p_q"]
+    elif name == "backlash":
+        d, forward = states["d_f"], np.sign(v)
+        force = STOREY["alpha"] * (u - d) + (1.0 - STOREY["alpha"]) * z
+        room = np.clip((p["b_f"] - d * forward) / p["w_f"], 0.0, 1.0)
+        crossed = (1.0 - p["s_f"]) * room * np.clip(1.0 + force * forward / p["w_f"], 0.0, 1.0)
+        u, share, multiplier = u - d, [v * crossed], 1.0 - crossed
     else:
-        beside = stop(name, p, u, eps)
+        beside, share = written_beside(name, p, states)
     s = STOREY
     f = s["A"] - (1.0 + nu) * np.abs(z) ** s["n"] * (s["beta"] * np.sign(z * v) + s["gamma"])
     f /= 1.0 + eta
@@ -130,7 +148,10 @@ def written(name: str, p: Mapping[str, float], states: Mapping[str, Floats]) -> 
 def test_the_law_is_the_written_one(name: str) -> None:
     """At random states. What keeps slopes finite, and the bell's area by a polynomial, move it by a few per mille."""
     rng = np.random.default_rng(3)
-    states = {s: rng.uniform(0.05, 0.9, N_STATES) * rng.choice([-1.0, 1.0], N_STATES) for s in ("u", "v", "z", "q_d")}
+    states = {
+        s: rng.uniform(0.05, 0.9, N_STATES) * rng.choice([-1.0, 1.0], N_STATES)
+        for s in ("u", "v", "z", "q_d", "q_b", "d_f")
+    }
     states |= {"epsilon": rng.uniform(0.1, 3.0, N_STATES), "u_c": rng.uniform(0.1, 4.0, N_STATES)}
     law = combine(BoucWen(**STOREY).parameters, (), (form_of(SHAPES[name]),))
     values = {**STOREY, **SHAPES[name], **states}
@@ -177,6 +198,8 @@ CONTAINED = {
         {"F_dahl": 0.5, "x_dahl": 0.05},
         {"F_d": 0.5, "x_d": 0.05, "r_d": 1.0, "g_d": 0.0, "u_d": 0.8},
     ),
+    "friction, speed": ({"F_dahl": 0.5, "x_dahl": 0.05}, {"F_b": 0.5, "x_b": 0.05, "s_b": 0.0, "v_b": 0.3}),
+    "slack": ({"b_0": 0.05, "w_0": 0.02}, {"b_f": 0.05, "w_f": 0.02, "s_f": 0.0}),
     "spring": ({"k3": -0.4}, {"F_h": -0.4 * 0.8**3, "p_h": 3.0, "u_h": 0.8}),
     "damper": ({"c2": 0.2}, {"F_q": 0.2 * 1.7**2, "p_q": 2.0, "v_q": 1.7}),
     "stop": (

@@ -9,7 +9,7 @@ from typing import ClassVar, Self, override
 
 import sympy as sp
 
-from bwbn_bayes.elements.effects.free_friction import FreeFrictionSearch
+from bwbn_bayes.elements.effects.free_friction import FreeFrictionSearch, SpeedFrictionSearch
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
@@ -191,4 +191,4 @@ class CoulombFrictionSearch(SearchGuide[CoulombFriction]):
 
     @override
     def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
-        return FreeFrictionSearch().priors(scales)
+        return (*FreeFrictionSearch().priors(scales), *SpeedFrictionSearch().priors(scales))

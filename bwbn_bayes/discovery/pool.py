@@ -210,7 +210,11 @@ class Pool:
                 return
 
     def _colour(self) -> None:
-        """Refit under autoregressive errors what could gain by them."""
+        """Refit under autoregressive errors what could gain by them.
+
+        Of a specimen's laws those alone that leave noise: what is more than noise is the force's, whose scale has a
+        prior; such errors would be a second force of no known law, as large as they like.
+        """
         waiting = [key for key in self.plain if key not in self._coloured]
         for key in waiting:
             if key not in self._bounds:
@@ -223,6 +227,8 @@ class Pool:
         promising = [k for k in ranked if bounds[k] > known[k] and bounds[k] > best - _COLOURED_REACH]
         if self.plain[max(known, key=lambda key: known[key])].is_noise:
             promising = [k for k in promising if known[k] + autoregressive_outlook(*_at(self.plain[k])) > best - FAR]
+        if self.has_force:
+            promising = [k for k in promising if self.plain[k].is_noise]
         for key in promising:
             self.run.say(f"weighing {self.plain[key].label} under autoregressive errors")
         found = self.run.beside(_coloured, [self.plain[key] for key in promising])

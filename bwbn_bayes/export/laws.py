@@ -76,7 +76,7 @@ _NO_LAW = {
     "zeta_g": "Foliente's pinching in a free shape",
     "s_w": "slip-lock in a free shape",
     "F_d": "friction in a free shape",
-    "F_b": "friction that depends on speed",
+    "F_k": "friction that depends on speed",
     "k_s": "a stop in a free shape",
     "k_sp": "a stop in a free shape",
     "k_sn": "a stop in a free shape",
@@ -113,7 +113,7 @@ _SIZES_OF_NO_LAW = (
     *("p_eta", "p_nu", "b_eta", "m_eta", "E_eta", "b_nu", "m_nu", "E_nu"),
     *("a_eta", "r_eta", "U_eta", "a_nu", "r_nu", "U_nu"),
     *("p_g", "q_g", "psi_g", "delta_g", "lambda_g", "m_g", "t_g", "i_g", "sigma_w", "b_w", "m_w", "p_w", "E_w"),
-    *("x_d", "r_d", "g_d", "u_d", "x_b", "s_b", "v_b"),
+    *("x_d", "r_d", "g_d", "u_d", "w_k", "s_k", "v_k"),
     *(f"{size}_s{side}" for side in ("", "p", "n") for size in "gpswuE"),
 )
 _AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g", "k_bend")

@@ -45,7 +45,7 @@ SHAPES = {
         "i_g": 0.3,
     },
     "coulomb_friction": {"F_d": 0.5, "x_d": 0.05, "r_d": 1.6, "g_d": 0.4, "u_d": 0.8},
-    "coulomb_friction, speed": {"F_b": 0.4, "x_b": 0.06, "s_b": 0.7, "v_b": 0.3},
+    "coulomb_friction, speed": {"F_k": 0.4, "w_k": 0.06, "s_k": 0.7, "v_k": 0.3},
     "cubic_stiffness": {"F_h": -0.6, "p_h": 2.3, "u_h": 0.8},
     "quadratic_damping": {"F_q": 1.4, "p_q": 1.6, "v_q": 1.7},
     "backlash": {"b_f": 0.5, "w_f": 0.3, "s_f": 0.15},
@@ -92,9 +92,7 @@ def written_beside(name: str, p: Mapping[str, float], states: Mapping[str, Float
         force = p["F_d"] * q * (1.0 + p["g_d"] * np.abs(u) / p["u_d"])
         return force, [v / p["x_d"] * (1.0 - np.sign(v) * q) ** p["r_d"]]
     if name == "coulomb_friction, speed":
-        q = states["q_b"]
-        force = p["F_b"] * q * (1.0 + p["s_b"] * p["v_b"] ** 2 / (p["v_b"] ** 2 + v**2))
-        return force, [v / p["x_b"] * (1.0 - np.sign(v) * q)]
+        return p["F_k"] * np.tanh(v / p["w_k"]) * (1.0 + p["s_k"] * p["v_k"] ** 2 / (p["v_k"] ** 2 + v**2)), []
     if name == "cubic_stiffness":
         return p["F_h"] * np.sign(u) * np.abs(u / p["u_h"]) ** p["p_h"], []
     if name == "quadratic_damping":
@@ -149,8 +147,7 @@ def test_the_law_is_the_written_one(name: str) -> None:
     """At random states. What keeps slopes finite, and the bell's area by a polynomial, move it by a few per mille."""
     rng = np.random.default_rng(3)
     states = {
-        s: rng.uniform(0.05, 0.9, N_STATES) * rng.choice([-1.0, 1.0], N_STATES)
-        for s in ("u", "v", "z", "q_d", "q_b", "d_f")
+        s: rng.uniform(0.05, 0.9, N_STATES) * rng.choice([-1.0, 1.0], N_STATES) for s in ("u", "v", "z", "q_d", "d_f")
     }
     states |= {"epsilon": rng.uniform(0.1, 3.0, N_STATES), "u_c": rng.uniform(0.1, 4.0, N_STATES)}
     law = combine(BoucWen(**STOREY).parameters, (), (form_of(SHAPES[name]),))
@@ -198,7 +195,7 @@ CONTAINED = {
         {"F_dahl": 0.5, "x_dahl": 0.05},
         {"F_d": 0.5, "x_d": 0.05, "r_d": 1.0, "g_d": 0.0, "u_d": 0.8},
     ),
-    "friction, speed": ({"F_dahl": 0.5, "x_dahl": 0.05}, {"F_b": 0.5, "x_b": 0.05, "s_b": 0.0, "v_b": 0.3}),
+    "friction, speed": ({"F_c": 0.5, "v0": 0.05}, {"F_k": 0.5, "w_k": 0.05, "s_k": 0.0, "v_k": 0.3}),
     "slack": ({"b_0": 0.05, "w_0": 0.02}, {"b_f": 0.05, "w_f": 0.02, "s_f": 0.0}),
     "spring": ({"k3": -0.4}, {"F_h": -0.4 * 0.8**3, "p_h": 3.0, "u_h": 0.8}),
     "damper": ({"c2": 0.2}, {"F_q": 0.2 * 1.7**2, "p_q": 2.0, "v_q": 1.7}),

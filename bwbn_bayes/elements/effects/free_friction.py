@@ -1,4 +1,4 @@
-"""Dry friction in free shapes: a contact that sticks, whose force follows the drift, or the speed of its slide."""
+"""Dry friction in free shapes: a contact under a pressure that follows the drift, or a force that depends on speed."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, Parameter, Valu
 
 SHARE = symbol("q_d")
 """Share of the friction force that the contact has reached, from -1 to 1."""
-SLIDING = symbol("q_b")
-"""The same of a contact whose force depends on speed."""
 _ROUNDING = 0.1
 """Distance of the share from its end within which the power is rounded: below one it would be met at infinite speed."""
 _TURNED = 0.5
@@ -112,34 +110,31 @@ class FreeFriction(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedFriction(Effect):
-    """The force ``F_b q_b (1 + s_b/(1 + (v/v_b)^2))``, ``dq_b/dt = (v - |v| q_b)/x_b``: of another size near rest.
+    """The force ``F_k tanh(v/w_k) (1 + s_k/(1 + (v/v_k)^2))``: of another size near rest than in motion.
 
-    With ``s_b = 0`` it is the contact that sticks of
-    :class:`~bwbn_bayes.elements.effects.coulomb_friction.CoulombFriction`.
+    With ``s_k = 0`` it is the ``tanh`` of :class:`~bwbn_bayes.elements.effects.coulomb_friction.CoulombFriction`.
 
     Parameters
     ----------
-    F_b : float, Prior or PerStorey
+    F_k : float, Prior or PerStorey
         Friction force at high speed. [N]
-    x_b : float, Prior or PerStorey
-        Drift over which it turns. [m]
-    s_b : float, Prior or PerStorey
+    w_k : float, Prior or PerStorey
+        Drift rate over which it turns. [m/s]
+    s_k : float, Prior or PerStorey
         Share by which it is larger near rest.
-    v_b : float, Prior or PerStorey
+    v_k : float, Prior or PerStorey
         Drift rate at which half of that is left. [m/s]
 
     References
     ----------
     .. [1] D. P. Hess and A. Soom, "Friction at a Lubricated Line Contact Operating at Oscillating Sliding Velocities",
        J. Tribology 112(1), 1990 (the fall with speed; cited from memory, not consulted).
-    .. [2] P. R. Dahl, "A Solid Friction Model", Aerospace Corporation TOR-0158(3107-18)-1, 1968 (the contact; cited
-       from memory, not consulted).
     """
 
-    F_b: Value
-    x_b: Value
-    s_b: Value
-    v_b: Value
+    F_k: Value
+    w_k: Value
+    s_k: Value
+    v_k: Value
 
     name: ClassVar[str] = FreeFriction.name
     title: ClassVar[str] = FreeFriction.title
@@ -150,29 +145,27 @@ class SpeedFriction(Effect):
     form: ClassVar[str] = "free shape, with the speed"
     signature: ClassVar[Signature] = replace(
         FreeFriction.signature,
-        size=lambda at: at["F_b"] / at.peak("restoring_force"),
-        is_genuine=lambda at: at["x_b"] <= _WIDEST * at.peak("drift"),
+        size=lambda at: at["F_k"] / at.peak("restoring_force"),
+        is_genuine=lambda at: at["w_k"] <= _WIDEST * at.peak("drift_rate"),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = tuple(
         replace(_parameter(*own), source="Hess and Soom 1990")
         for own in (
-            ("F_b", "N", 0.0, 0.0, "friction force at high speed"),
-            ("x_b", "m", 1.0, 1e-9, "drift over which friction turns"),
-            ("s_b", "", 0.0, -0.95, "share by which friction is larger near rest"),
-            ("v_b", "m/s", 1.0, 1e-9, "drift rate at which half of that is left"),
+            ("F_k", "N", 0.0, 0.0, "friction force at high speed"),
+            ("w_k", "m/s", 1.0, 1e-9, "drift rate over which friction turns"),
+            ("s_k", "", 0.0, -0.95, "share by which friction is larger near rest"),
+            ("v_k", "m/s", 1.0, 1e-9, "drift rate at which half of that is left"),
         )
     )
 
     @override
     def fill(self, slots: Slots) -> Slots:
         force, width, more, speed = (symbol(parameter.symbol) for parameter in self.parameters)
-        rate = (DRIFT_RATE - sp.Abs(DRIFT_RATE) * SLIDING) / width
-        near_rest = 1 + more / (1 + DRIFT_RATE**2 / speed**2)
+        v = DRIFT_RATE
         return replace(
             slots,
-            added_force=slots.added_force + force * SLIDING * near_rest,
-            added_states=(*slots.added_states, AddedState(state=SLIDING, rate=rate)),
-            sharp_features=(*slots.sharp_features, SharpFeature(state=DRIFT, width=4 * width, everywhere=True)),
+            added_force=slots.added_force + force * sp.tanh(v / width) * (1 + more / (1 + v**2 / speed**2)),
+            sharp_features=(*slots.sharp_features, SharpFeature(state=v, width=width)),
         )
 
 
@@ -183,20 +176,20 @@ class SpeedFrictionSearch(SearchGuide[SpeedFriction]):
     @override
     def priors(self, scales: Scales) -> tuple[SpeedFriction, ...]:
         one = SpeedFriction(
-            F_b=HalfNormal(0.3 * scales.force),
-            x_b=LogNormal(0.03 * scales.drift, 0.8).truncated(0.004 * scales.drift, 0.3 * scales.drift),
-            s_b=Normal(0.0, 0.5).truncated(-0.95, 3.0),
-            v_b=LogNormal(0.1 * scales.drift_rate, 1.0).truncated(0.005 * scales.drift_rate, 2.0 * scales.drift_rate),
+            F_k=HalfNormal(0.3 * scales.force),
+            w_k=LogNormal(0.03 * scales.drift_rate, 0.8).truncated(0.004 * scales.drift_rate, 0.3 * scales.drift_rate),
+            s_k=Normal(0.0, 0.5).truncated(-0.95, 3.0),
+            v_k=LogNormal(0.1 * scales.drift_rate, 1.0).truncated(0.005 * scales.drift_rate, 2.0 * scales.drift_rate),
         )
         return (one,)
 
     @override
     def starts(self, effect: SpeedFriction, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         return {
-            "F_b": (0.03 * scales.force, 0.15 * scales.force),
-            "x_b": (0.015 * scales.drift, 0.08 * scales.drift),
-            "s_b": (-0.3, 0.4),
-            "v_b": (0.1 * scales.drift_rate,),
+            "F_k": (0.03 * scales.force, 0.15 * scales.force),
+            "w_k": (0.015 * scales.drift_rate, 0.08 * scales.drift_rate),
+            "s_k": (-0.3, 0.4),
+            "v_k": (0.1 * scales.drift_rate,),
         }
 
 

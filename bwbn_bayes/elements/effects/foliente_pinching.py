@@ -286,4 +286,5 @@ class FreePinchSearch(SearchGuide[FreePinch]):
         (usual,) = guide.priors(scales)
         grid = guide.starts(usual, scales)
         of_usual = (grid[parameter.symbol] for parameter in usual.parameters)
-        return {**dict(zip(_OF_FREE_SHAPE, of_usual, strict=True)), "m_g": (1.7,), "t_g": (0.2,), "i_g": (0.1, 0.9)}
+        own = {"p_g": (3.0 / scales.energy,), "m_g": (1.7,), "t_g": (0.2,), "i_g": (0.1, 0.9)}
+        return {**dict(zip(_OF_FREE_SHAPE, of_usual, strict=True)), **own}

@@ -193,7 +193,7 @@ def discover_first_cycles(test: MeasuredTest, seed: int) -> tuple[dict[str, Any]
 
 
 def says_pinched(answer: Answer, identified_index: float | None) -> bool:
-    """Whether an answer calls a specimen pinched: a pinch is named, and its signature is that of a pinched loop.
+    """Whether an answer calls a specimen pinched: a pinch is named, or one of two, and the loop is a pinched one.
 
     Parameters
     ----------
@@ -205,7 +205,8 @@ def says_pinched(answer: Answer, identified_index: float | None) -> bool:
         index = identified_index if effect.identified is None else effect.identified
         if effect.name in PINCHES and effect.is_named and index is not None and index < PINCHED:
             return True
-    return False
+    either = any(kin.probability >= SURE and set(kin.names) <= set(PINCHES) for kin in answer.families)
+    return either and identified_index is not None and identified_index < PINCHED
 
 
 def _per_cent(share: float | None) -> float | None:

@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks import measured
-from benchmarks.measured_tests.discovering import Answer, Effect, read_answer, says_pinched
+from benchmarks.measured_tests.discovering import Answer, Effect, Kin, read_answer, says_pinched
 from benchmarks.measured_tests.filing import file_result, filed, identity, is_current, shown_response
 from benchmarks.measured_tests.gallery import draw_gallery
 from benchmarks.measured_tests.page import write_page
@@ -205,6 +205,23 @@ def test_what_counts_as_pinched(name, probability, signature, loop, said):
     effect = Effect(name=name, storeys=(), probability=probability, identified=signature)
     answer = Answer(
         verdict="effects_found", probability=None, effects=(effect,), families=(), fit=1.0, held_out=1.0, seconds=1.0
+    )
+    assert says_pinched(answer, loop) is said
+
+
+@pytest.mark.parametrize(
+    ("names", "probability", "loop", "said"),
+    [
+        (("foliente_pinching", "slip_lock"), 0.95, 0.2, True),
+        (("foliente_pinching", "slip_lock"), 0.85, 0.2, False),
+        (("foliente_pinching", "slip_lock"), 0.95, 0.3, False),
+        (("stiffness_degradation", "strength_degradation"), 0.95, 0.2, False),
+    ],
+)
+def test_either_pinch_counts_as_pinched(names, probability, loop, said):
+    kin = Kin(title="one or the other", names=names, probability=probability)
+    answer = Answer(
+        verdict="effects_found", probability=None, effects=(), families=(kin,), fit=1.0, held_out=1.0, seconds=1.0
     )
     assert says_pinched(answer, loop) is said
 

@@ -9,7 +9,7 @@ from typing import ClassVar, override
 
 import sympy as sp
 
-from bwbn_bayes.elements.effects.slip_lock import FreeSlipSearch
+from bwbn_bayes.elements.effects.slip_lock import PINCH, FreeSlipSearch
 from bwbn_bayes.elements.law import (
     DRIFT_RATE,
     ENERGY,
@@ -121,6 +121,8 @@ class FolientePinching(Effect):
 @guides(FolientePinching)
 class FolientePinchingSearch(SearchGuide[FolientePinching]):
     """How a search looks for a pinch by Foliente's law."""
+
+    family: ClassVar[str] = PINCH
 
     @override
     def priors(self, scales: Scales) -> tuple[FolientePinching, ...]:
@@ -272,6 +274,8 @@ class FreePinch(Effect):
 @guides(FreePinch)
 class FreePinchSearch(SearchGuide[FreePinch]):
     """How a search looks for a pinch in a free shape."""
+
+    family: ClassVar[str] = PINCH
 
     @override
     def priors(self, scales: Scales) -> tuple[FreePinch, ...]:

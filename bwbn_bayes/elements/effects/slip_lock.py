@@ -26,6 +26,10 @@ from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Uniform, Value
 
 
+PINCH = "a pinch"
+"""What slip-lock and Foliente's law both are."""
+
+
 def _is_open_to_a_pinch(drift: Floats, force: Floats) -> bool:
     """Whether a loop ``(n_times,)`` [m], [N], identified or measured, could be called pinched."""
     return not is_full(drift, force, index=0.5)
@@ -102,6 +106,8 @@ class SlipLock(Effect):
 @guides(SlipLock)
 class SlipLockSearch(SearchGuide[SlipLock]):
     """How a search looks for a slip."""
+
+    family: ClassVar[str] = PINCH
 
     @override
     def priors(self, scales: Scales) -> tuple[SlipLock, ...]:
@@ -221,6 +227,8 @@ class FreeSlip(Effect):
 @guides(FreeSlip)
 class FreeSlipSearch(SearchGuide[FreeSlip]):
     """How a search looks for a slip in a free shape."""
+
+    family: ClassVar[str] = PINCH
 
     @override
     def priors(self, scales: Scales) -> tuple[FreeSlip, ...]:

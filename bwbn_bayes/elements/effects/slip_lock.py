@@ -25,7 +25,6 @@ from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Uniform, Value
 
-
 PINCH = "a pinch"
 """What slip-lock and Foliente's law both are."""
 

@@ -52,6 +52,8 @@ class Hypothesis:
         How the effect is looked for.
     carried : tuple of Effect
         Others that share its compiled law, neutral here.
+    has_time : bool
+        Whether the record has time, so that a form may depend on rate.
     """
 
     base: Structure
@@ -60,6 +62,7 @@ class Hypothesis:
     scales: Scales
     guide: SearchGuide[Any] = field(compare=False, repr=False)
     carried: tuple[Effect, ...] = ()
+    has_time: bool = True
 
     @property
     def name(self) -> str:
@@ -73,9 +76,13 @@ class Hypothesis:
 
     @property
     def free_shapes(self) -> tuple[Hypothesis, ...]:
-        """The same with the effect in forms of free shape that contain its own, or come close to it."""
-        forms = self.guide.free_shapes(self.scales)
-        return tuple(replace(self, effect=form, guide=guide_of(type(form))) for form in forms)
+        """The same with the effect in forms of free shape that contain its own, or come close to it.
+
+        Those alone that can act there, and whose rate a record without time does not leave open.
+        """
+        forms = [form for form in self.guide.free_shapes(self.scales) if self.has_time or not form.needs_time]
+        own = [form for form in forms if fits(form, self.base, self.storeys)]
+        return tuple(replace(self, effect=form, guide=guide_of(type(form))) for form in own)
 
     @property
     def label(self) -> str:
@@ -221,10 +228,11 @@ def hypotheses(
             for effect in guide.priors(own):
                 if (not has_time and effect.needs_time) or (not in_one_go and effect.is_an_event):
                     continue
-                # One form of an effect may act on fewer elements than another.
-                if effect.level == "link" and any(base.element_of(one) not in effect.elements for one in storeys):
+                if not fits(effect, base, storeys):
                     continue
-                hypothesis = Hypothesis(base=base, effect=effect, storeys=storeys, scales=own, guide=guide)
+                hypothesis = Hypothesis(
+                    base=base, effect=effect, storeys=storeys, scales=own, guide=guide, has_time=has_time
+                )
                 if hypothesis.symbols not in addable:
                     addable[hypothesis.symbols] = _addable(base, effect)
                 if addable[hypothesis.symbols] and not is_present(base, effect, storeys):
@@ -281,6 +289,11 @@ def _places(effect_class: type[Effect], base: Structure, measured: Sequence[str]
     single = tuple((s,) for s in storeys)
     # Storeys are alike more often than floors are: what one lacks, all may lack.
     return (*single, storeys) if effect_class.level == "link" and len(storeys) > 1 else single
+
+
+def fits(effect: Effect, base: Structure, storeys: tuple[int, ...]) -> bool:
+    """Whether a form acts on the elements of a place: one form of an effect may act on fewer than another."""
+    return effect.level != "link" or all(base.element_of(one) in effect.elements for one in storeys)
 
 
 def _addable(base: Structure, effect: Effect) -> bool:

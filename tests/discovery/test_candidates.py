@@ -68,6 +68,8 @@ def test_a_form_is_looked_for_where_its_element_is() -> None:
         form: {h.storeys for h in every if h.name == "backlash" and h.effect.form == form} for form in ("", "slack")
     }
     assert forms == {"": {(1,), (2,), (3,), (1, 2, 3)}, "slack": {(1,), (2,)}}
+    free = {one.storeys for h in every if h.name == "backlash" for one in h.free_shapes}
+    assert free == {(1,), (2,)}
     assert all(h.model.n_links == 3 for h in every)
 
 
@@ -100,17 +102,19 @@ def test_a_specimen_has_storey_effects_only() -> None:
 def test_without_time_nothing_that_depends_on_rate_takes_part() -> None:
     """A digitised loop has no clock: a damper, a relaxation or a moment in time means nothing there."""
     specimen = Specimen(storey=BoucWen(k=Uniform(5, 60), beta=2.0, gamma=1.0))
-    timed, timeless = (
-        {(h.name, h.effect.form) for h in hypotheses(specimen, [SCALES], measured=("force",), has_time=has_time)}
-        for has_time in (True, False)
-    )
+
+    def forms(has_time: bool) -> set[tuple[str, str]]:
+        every = hypotheses(specimen, [SCALES], measured=("force",), has_time=has_time)
+        return {(one.name, one.effect.form) for h in every for one in (h, *h.free_shapes)}
+
+    timed, timeless = forms(has_time=True), forms(has_time=False)
     assert timeless < timed
     names = {name for name, _ in timeless}
     assert {"slip_lock", "foliente_pinching", "strength_degradation", "cubic_stiffness", "gap_impact"} <= names
     assert not {"quadratic_damping", "maxwell_branch", "sudden_damage"} & names
     # Of the frictions the one that turns over a drift stays, those over a drift rate go.
-    assert len([form for name, form in timed if name == "coulomb_friction"]) == 4
-    assert len([form for name, form in timeless if name == "coulomb_friction"]) == 1
+    assert len([form for name, form in timed if name == "coulomb_friction"]) == 6
+    assert len([form for name, form in timeless if name == "coulomb_friction"]) == 2
 
 
 def test_nothing_that_is_there_already() -> None:

@@ -149,17 +149,24 @@ def _added(
 def _families(believed: Beliefs, added: Sequence[Added]) -> tuple[Family, ...]:
     """Families of the effects that may have their names: a law that helps without its signature says nothing of it.
 
-    Their title is deserved as much as it is by that one of what was added which deserves its own name most.
+    Their title is deserved as much as it is by that one of them which deserves its own name most.
     """
-    told = []
+    told, of_added = [], {one.hypothesis.name: one.deserved for one in added}
     for family in believed.families:
-        share = {one.hypothesis.name: one.deserved for one in added if one.hypothesis.name in family.names}
-        names = family.names - {name for name, deserved in share.items() if deserved < POSSIBLE}
+        share = {n: of_added[n] if n in of_added else _deserved_at_best(n, believed) for n in family.names}
+        names = frozenset(name for name, deserved in share.items() if deserved >= POSSIBLE)
         if len(names) > 1:
             own = believed.family(family.title, names)
-            deserved = max((share[name] for name in names if name in share), default=1.0)
-            told.append(replace(own, probability=own.probability * deserved))
+            told.append(replace(own, probability=own.probability * max(share[name] for name in names)))
     return tuple(told)
+
+
+def _deserved_at_best(name: str, believed: Beliefs) -> float:
+    """Whether an effect deserves its name at the best fit of the most probable explanation that has it."""
+    best = next(one for one in believed.explanations if name in one.names)
+    hypothesis = next(own for own in best.added if own.name == name)
+    signature = signature_of(hypothesis, best, best.best[None][:0])
+    return 1.0 if signature is None else signature.deserved
 
 
 def _of_names(believed: Beliefs, added: Sequence[Added]) -> dict[str, float]:

@@ -39,7 +39,7 @@ class SignatureFacts:
     mean, low, high : float
         Of the identified response, with its 90 % interval.
     without : float
-        Of the identified response with the effect taken away.
+        Of the identified response with the effect taken away; not a number where that cannot be solved or told.
     deserved : float
         Probability, over the posterior, that it has the size from which the effect deserves its name.
     """

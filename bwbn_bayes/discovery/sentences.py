@@ -176,10 +176,8 @@ def signature_in_words(seen: SignatureFacts) -> str:
     """``pinching index 0.09 measured, 0.07 identified (0.05 to 0.09), 0.5 without it``."""
     unit = f" {seen.unit}" if seen.unit else ""
     measured = "" if seen.measured is None else f"{seen.measured:.2g}{unit} measured, "
-    return (
-        f"{seen.measure} {measured}{seen.mean:.2g}{unit} identified ({seen.low:.2g} to {seen.high:.2g}), "
-        f"{seen.without:.2g}{unit} without it"
-    )
+    without = f", {seen.without:.2g}{unit} without it" if np.isfinite(seen.without) else ""
+    return f"{seen.measure} {measured}{seen.mean:.2g}{unit} identified ({seen.low:.2g} to {seen.high:.2g}){without}"
 
 
 def _runner_up(believed: Beliefs) -> tuple[str, ...]:

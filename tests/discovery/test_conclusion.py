@@ -116,7 +116,9 @@ def test_one_effect_alone_is_no_family() -> None:
     assert believed(explanation("ab", 50.0), explanation("b", 10.0)).families == ()
 
 
-def test_a_family_deserves_its_title_as_far_as_what_was_added_of_it_does() -> None:
+def test_a_family_deserves_its_title_as_far_as_what_is_of_it_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    best = {"a": 1.0, "b": 1.0, "d": 1.0}
+    monkeypatch.setattr(conclusion, "_deserved_at_best", lambda name, _: best[name])
     every = believed(explanation("ab", 50.0), explanation("bd", 49.9), explanation("b", 10.0))
 
     def told(**deserved: float) -> Any:
@@ -127,3 +129,6 @@ def test_a_family_deserves_its_title_as_far_as_what_was_added_of_it_does() -> No
     assert [one.probability for one in told(a=0.6, b=0.1, d=0.8)] == [pytest.approx(0.56)]
     # One that goes by a plain name says nothing of a loss, and the other is no family by itself.
     assert told(a=0.1) == ()
+    # So does one that is not of the improved model, where it stands best.
+    best["d"] = 0.0
+    assert told(a=0.9) == ()

@@ -10,6 +10,7 @@ import pytest
 from bwbn_bayes.discovery import signatures
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.sentences import signature_in_words
 from bwbn_bayes.discovery.signatures import place_of, signature_of, spread_of
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock
@@ -133,3 +134,19 @@ def test_parameters_spread_as_what_is_left_moves_them(
     expected = inverse @ (pulls.T @ pulls) @ inverse
     found = np.cov(spread_of(one, np.random.default_rng(6)).T)
     np.testing.assert_allclose(np.diag(found), np.diag(expected), rtol=0.2)
+
+
+def test_what_cannot_be_solved_without_the_effect_is_judged_all_the_same(
+    present: Explanation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A steel damper's full loop was called pinched: without the pinch the rest of the law ran away."""
+    (hypothesis,) = present.added
+    told = signature_of(hypothesis, present, spread(present))
+    monkeypatch.setattr(signatures, "_without", lambda _hypothesis, _present, values: np.full_like(values, np.nan))
+    found = signature_of(hypothesis, present, spread(present))
+    assert told is not None
+    assert found is not None
+    assert np.isnan(found.without)
+    assert (found.mean, found.measured, found.deserved) == (told.mean, told.measured, told.deserved)
+    assert "without it" in signature_in_words(told)
+    assert "nan" not in signature_in_words(found)

@@ -153,14 +153,20 @@ class Explanation:
     def whole(self) -> tuple[Posterior, Floats]:
         """Its posterior with what has no name acting, or taken off the record, and the fit that goes with it.
 
-        Without it where it leaves more, once it is solved for, than the laws do by themselves: it is expected to first
-        order, and with little damping a response is linear in forces far smaller than its own.
+        Without a force to first order where it leaves more, once it is solved for, than the laws do by themselves: with
+        little damping a response is linear in forces far smaller than its own.
         """
         if isinstance(self.estimate, Estimate | ReadingError):
             posterior, point = self.estimate.beside(self.posterior)
-            if posterior.log_likelihood(point[None])[0] > self.modes[0].log_likelihood:
+            if isinstance(self.estimate, ReadingError) or self._explains_more(posterior, point):
                 return posterior, point
         return self.posterior, self.best
+
+    def _explains_more(self, posterior: Posterior, point: Floats) -> bool:
+        """Whether a fit is better than that of the laws by themselves, under the account of errors of the evidence."""
+        own = self.evidence
+        beside = posterior.with_noise(own.posterior.noise).log_likelihood(point[None])[0]
+        return bool(beside > own.modes[0].log_likelihood)
 
     @cached_property
     def residual(self) -> Floats:

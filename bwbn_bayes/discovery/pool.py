@@ -215,7 +215,8 @@ class Pool:
         Of a specimen's laws those alone that leave noise: what is more than noise is the force's, whose scale has a
         prior; such errors would be a second force of no known law, as large as they like.
         """
-        waiting = [key for key in self.plain if key not in self._coloured]
+        asked = [key for key, one in self.plain.items() if not self.has_force or one.is_noise]
+        waiting = [key for key in asked if key not in self._coloured]
         for key in waiting:
             if key not in self._bounds:
                 self._bounds[key] = self.plain[key].evidence.log_evidence + autoregressive_bound(*_at(self.plain[key]))
@@ -227,8 +228,6 @@ class Pool:
         promising = [k for k in ranked if bounds[k] > known[k] and bounds[k] > best - _COLOURED_REACH]
         if self.plain[max(known, key=lambda key: known[key])].is_noise:
             promising = [k for k in promising if known[k] + autoregressive_outlook(*_at(self.plain[k])) > best - FAR]
-        if self.has_force:
-            promising = [k for k in promising if self.plain[k].is_noise]
         for key in promising:
             self.run.say(f"weighing {self.plain[key].label} under autoregressive errors")
         found = self.run.beside(_coloured, [self.plain[key] for key in promising])
@@ -254,6 +253,8 @@ class Pool:
             known = self.plain.get(key)
             if known is None or one.evidence.log_evidence > known.evidence.log_evidence:
                 self.plain[key] = one
+                self._coloured.discard(key)
+                self._bounds.pop(key, None)
                 self._alone.add(key)
                 self._sampled.discard((key, None))
 

@@ -47,6 +47,8 @@ def beside_it(believed: Beliefs, held_out: HeldOut | None, gap: Gap, rng: np.ran
     if chosen is None or chosen.is_specimen:
         return gap
     posterior, point = chosen.whole
+    if isinstance(chosen.estimate, Estimate) and posterior is chosen.posterior:  # nothing acts beside the laws
+        return gap
     beside = predict(posterior, point, posterior.record, rng, counted=posterior.record.kept)
     if not beside.nrmse < gap.after.nrmse:
         return gap

@@ -51,7 +51,7 @@ class SearchGuide[EffectClass: Effect](Protocol):
         ...
 
     def free_shapes(self, scales: Scales) -> tuple[Effect, ...]:
-        """Forms with a free shape that contain those of :meth:`priors`, with priors.
+        """Forms with a free shape that contain one of :meth:`priors`, or come close to it, with priors.
 
         They are tried where one of these leads and leaves more than noise. They have its mechanism, and symbols of
         their own; sizes that their parameters are measured by, such as the largest drift, are known parameters. Those

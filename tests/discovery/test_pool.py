@@ -45,3 +45,24 @@ def test_errors_with_a_past_are_for_laws_that_leave_noise(has_force: bool, cubic
     assert one.is_noise == (cubic == 0.0)
     pool._colour()
     assert (pool.plain[frozenset()].evidence.correlation is not None) == coloured
+
+
+def test_a_law_that_leaves_more_than_noise_keeps_none_that_leaves_noise_waiting() -> None:
+    """Nor is a law done with for good that was fitted anew."""
+    rng, errors = np.random.default_rng(4), np.zeros(len(TIME))
+    for number in range(1, len(TIME)):
+        errors[number] = 0.8 * errors[number - 1] + 0.1 * rng.standard_normal()
+    force: Any = ("its functions", 1.0)
+    pool = Pool(run=Run(DiscoverySettings(), np.random.default_rng(1), None), _force=force)
+    worse, better = explained(errors + 8.0 * (TRAVEL / 0.01) ** 3), explained(errors)
+    keys: list[Any] = [frozenset({((f"{number}",), (1,))}) for number in range(6)]
+    pool.plain.update(dict.fromkeys(keys[:5], worse))
+    pool.plain[keys[5]] = better
+    pool._bounds.update(dict.fromkeys(keys[:5], 1e6))
+    pool._colour()
+    assert pool.plain[keys[5]].evidence.correlation is not None
+    pool.plain[frozenset()] = worse
+    pool._colour()
+    pool.add_alone([better])
+    pool._colour()
+    assert pool.plain[frozenset()].evidence.correlation is not None

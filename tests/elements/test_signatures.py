@@ -41,7 +41,7 @@ NUISANCES = {
     "p_g": 5.0, "t_g": 0.1, "i_g": 0.1, "x_d": 0.02, "r_d": 0.8, "g_d": 0.3, "u_d": 1.1,
     "w_k": 0.05, "s_k": 0.3, "v_k": 0.5, "w_f": 0.02, "s_f": 0.1,
     **{name + side: size for side in ("", "p", "n") for name, size in
-       (("g_s", 0.5), ("p_s", 1.5), ("s_s", 0.02), ("w_s", 0.1), ("u_s", 1.1), ("E_s", 8.0))},
+       (("g_s", 0.5), ("p_s", 1.5), ("s_s", 0.005), ("w_s", 0.1), ("u_s", 1.1), ("E_s", 8.0))},
 }  # fmt: skip
 
 
@@ -119,6 +119,34 @@ def test_it_is_named_from_its_least_size_on(form):
         at = response(form, {**NUISANCES, form.parameters[0].symbol: value})
         genuine = form.signature.is_genuine is None or form.signature.is_genuine(at)
         assert form.signature.is_engineering(at) == (named and genuine), share
+
+
+def free(symbol: str) -> Effect:
+    return next(form for form in FORMS if symbol in {p.symbol for p in form.parameters})
+
+
+def test_a_stop_of_which_a_part_is_met_at_once_is_a_stiffening():
+    reach = response(free("k_s"), {}).peak("drift")
+    own = {"k_s": 100.0, "g_s": 0.3 * reach, "p_s": 1.0, "w_s": 0.0, "u_s": reach, "E_s": 8.0}
+    named = [free("k_s").signature.is_engineering(response(free("k_s"), {**own, "s_s": s})) for s in (0.01, 0.29)]
+    assert named == [True, False]
+
+
+def test_friction_that_is_nearly_nothing_at_rest_is_a_damper():
+    fastest = response(free("F_k"), {}).peak("drift_rate")
+    own = {"F_k": 100.0, "w_k": 0.02 * fastest}
+    near_rest = ((0.5, 0.1 * fastest, True), (-0.95, 2.0 * fastest, False), (-0.95, 0.03 * fastest, True))
+    for s, v, named in near_rest:
+        at = response(free("F_k"), {**own, "s_k": s, "v_k": v})
+        assert free("F_k").signature.is_engineering(at) == named, (s, v)
+
+
+def test_a_pinch_after_negative_work_has_no_size():
+    """The law has none either; an exponential of it was too large for a number."""
+    form = free("zeta_g")
+    at = response(form, {**NUISANCES, "zeta_g": 0.9, "i_g": 0.0, "p_g": 1e4})
+    at = replace(at, histories={**at.histories, "hysteretic_energy": -np.ones(3)})
+    assert form.signature.size(at) == 0.0
 
 
 MEASURED = {

@@ -182,7 +182,9 @@ class FreeSlack(Effect):
     confusable: ClassVar[str] = Slack.confusable
     form: ClassVar[str] = "free shape"
     signature: ClassVar[Signature] = replace(
-        Slack.signature, size=lambda at: 2.0 * at["b_f"] * (1.0 - at["s_f"]) / at.peak("drift")
+        Slack.signature,
+        size=lambda at: 2.0 * at["b_f"] * (1.0 - at["s_f"]) / at.peak("drift"),
+        is_genuine=lambda at: at["w_f"] <= 2.0 * at["b_f"],  # else it never opens
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(symbol="b_f", unit="m", neutral=0.0, lower=0.0, description="half width of the slack", source=source),

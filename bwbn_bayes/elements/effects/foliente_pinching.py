@@ -50,6 +50,11 @@ def _is_open_to_a_pinch(drift: Floats, force: Floats) -> bool:
     return not is_full(drift, force, index=0.25)
 
 
+def _depth(whole: float, rate: float, energy: float, at_first: float = 0.0) -> float:
+    """Depth that a pinch has reached by a work [J]."""
+    return whole * (1.0 - (1.0 - at_first) * math.exp(-rate * max(energy, 0.0)))
+
+
 @dataclass(frozen=True, kw_only=True)
 class FolientePinching(Effect):
     """``h = 1 - z1 exp(-(z sgn v - q z_u)^2 / z2^2)`` multiplies the Bouc-Wen rate.
@@ -97,7 +102,7 @@ class FolientePinching(Effect):
         measure="pinching index",
         plain_name="the shape of the reloading branch (Foliente's law)",
         reason="a pinch that takes a tenth of the stiffness, in a loop that is not full: the law bends any branch",
-        size=lambda at: at["zeta_s"] * (1.0 - math.exp(-at["p"] * at.energy)),
+        size=lambda at: _depth(at["zeta_s"], at["p"], at.energy),
         least=0.1,
         of_loop=pinching_index,
         is_genuine=lambda at: _is_open_to_a_pinch(*at.loop),
@@ -194,10 +199,10 @@ def _pinched(
 class FreePinch(Effect):
     """Foliente's multiplier of the Bouc-Wen rate, ``1 - z1 (1 + t_g |(z sgn v - q_g z_u)/z2|^m_g)^(-1/t_g)``.
 
-    With ``z1 = zeta_g (1 - (1 - i_g) exp(-p_g epsilon))``; ``z2`` and ``z_u`` are those of :class:`FolientePinching`,
-    which it is with ``i_g = 0``, ``m_g = 2`` and a vanishing ``t_g``. With a power near 1.4 the dip resembles a
-    hyperbolic secant, with a large one it has a flat bottom; the larger ``t_g``, the heavier its tails: one and the
-    power two are a Lorentzian.
+    With ``z1 = zeta_g (1 - (1 - i_g) exp(-p_g max(epsilon, 0)))``; ``z2`` and ``z_u`` are those of
+    :class:`FolientePinching`, which it is with ``i_g = 0``, ``m_g = 2`` and a vanishing ``t_g``. With a power near 1.4
+    the dip resembles a hyperbolic secant, with a large one it has a flat bottom; the larger ``t_g``, the heavier its
+    tails: one and the power two are a Lorentzian.
 
     Parameters
     ----------
@@ -247,7 +252,7 @@ class FreePinch(Effect):
     form: ClassVar[str] = "free shape"
     signature: ClassVar[Signature] = replace(
         FolientePinching.signature,
-        size=lambda at: at["zeta_g"] * (1.0 - (1.0 - at["i_g"]) * math.exp(-at["p_g"] * at.energy)),
+        size=lambda at: _depth(at["zeta_g"], at["p_g"], at.energy, at["i_g"]),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         *(

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, override
 
+import numpy as np
 import sympy as sp
 
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
-from bwbn_bayes.elements.signature import Signature
-from bwbn_bayes.parameters import HalfNormal, LogNormal, Normal, Parameter, Value
+from bwbn_bayes.elements.signature import PlaceResponse, Signature
+from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Normal, Parameter, Value
 
 SHARE = symbol("q_d")
 """Share of the friction force that the contact has reached, from -1 to 1."""
@@ -24,8 +25,9 @@ _WIDEST = 0.125
 """Share of the largest drift over which dry friction may turn, as for the usual forms."""
 
 
-def _parameter(name: str, unit: str, neutral: float, lower: float, description: str) -> Parameter:
-    source = "Dahl 1968"
+def _parameter(
+    name: str, unit: str, neutral: float, lower: float, description: str, source: str = "Dahl 1968"
+) -> Parameter:
     return Parameter(symbol=name, unit=unit, neutral=neutral, lower=lower, description=description, source=source)
 
 
@@ -108,6 +110,12 @@ class FreeFriction(Effect):
         )
 
 
+def _at_speeds(at: PlaceResponse, speed: Floats) -> float:
+    """Largest force [N] of a friction that depends on speed, over some drift rates ``(n,)`` [m/s]."""
+    near_rest = 1.0 + at["s_k"] / (1.0 + np.square(speed / at["v_k"]))
+    return float(at["F_k"] * np.max(np.abs(np.tanh(speed / at["w_k"]) * near_rest)))
+
+
 @dataclass(frozen=True, kw_only=True)
 class SpeedFriction(Effect):
     """The force ``F_k tanh(v/w_k) (1 + s_k/(1 + (v/v_k)^2))``: of another size near rest than in motion.
@@ -145,17 +153,19 @@ class SpeedFriction(Effect):
     form: ClassVar[str] = "free shape, with the speed"
     signature: ClassVar[Signature] = replace(
         FreeFriction.signature,
-        size=lambda at: at["F_k"] / at.peak("restoring_force"),
-        is_genuine=lambda at: at["w_k"] <= _WIDEST * at.peak("drift_rate"),
+        reason="0.4 % of the peak force, half of it within an eighth of the largest drift rate: else it is viscous",
+        size=lambda at: _at_speeds(at, at.histories["drift_rate"]) / at.peak("restoring_force"),
+        is_genuine=lambda at: (
+            at["w_k"] <= _WIDEST * at.peak("drift_rate")
+            and _at_speeds(at, np.array([_WIDEST * at.peak("drift_rate")]))
+            >= 0.5 * _at_speeds(at, np.array([at.peak("drift_rate")]))
+        ),
     )
-    parameters: ClassVar[tuple[Parameter, ...]] = tuple(
-        replace(_parameter(*own), source="Hess and Soom 1990")
-        for own in (
-            ("F_k", "N", 0.0, 0.0, "friction force at high speed"),
-            ("w_k", "m/s", 1.0, 1e-9, "drift rate over which friction turns"),
-            ("s_k", "", 0.0, -0.95, "share by which friction is larger near rest"),
-            ("v_k", "m/s", 1.0, 1e-9, "drift rate at which half of that is left"),
-        )
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        _parameter("F_k", "N", 0.0, 0.0, "friction force at high speed", source),
+        _parameter("w_k", "m/s", 1.0, 1e-9, "drift rate over which friction turns", source),
+        _parameter("s_k", "", 0.0, -0.95, "share by which friction is larger near rest", source),
+        _parameter("v_k", "m/s", 1.0, 1e-9, "drift rate at which half of that is left", source),
     )
 
     @override

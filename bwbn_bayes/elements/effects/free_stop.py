@@ -19,11 +19,19 @@ from bwbn_bayes.parameters import HalfNormal, Parameter, Uniform, Value
 
 _SIGNS = {"both": (1, -1), "positive": (1,), "negative": (-1,)}
 _TAILS = {"both": "", "positive": "p", "negative": "n"}
+_AT_ONCE = 0.01
+"""Half width, over ``u``, of a stop whose parts are met all but together; less is lost in single precision."""
 _FIELDS = {
     "k_h": ("k_s", "N/m", 0.0, 0.0, "stiffness of the stop, secant at a known closure"),
     "g": ("g_s", "m", 1.0, 0.0, "drift at the stop at the start"),
     "p": ("p_s", "", 1.0, 1.0, "power of the closure"),
-    "s": ("s_s", "", 3e-3, 1e-6, "half width of the drifts at which parts of the stop are met, over a known closure"),
+    "s": (
+        "s_s",
+        "",
+        _AT_ONCE,
+        1e-6,
+        "half width of the drifts at which parts of the stop are met, over a known closure",
+    ),
     "w": ("w_s", "", 0.0, 0.0, "growth of the gap by a known work"),
     "u": ("u_s", "m", 1.0, 1e-12, "closure at which the stiffness is measured, known"),
     "E": ("E_s", "J", 1.0, 1e-12, "work at which the growth is measured, known"),
@@ -31,8 +39,6 @@ _FIELDS = {
 """By field: symbol, unit, neutral value, lower end and description."""
 _OPEN = 1e-9
 """Closure of a stop that is not met, over ``u``: a power of zero has no logarithm."""
-_AT_ONCE = 3e-3
-"""Half width, over ``u``, of a stop whose parts are met all but together."""
 _CONE = 2.0
 """Largest power of a contact: bodies rounded as ``r^m`` push by the power ``1 + 1/m`` of the closure: flat ones by the
 first, spheres by 3/2, cones by the second."""
@@ -40,22 +46,22 @@ FREE_TRAVEL = 0.1
 """Share of the largest drift that a stop leaves free at least: a spring that is met at once is a stiffening."""
 
 
-def stop_signature(contact: Measure, gap: str, side: str) -> Signature:
+def stop_signature(contact: Measure, first: Measure, side: str) -> Signature:
     """What a stop of any law is judged by: its largest force over the storey's, and that there is a gap before it.
 
     Parameters
     ----------
     contact : callable
         Its largest force over the storey's.
-    gap : str
-        Symbol of the drift at which it is met.
+    first : callable
+        The drift at which it is first met. [m]
     side : {"both", "positive", "negative"}
         Where it stands.
     """
 
     def has_gap(at: PlaceResponse) -> bool:
         reach = max(float(np.max(sign * at.histories["drift"])) for sign in _SIGNS[side])
-        return at[gap] >= FREE_TRAVEL * reach
+        return first(at) >= FREE_TRAVEL * reach
 
     return Signature(
         measure="force of the stop over the storey's peak force",
@@ -84,7 +90,7 @@ class FreeStop(Effect):
     p : float, Prior or PerStorey
         Power of the closure; 3/2 of two curved bodies.
     s : float, Prior or PerStorey
-        Half width of the drifts at which its parts are met, over ``u``.
+        Half width of the drifts at which its parts are met, over ``u``; none is met at rest.
     w : float, Prior or PerStorey
         Share by which the gap has grown by the work ``E``.
     u : float
@@ -144,7 +150,7 @@ class FreeStop(Effect):
             closure = np.max([sign * drift - gap for sign in _SIGNS[self.side]]) / at[u]
             return float(at[k] * at[u] * _pushed(closure, at[s], at[p]) / at.peak("restoring_force"))
 
-        return stop_signature(contact, g, self.side)
+        return stop_signature(contact, lambda at: at[g] - at[s] * at[u], self.side)
 
     @property
     def _symbols(self) -> tuple[str, ...]:
@@ -173,13 +179,22 @@ class FreeStop(Effect):
         k, g, p, s, w, u, work = (symbol(name) for name in self._symbols)
         gap = g * (1 + w * sp.Abs(ENERGY) / work)
         pushed = [sign * _pushed((sign * DRIFT - gap) / u, s, p) for sign in _SIGNS[self.side]]
-        return replace(slots, added_force=slots.added_force + k * u * sp.Add(*pushed))
+        # Met at rest, a stop on one side would push the storey before anything moves.
+        met_later = g >= s * u
+        return replace(
+            slots,
+            added_force=slots.added_force + k * u * sp.Add(*pushed),
+            constraints=(*slots.constraints, met_later),
+        )
 
 
 def _pushed(closure: Any, s: Any, p: Any) -> Any:
     """``mean((closure + s q)_+^p)`` over ``q`` from -1 to 1, of numbers or symbols."""
-    ends = (sp.Max(closure + sign * s, _OPEN) ** (p + 1) for sign in (1, -1))
-    return (next(ends) - next(ends)) / (2 * s * (p + 1))
+
+    def until(end: Any) -> Any:
+        return sp.Max(end, _OPEN) ** (p + 1)
+
+    return (until(closure + s) - until(closure - s)) / (2 * s * (p + 1))
 
 
 @guides(FreeStop)

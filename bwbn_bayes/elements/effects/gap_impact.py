@@ -77,7 +77,7 @@ class GapImpact(Effect):
             reach = float(np.max(sign * drift if sign else np.abs(drift)))
             return at[stiffness] * max(reach - at[gap], 0.0) / at.peak("restoring_force")
 
-        return stop_signature(contact, gap, self.side)
+        return stop_signature(contact, lambda at: at[gap], self.side)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -14,7 +14,8 @@ model in other units they must be converted with it.
 
 **BWBN** has Foliente's multiplier [2]_ ``h = 1 - z1 exp(-(z sgn(de) - q zu)^2 / z2^2)`` with
 ``z1 = zetas (1 - exp(-p Te))``, ``z2 = (Shi + deltaShi Te)(lambda + z1)``, ``zu = (1/(beta + gamma))^(1/n)``, and
-neither nu nor eta: our ``foliente_pinching`` with ``Shi = psi_0``, ``deltaShi = delta_psi`` where nothing degrades.
+neither nu nor eta: our ``foliente_pinching`` with ``Shi = psi_0``, ``deltaShi = delta_psi`` where nothing degrades and
+the work is not negative.
 
 Both start Newton's iteration at z = 0.01 and end it at an absolute tolerance on z, 1e-8 by default, which is coarse
 where z is measured in metres: the tolerance written here follows the size of z.

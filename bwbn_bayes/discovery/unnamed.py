@@ -13,12 +13,16 @@ from bwbn_bayes.discovery.explanation import Explanation, Key
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.probability import Beliefs
 from bwbn_bayes.discovery.run import Run, on_one_thread, on_threads
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.unnamed import N_KINDS, UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.further_link import further_links
 from bwbn_bayes.inference.unnamed.reading import ReadingError, reading_errors
 from bwbn_bayes.inference.unnamed.state_function import StateForce, state_forces
 from bwbn_bayes.inference.unnamed.storey import unnamed_forces
+from bwbn_bayes.records.blocks import counts
 
+_LEAST_LEFT = 0.1
+"""Of the record's noise, by its model-free estimate, which may be too large: what leaves less knows the noise."""
 _N_UNNAMED = 8
 """Explanations that are weighed to first order at most, beside those that have less than the best."""
 
@@ -140,12 +144,17 @@ def _with_further_links(asked: _Asked) -> list[Explanation]:
 
 
 def _to_first_order(asked: _Asked) -> list[Explanation]:
-    """An explanation with an unnamed force in each storey, and in all."""
+    """An explanation with an unnamed force in each storey, and in all.
+
+    Not with one that would explain more than all that was measured: to first order, about a response that runs away
+    from its neighbours, a force does anything.
+    """
     one = asked.one
     # Few explanations are asked, so that the last would keep one thread busy: the threads share blocks of lanes.
     posterior, best = on_threads(one.evidence.posterior, asked.n_threads), one.evidence.modes[0].point
     found = unnamed_forces(posterior, best, UNNAMED_SCALE, matters=asked.behind)
     evidence = one.evidence
+    most = _at_most(posterior)
     return [
         replace(
             one,
@@ -154,7 +163,17 @@ def _to_first_order(asked: _Asked) -> list[Explanation]:
             evidence=replace(evidence, log_evidence=evidence.log_evidence + own.gain, method="Laplace"),
         )
         for place, own in found.items()
+        if evidence.log_evidence + own.gain < most
     ]
+
+
+def _at_most(posterior: Posterior) -> float:
+    """Log likelihood of a model that leaves a share of the record's noise that no right one would."""
+    noise, n_times = posterior.noise, counts(posterior.record)
+    if not isinstance(noise, IntegratedNoise):
+        return np.inf
+    left = _LEAST_LEFT**2 * np.asarray(noise.scale) * n_times
+    return float(noise.log_likelihood(left[None], n_times, np.empty((1, 0)))[0])
 
 
 def _with_state_forces(asked: _Asked) -> list[Explanation]:

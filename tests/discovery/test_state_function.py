@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import norm
 
+from bwbn_bayes.discovery import unnamed
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.unnamed_facts import _of_storey
@@ -181,6 +182,23 @@ def test_a_force_to_first_order_acts_where_it_leaves_less_than_the_laws(
     assert (posterior is not plain.posterior) == acts
     assert (posterior.log_likelihood(at[None])[0] > plain.modes[0].log_likelihood + 10.0) == acts
     assert (beside.over_noise(record.measured) > 2.0 * plain.over_noise(record.measured)) == acts
+
+
+def test_a_force_that_would_explain_the_noise_itself_is_none(
+    record: Record, plain: Explanation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """About a base that slides a force to first order gained 26,000 nats more than there were to explain."""
+    scale = tuple(0.01**2 for _ in record.channels)
+    noisy = replace(plain.posterior, noise=IntegratedNoise(shape=1.0, scale=scale))
+    modes = distinct(*polish(noisy, plain.points, n_iterations=5))
+    beside = replace(plain, posterior=noisy, modes=modes, evidence=laplace(noisy, modes))
+    samples = record.n_times * len(record.channels)
+    missing = samples * np.log(np.std(beside.residual) / 0.01)
+    gains = {(1,): missing, (2,): missing + 2.0 * samples, (1, 2): missing + 5.0 * samples}
+    found = {place: Estimate(gain=gain, kind="any", forces={}, point=beside.best) for place, gain in gains.items()}
+    monkeypatch.setattr(unnamed, "unnamed_forces", lambda *_, **__: found)
+    asked = unnamed._Asked(beside, 0.0, np.random.default_rng(1), 1, beside)
+    assert [one.unnamed for one in unnamed._to_first_order(asked)] == [(1,), (2,)]
 
 
 def test_a_function_told_anew_over_another_reach_is_the_same(record: Record) -> None:

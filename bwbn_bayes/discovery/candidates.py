@@ -78,10 +78,10 @@ class Hypothesis:
     def free_shapes(self) -> tuple[Hypothesis, ...]:
         """The same with the effect in forms of free shape that contain its own, or come close to it.
 
-        Those alone that can act there, and whose rate a record without time does not leave open.
+        Those alone that can act there.
         """
-        forms = [form for form in self.guide.free_shapes(self.scales) if self.has_time or not form.needs_time]
-        own = [form for form in forms if fits(form, self.base, self.storeys)]
+        forms = self.guide.free_shapes(self.scales)
+        own = [form for form in forms if _can_act(form, self.base, self.storeys, has_time=self.has_time)]
         return tuple(replace(self, effect=form, guide=guide_of(type(form))) for form in own)
 
     @property
@@ -226,9 +226,7 @@ def hypotheses(
         for storeys in _places(effect_class, base, measured):
             own = mean_scales([scales[storey - 1] for storey in storeys] or scales[:1])
             for effect in guide.priors(own):
-                if (not has_time and effect.needs_time) or (not in_one_go and effect.is_an_event):
-                    continue
-                if not fits(effect, base, storeys):
+                if not _can_act(effect, base, storeys, has_time=has_time) or (not in_one_go and effect.is_an_event):
                     continue
                 hypothesis = Hypothesis(
                     base=base, effect=effect, storeys=storeys, scales=own, guide=guide, has_time=has_time
@@ -291,8 +289,13 @@ def _places(effect_class: type[Effect], base: Structure, measured: Sequence[str]
     return (*single, storeys) if effect_class.level == "link" and len(storeys) > 1 else single
 
 
-def fits(effect: Effect, base: Structure, storeys: tuple[int, ...]) -> bool:
-    """Whether a form acts on the elements of a place: one form of an effect may act on fewer than another."""
+def _can_act(effect: Effect, base: Structure, storeys: tuple[int, ...], *, has_time: bool) -> bool:
+    """Whether a form means something in a record with or without time, and acts on the elements of a place.
+
+    One form of an effect may act on fewer than another.
+    """
+    if effect.needs_time and not has_time:
+        return False
     return effect.level != "link" or all(base.element_of(one) in effect.elements for one in storeys)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, floor_of, predict
-from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap
+from bwbn_bayes.discovery.outcome import Added, DetectionLimit, Discovery, Gap, deserved_by
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.predictive import predictive_interval
 from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Beliefs, Family
@@ -165,8 +165,7 @@ def _deserved_at_best(name: str, believed: Beliefs) -> float:
     """Whether an effect deserves its name at the best fit of the most probable explanation that has it."""
     best = next(one for one in believed.explanations if name in one.names)
     hypothesis = next(own for own in best.added if own.name == name)
-    signature = signature_of(hypothesis, best, best.best[None][:0])
-    return 1.0 if signature is None else signature.deserved
+    return deserved_by(signature_of(hypothesis, best, best.best[None][:0]))
 
 
 def _of_names(believed: Beliefs, added: Sequence[Added]) -> dict[str, float]:

@@ -65,6 +65,11 @@ class SignatureFacts:
         }
 
 
+def deserved_by(signature: SignatureFacts | None) -> float:
+    """Probability that an effect deserves its name by its signature; certain where it has none."""
+    return 1.0 if signature is None else signature.deserved
+
+
 @dataclass(frozen=True, kw_only=True)
 class Added:
     """An effect of the improved model that the given one lacks.
@@ -117,7 +122,7 @@ class Added:
     @property
     def deserved(self) -> float:
         """Probability that what the law does deserves the effect's name."""
-        return 1.0 if self.signature is None else self.signature.deserved
+        return deserved_by(self.signature)
 
     @property
     def grade(self) -> Grade:

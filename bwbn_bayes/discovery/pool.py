@@ -124,14 +124,19 @@ class Pool:
             if key:
                 self._alone.discard(key)
             return
-        self.plain[key] = one
-        self._coloured.discard(key)
-        self._bounds.pop(key, None)
+        self._take_plain(one)
         self.asked -= {pair for pair in self.asked if pair[0] == key}
-        self._sampled.discard((key, None))
         for place in [place for place in self.unnamed if place[0] == key]:
             del self.unnamed[place]
             self._sampled.discard(place)
+
+    def _take_plain(self, one: Explanation) -> None:
+        """In the place of one of the same effects without anything unnamed, whose accounts of the errors go with it."""
+        key = one.effects_key
+        self.plain[key] = one
+        self._coloured.discard(key)
+        self._bounds.pop(key, None)
+        self._sampled.discard((key, None))
 
     def add_unnamed(self, one: Explanation) -> None:
         """Take in an explanation of a building with something unnamed.
@@ -215,8 +220,8 @@ class Pool:
         Of a specimen's laws those alone that leave noise: what is more than noise is the force's, whose scale has a
         prior; such errors would be a second force of no known law, as large as they like.
         """
-        asked = [key for key, one in self.plain.items() if not self.has_force or one.is_noise]
-        waiting = [key for key in asked if key not in self._coloured]
+        fresh = [key for key in self.plain if key not in self._coloured]
+        waiting = [key for key in fresh if not self.has_force or self.plain[key].is_noise]
         for key in waiting:
             if key not in self._bounds:
                 self._bounds[key] = self.plain[key].evidence.log_evidence + autoregressive_bound(*_at(self.plain[key]))
@@ -252,11 +257,8 @@ class Pool:
             key = one.effects_key
             known = self.plain.get(key)
             if known is None or one.evidence.log_evidence > known.evidence.log_evidence:
-                self.plain[key] = one
-                self._coloured.discard(key)
-                self._bounds.pop(key, None)
+                self._take_plain(one)
                 self._alone.add(key)
-                self._sampled.discard((key, None))
 
     def let_compete(self, laws: Sequence[Explanation]) -> None:
         """Fit laws of a specimen beside the unnamed force, from where they are best by themselves."""

@@ -79,7 +79,7 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, spread: Floats) -
     of_runs = _responses(hypothesis, present, values)
     without_it = _responses(hypothesis, present, _without(hypothesis, present, values[:1]))
     found = [
-        _Told(run, responses, without[0] if without else None)
+        _Told(run, responses, signature.of_response(without[0]) if without else np.nan)
         for (run, _), responses, without in zip(present.posterior.record.runs, of_runs, without_it, strict=True)
         if run.channels and responses and np.isfinite(signature.of_response(responses[0]))
     ]
@@ -96,24 +96,22 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, spread: Floats) -
         mean=float(np.nanmean(sizes)),
         low=float(low),
         high=float(high),
-        without=np.nan if told.without is None else signature.of_response(told.without),
+        without=told.without,
         deserved=_deserved(signature, told),
     )
 
 
 @dataclass(frozen=True)
 class _Told:
-    """A record in one go, responses of draws under it, and that without the effect at the best fit, if it is solved."""
+    """A record in one go, responses of draws under it, and the measure without the effect at the best fit."""
 
     record: Record
     responses: list[PlaceResponse]
-    without: PlaceResponse | None
+    without: float
 
     def difference(self, signature: Signature) -> float:
         """What the effect makes of the measure."""
-        if self.without is None:
-            return 0.0
-        change = signature.of_response(self.responses[0]) - signature.of_response(self.without)
+        change = signature.of_response(self.responses[0]) - self.without
         return abs(change) if np.isfinite(change) else 0.0
 
 

@@ -25,12 +25,17 @@ from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Uniform, Value
 
+_SOURCE = "Tao and Kokotovic 1996"
 PLAY = symbol("d")
 """Position within the play, from -b to b. [m]"""
 SLACK = symbol("d_0")
 """Position within the slack, from -b_0 to b_0. [m]"""
 FREE_SLACK = symbol("d_f")
 """Position within the slack of a free shape, from -b_f to b_f. [m]"""
+
+
+def _length(name: str, neutral: float, lower: float, description: str) -> Parameter:
+    return Parameter(symbol=name, unit="m", neutral=neutral, lower=lower, description=description, source=_SOURCE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +65,7 @@ class Backlash(Effect):
 
     name: ClassVar[str] = "backlash"
     summary: ClassVar[str] = "play in series with the storey, crossed after every reversal"
-    source: ClassVar[str] = "Tao and Kokotovic 1996"
+    source: ClassVar[str] = _SOURCE
     residual: ClassVar[str] = "a flat stretch after every reversal, whatever z"
     confusable: ClassVar[str] = "slip_lock, gap_impact"
     signature: ClassVar[Signature] = Signature(
@@ -71,15 +76,8 @@ class Backlash(Effect):
         least=0.005,
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(symbol="b", unit="m", neutral=0.0, lower=0.0, description="half width of the play", source=source),
-        Parameter(
-            symbol="w",
-            unit="m",
-            neutral=1.0,
-            lower=1e-9,
-            description="distance over which the play closes",
-            source=source,
-        ),
+        _length("b", 0.0, 0.0, "half width of the play"),
+        _length("w", 1.0, 1e-9, "distance over which the play closes"),
     )
 
     @classmethod
@@ -132,15 +130,8 @@ class Slack(Effect):
         size=lambda at: 2.0 * at["b_0"] / at.peak("drift"),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(symbol="b_0", unit="m", neutral=0.0, lower=0.0, description="half width of the slack", source=source),
-        Parameter(
-            symbol="w_0",
-            unit="m",
-            neutral=1.0,
-            lower=1e-9,
-            description="distance over which it opens and closes",
-            source=source,
-        ),
+        _length("b_0", 0.0, 0.0, "half width of the slack"),
+        _length("w_0", 1.0, 1e-9, "distance over which it opens and closes"),
     )
 
     @override
@@ -187,15 +178,8 @@ class FreeSlack(Effect):
         is_genuine=lambda at: at["w_f"] <= 2.0 * at["b_f"],  # else it never opens
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter(symbol="b_f", unit="m", neutral=0.0, lower=0.0, description="half width of the slack", source=source),
-        Parameter(
-            symbol="w_f",
-            unit="m",
-            neutral=1.0,
-            lower=1e-9,
-            description="distance over which it opens and closes",
-            source=source,
-        ),
+        _length("b_f", 0.0, 0.0, "half width of the slack"),
+        _length("w_f", 1.0, 1e-9, "distance over which it opens and closes"),
         Parameter(
             symbol="s_f",
             unit="",

@@ -9,13 +9,19 @@ from typing import ClassVar, Self, override
 
 import sympy as sp
 
-from bwbn_bayes.elements.effects.free_friction import FreeFrictionSearch, SpeedFrictionSearch
+from bwbn_bayes.elements.effects.free_friction import (
+    WIDEST,
+    FreeFrictionSearch,
+    SpeedFrictionSearch,
+    width_prior,
+    width_starts,
+)
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
+from bwbn_bayes.parameters import HalfNormal, Parameter, Value
 
 _MOSTAGHEL, _DAHL = "Mostaghel and Davis 1997", "Dahl 1968"
 _SYMBOLS = {
@@ -25,8 +31,6 @@ _SYMBOLS = {
     "dahl": ("F_dahl", "x_dahl"),
 }
 _FORMS = {"tanh": "tanh(v/v0)", "ratio": "v/(|v| + v0)", "root": "v/sqrt(v^2 + v0^2)", "dahl": "sticking (Dahl)"}
-_WIDEST = 0.125
-"""Share of the largest drift rate, or drift, over which dry friction may turn: what turns more slowly is not dry."""
 
 MOBILISED = symbol("q_f")
 """Share of the friction force that a sticking contact has reached, from -1 to 1."""
@@ -109,7 +113,7 @@ class CoulombFriction(Effect):
             "sticks: what turns more slowly is viscous, not dry",
             size=lambda at: at[force] / at.peak("restoring_force"),
             least=0.004,
-            is_genuine=lambda at: at[width] <= _WIDEST * at.peak(turned_in),
+            is_genuine=lambda at: at[width] <= WIDEST * at.peak(turned_in),
         )
 
     @cached_property
@@ -174,10 +178,7 @@ class CoulombFrictionSearch(SearchGuide[CoulombFriction]):
 
     @override
     def priors(self, scales: Scales) -> tuple[CoulombFriction, ...]:
-        v0, x0 = (
-            LogNormal(0.03 * largest, 0.8).truncated(0.004 * largest, 0.3 * largest)
-            for largest in (scales.drift_rate, scales.drift)
-        )
+        v0, x0 = width_prior(scales.drift_rate), width_prior(scales.drift)
         return CoulombFriction.every_form(HalfNormal(0.3 * scales.force), v0=v0, x0=x0)
 
     @override
@@ -186,7 +187,7 @@ class CoulombFrictionSearch(SearchGuide[CoulombFriction]):
         largest = scales.drift if effect.smoothing == "dahl" else scales.drift_rate
         return {
             force: (0.03 * scales.force, 0.15 * scales.force),
-            width: tuple(share * largest for share in (0.015, 0.08)),
+            width: width_starts(largest),
         }
 
     @override

@@ -13,7 +13,7 @@ from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, Sharp
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
-from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Normal, Parameter, Value
+from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Normal, Parameter, Prior, Value
 
 SHARE = symbol("q_d")
 """Share of the friction force that the contact has reached, from -1 to 1."""
@@ -21,8 +21,18 @@ _ROUNDING = 0.1
 """Distance of the share from its end within which the power is rounded: below one it would be met at infinite speed."""
 _TURNED = 0.5
 """Of the share, by which a step may change it at a resolution of one."""
-_WIDEST = 0.125
-"""Share of the largest drift over which dry friction may turn, as for the usual forms."""
+WIDEST = 0.125
+"""Share of the largest drift rate, or drift, over which dry friction may turn: what turns more slowly is not dry."""
+
+
+def width_prior(largest: float) -> Prior:
+    """Of the drift rate [m/s] or drift [m] over which dry friction turns, by the largest one."""
+    return LogNormal(0.03 * largest, 0.8).truncated(0.004 * largest, 0.3 * largest)
+
+
+def width_starts(largest: float) -> tuple[float, ...]:
+    """Where fits of that width start."""
+    return (0.015 * largest, 0.08 * largest)
 
 
 def _parameter(
@@ -77,7 +87,7 @@ class FreeFriction(Effect):
         reason="0.4 % of the peak force, turned within an eighth of the largest drift: what turns slowly is not dry",
         size=lambda at: at["F_d"] / at.peak("restoring_force"),
         least=0.004,
-        is_genuine=lambda at: at["x_d"] <= _WIDEST * at.peak("drift"),
+        is_genuine=lambda at: at["x_d"] <= WIDEST * at.peak("drift"),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         _parameter("F_d", "N", 0.0, 0.0, "friction force at zero drift"),
@@ -114,6 +124,12 @@ def _at_speeds(at: PlaceResponse, speed: Floats) -> float:
     """Largest force [N] of a friction that depends on speed, over some drift rates ``(n,)`` [m/s]."""
     near_rest = 1.0 + at["s_k"] / (1.0 + np.square(speed / at["v_k"]))
     return float(at["F_k"] * np.max(np.abs(np.tanh(speed / at["w_k"]) * near_rest)))
+
+
+def _is_dry(at: PlaceResponse, fastest: float) -> bool:
+    """Whether it turns within little of the largest drift rate [m/s], and is half of what it is there by then."""
+    slow, fast = (_at_speeds(at, np.array([speed])) for speed in (WIDEST * fastest, fastest))
+    return at["w_k"] <= WIDEST * fastest and slow >= 0.5 * fast
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,11 +171,7 @@ class SpeedFriction(Effect):
         FreeFriction.signature,
         reason="0.4 % of the peak force, half of it within an eighth of the largest drift rate: else it is viscous",
         size=lambda at: _at_speeds(at, at.histories["drift_rate"]) / at.peak("restoring_force"),
-        is_genuine=lambda at: (
-            at["w_k"] <= _WIDEST * at.peak("drift_rate")
-            and _at_speeds(at, np.array([_WIDEST * at.peak("drift_rate")]))
-            >= 0.5 * _at_speeds(at, np.array([at.peak("drift_rate")]))
-        ),
+        is_genuine=lambda at: _is_dry(at, at.peak("drift_rate")),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         _parameter("F_k", "N", 0.0, 0.0, "friction force at high speed", source),
@@ -187,7 +199,7 @@ class SpeedFrictionSearch(SearchGuide[SpeedFriction]):
     def priors(self, scales: Scales) -> tuple[SpeedFriction, ...]:
         one = SpeedFriction(
             F_k=HalfNormal(0.3 * scales.force),
-            w_k=LogNormal(0.03 * scales.drift_rate, 0.8).truncated(0.004 * scales.drift_rate, 0.3 * scales.drift_rate),
+            w_k=width_prior(scales.drift_rate),
             s_k=Normal(0.0, 0.5).truncated(-0.95, 3.0),
             v_k=LogNormal(0.1 * scales.drift_rate, 1.0).truncated(0.005 * scales.drift_rate, 2.0 * scales.drift_rate),
         )
@@ -197,7 +209,7 @@ class SpeedFrictionSearch(SearchGuide[SpeedFriction]):
     def starts(self, effect: SpeedFriction, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         return {
             "F_k": (0.03 * scales.force, 0.15 * scales.force),
-            "w_k": (0.015 * scales.drift_rate, 0.08 * scales.drift_rate),
+            "w_k": width_starts(scales.drift_rate),
             "s_k": (-0.3, 0.4),
             "v_k": (0.1 * scales.drift_rate,),
         }
@@ -211,7 +223,7 @@ class FreeFrictionSearch(SearchGuide[FreeFriction]):
     def priors(self, scales: Scales) -> tuple[FreeFriction, ...]:
         one = FreeFriction(
             F_d=HalfNormal(0.3 * scales.force),
-            x_d=LogNormal(0.03 * scales.drift, 0.8).truncated(0.004 * scales.drift, 0.3 * scales.drift),
+            x_d=width_prior(scales.drift),
             r_d=LogNormal(1.0, 0.5).truncated(0.3, 3.0),
             g_d=Normal(0.0, 0.5).truncated(-0.95, 5.0),
             u_d=scales.drift,
@@ -222,7 +234,7 @@ class FreeFrictionSearch(SearchGuide[FreeFriction]):
     def starts(self, effect: FreeFriction, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         return {
             "F_d": (0.03 * scales.force, 0.15 * scales.force),
-            "x_d": (0.015 * scales.drift, 0.08 * scales.drift),
+            "x_d": width_starts(scales.drift),
             "r_d": (0.8,),
             "g_d": (-0.2, 0.3),
         }

@@ -195,7 +195,8 @@ class Beliefs:
 
         The most probable one of those that have what is likely, and nothing that could be named as absent: the evidence
         of a record is the score of predicting each sample from those before it. Where the best of them leaves more than
-        noise, none is right; what the force takes up is not absent then, and what is named must be there alone.
+        noise, none is right; what the force takes up is not absent then, and what is named must be there alone. There
+        the evidence counts as it is: that laws may err, which the force tells, lets none of them predict better.
         """
         plain = [one for one in self.explanations if not one.has_unnamed]
         if plain[0].is_noise:
@@ -204,6 +205,8 @@ class Beliefs:
         else:
             named = {name for name, p in self.law_probabilities.items() if p >= NAMED}
             kin = [family.names for family in self.families if family.probability >= NAMED]
+            by_evidence = [self.explanations[n] for n in np.argsort(self.forgiven - self.log_joint, kind="stable")]
+            plain = [one for one in by_evidence if not one.has_unnamed]
             tried = [one for one in plain if named <= one.names and all(names & one.names for names in kin)]
         return (tried or plain)[0]
 

@@ -8,8 +8,9 @@ from), and nothing else. Finished cases are kept in a ``.jsonl`` file beside the
 truths lie in a folder beside it. Cases are a function of seed, kind and index.
 
 ``--kind all --cases 4`` is a small balanced trial: four cases of every kind, taken in turns. ``--also`` pools the cases
-of other trials with these; with ``--cases 0`` nothing is run. ``--page`` writes a page of all pooled cases, with the
-figures that ``--gallery`` draws:
+of other trials with these; with ``--cases 0`` nothing is run. ``--keep`` files what of all pooled cases decides how
+they came out, so that a count goes on from there. ``--page`` writes a page of all pooled cases, with the figures that
+``--gallery`` draws:
 
 ``python -m benchmarks.discovery --cases 0 --also a.jsonl b.jsonl --json pooled.json --page docs/blind_trials.md
 --gallery docs/blind_trials``
@@ -32,7 +33,7 @@ from rich.table import Table
 
 from benchmarks.blind.cases import KINDS, STARTING_MODEL, Kind, make_case
 from benchmarks.blind.columns import column_summary
-from benchmarks.blind.filed import FiledCase, finished_entries, other_cases
+from benchmarks.blind.filed import FiledCase, finished_entries, keep, other_cases
 from benchmarks.blind.page import KIND_TITLES, write_page
 from benchmarks.blind.picture import draw_confusion, draw_reliability
 from benchmarks.blind.pooled import by_kind, misses, versions
@@ -304,6 +305,7 @@ def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--kind", choices=(*KINDS, "all"), default="catalogue")
     parser.add_argument("--workers", type=int, choices=(1, 2), default=1, help="processes, one case each at a time")
     parser.add_argument("--also", type=Path, nargs="+", default=(), help=".jsonl files of other trials, to be pooled")
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="file what decides how all pooled cases came out")
     parser.add_argument("--gallery", type=Path, metavar="DIR", help="draw the figures of all pooled cases there")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write the page, with figures where drawn")
     return parser.parse_args(arguments)
@@ -333,7 +335,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print_column(console, kind, columns[kind], title)
         picture = folder.with_name(f"{folder.name}-{kind}.png")
         draw_confusion(columns[kind]["confusion"], picture, f"{kind}, {title}, detectable cases")
-    pooled = pooled_summary([*cases, *other_cases(options.also, {job.key for job in jobs})])
+    every = [*cases, *other_cases(options.also, {job.key for job in jobs})]
+    if options.keep:
+        keep(every, options.keep)
+    pooled = pooled_summary(every)
     print_pooled(console, pooled)
     _draw_reliability(pooled["reliability"], folder.with_name(f"{folder.name}-reliability.png"))
     facts = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,10 @@ from benchmarks.blind.scoring import Outcome, case_outcome
 from benchmarks.running import filed_lines
 
 Json = Mapping[str, Any]
+
+_SCORED = ("schema", "verdict", "verdict_probabilities", "probabilities", "elapsed_s", "error")
+_OF_EFFECT = ("name", "storeys", "probability", "equivalent", "parameters")
+"""What of ``discovery.json`` decides how a case came out, beside errors on what was held out."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +39,19 @@ class FiledCase:
         return cls(entry=entry, outcome=case_outcome(entry["truth"], entry["discovery"]))
 
     @property
+    def kept(self) -> dict[str, Any]:
+        """The entry without what does not decide how it came out, a thirtieth of it: as it is kept with the code."""
+        told: Json = self.entry["discovery"]
+        gap: Json = told.get("gap", {})
+        held_out: Json = gap.get("held_out") or {}
+        scored: dict[str, Any] = {name: told[name] for name in _SCORED if name in told}
+        if "effects" in told:
+            scored["effects"] = [{name: one[name] for name in _OF_EFFECT if name in one} for one in told["effects"]]
+        errors = {name: held_out[name] for name in ("before", "after") if name in held_out}
+        scored["gap"] = {"noise_floor": gap.get("noise_floor"), "held_out": errors}
+        return {**self.entry, "discovery": scored}
+
+    @property
     def version(self) -> tuple[str, str]:
         """Commit and hash of the code that ran it; empty where not recorded."""
         return str(self.entry.get("commit", "")), str(self.entry.get("code", ""))
@@ -54,6 +72,12 @@ class FiledCase:
         """Of all threads [s]; None where not recorded."""
         value = self.entry.get("processor_seconds")
         return None if value is None else float(value)
+
+
+def keep(cases: Sequence[FiledCase], path: Path) -> None:
+    """File what decides how cases came out."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(json.dumps(case.kept) + "\n" for case in cases), encoding="utf-8")
 
 
 def filed_entries(path: Path) -> dict[str, dict[str, Any]]:

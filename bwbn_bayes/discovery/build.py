@@ -158,8 +158,11 @@ def in_forms(base: Explanation, every: Sequence[Hypothesis], run: Run) -> list[E
     if not fits:
         return []
     fits = widened(fits, n_threads=n_workers, pace=pace)
-    if not fits[0].leaves_noise:
-        fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
+    # One form that leaves noise says nothing of another, which a race may leave hundreds of nats from its best.
+    short = tuple(fit for fit in fits if not fit.leaves_noise)
+    if short:
+        again = searched(short, run.rng, n_threads=n_workers, pace=pace)
+        fits = (*(fit for fit in fits if fit.leaves_noise), *again)
     return [explained(base, fit, run) for fit in fits]
 
 

@@ -117,6 +117,25 @@ def test_the_page_counts_and_lists_every_miss(tmp_path: Path) -> None:
     assert "\n\n\n" not in page
 
 
+def test_what_is_kept_of_cases_counts_as_they_do(tmp_path: Path) -> None:
+    """Records, histories and sentences of a discovery decide nothing, and are thirty times as long."""
+    shown = {
+        "sentences": ["a"] * 40,
+        "gap": {"noise_floor": 0.1, "held_out": {"before": 0.4, "after": 0.1, "loops": 1}},
+    }
+    full = [{**one, "discovery": {**one["discovery"], **shown}} for one in CASES]
+    kept = tmp_path / "kept" / "cases.jsonl"
+    whole = write(tmp_path / "a.jsonl", full)
+    trial.main(["--cases", "0", "--json", str(tmp_path / "a.json"), "--also", str(whole), "--keep", str(kept)])
+    trial.main(["--cases", "0", "--json", str(tmp_path / "b.json"), "--also", str(kept)])
+    before, after = (json.loads((tmp_path / f"{name}.json").read_text())["pooled"] for name in ("a", "b"))
+    assert before == after
+    assert before["cases"] == len(CASES)
+    assert "sentences" not in kept.read_text()
+    of = {one["key"]: FiledCase.of(one).outcome for one in full}
+    assert {key: FiledCase.of(one).outcome for key, one in filed_entries(kept).items()} == of
+
+
 def test_every_figure_of_the_page_is_there(tmp_path: Path) -> None:
     page = page_of(tmp_path, write(tmp_path / "a.jsonl", CASES))
     figures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", page)

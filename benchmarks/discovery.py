@@ -348,7 +348,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "workers": options.workers,
         "processor": processor_name(),
         "columns": columns,
-        "logs": [one.name for one in (*([log] if options.cases else []), *options.also)],
+        "logs": [str(one) for one in (*([log] if options.cases else []), *options.also)],
         "pooled": pooled,
         "cases": [{**vars(outcome), "floor_ratio": outcome.floor_ratio} for outcome in outcomes],
     }

@@ -83,7 +83,7 @@ def cells(page: str, start: str) -> list[list[str]]:
 def test_the_page_counts_and_lists_every_miss(tmp_path: Path) -> None:
     page = page_of(tmp_path, write(tmp_path / "a.jsonl", CASES))
     assert "Cases: 11, all run at commit `abc1234` (hash of what the code does: `0123456789ab`)." in page
-    assert "--also a.jsonl --json pooled.json" in page
+    assert f"--also {tmp_path}/a.jsonl --json pooled.json" in page
     (row,) = cells(page, "catalogue, 30 dB: right name and storey")
     assert row[1:] == [">= 97 %", "1 of 3", "33 %", "1 to 91 %"]
     (by_kind,) = [row for row in cells(page, "`catalogue`") if row[1] == "30 dB: 7"]

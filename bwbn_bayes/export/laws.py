@@ -99,7 +99,7 @@ _SIZES_OF_NO_LAW = (
     *("p_eta", "p_nu", "b_eta", "m_eta", "E_eta", "b_nu", "m_nu", "E_nu"),
     *("a_eta", "r_eta", "U_eta", "a_nu", "r_nu", "U_nu"),
     *("p_g", "q_g", "psi_g", "delta_g", "lambda_g", "m_g", "t_g", "i_g", "sigma_w", "b_w", "m_w", "p_w", "E_w"),
-    *("x_d", "r_d", "g_d", "u_d", "w_k", "s_k", "v_k"),
+    *("x_d", "r_d", "g_d", "u_d", "c_d", "U_d", "w_k", "s_k", "v_k"),
     *(f"{size}_s{side}" for side in ("", "p", "n") for size in "gpswuE"),
 )
 _AROUND = ("e_m", "c_m", "mu_t", "f_t", "zeta_t", "compliance", "m_b", "c_b", "s_g", "k_bend")

@@ -44,7 +44,7 @@ SHAPES = {
         "t_g": 0.6,
         "i_g": 0.3,
     },
-    "coulomb_friction": {"F_d": 0.5, "x_d": 0.05, "r_d": 1.6, "g_d": 0.4, "u_d": 0.8},
+    "coulomb_friction": {"F_d": 0.9, "x_d": 0.05, "r_d": 1.6, "g_d": -0.6, "u_d": 0.4, "c_d": 0.7, "U_d": 4.0},
     "coulomb_friction, speed": {"F_k": 0.4, "w_k": 0.06, "s_k": 0.7, "v_k": 0.3},
     "cubic_stiffness": {"F_h": -0.6, "p_h": 2.3, "u_h": 0.8},
     "quadratic_damping": {"F_q": 1.4, "p_q": 1.6, "v_q": 1.7},
@@ -89,8 +89,9 @@ def written_beside(name: str, p: Mapping[str, float], states: Mapping[str, Float
     u, v = states["u"], states["v"]
     if name == "coulomb_friction":
         q = states["q_d"]
-        force = p["F_d"] * q * (1.0 + p["g_d"] * np.abs(u) / p["u_d"])
-        return force, [v / p["x_d"] * (1.0 - np.sign(v) * q) ** p["r_d"]]
+        pressure = np.maximum(1.0 + p["g_d"] * np.abs(u) / p["u_d"], 0.0)
+        force = p["F_d"] * q * pressure * np.exp(-p["c_d"] * states["u_c"] / p["U_d"])
+        return force, [v / p["x_d"] * (1.0 - np.sign(v) * q) ** p["r_d"], np.abs(v)]
     if name == "coulomb_friction, speed":
         return p["F_k"] * np.tanh(v / p["w_k"]) * (1.0 + p["s_k"] * p["v_k"] ** 2 / (p["v_k"] ** 2 + v**2)), []
     if name == "cubic_stiffness":
@@ -196,7 +197,7 @@ CONTAINED = {
     ),
     "friction": (
         {"F_dahl": 0.5, "x_dahl": 0.05},
-        {"F_d": 0.5, "x_d": 0.05, "r_d": 1.0, "g_d": 0.0, "u_d": 0.8},
+        {"F_d": 0.5, "x_d": 0.05, "r_d": 1.0, "g_d": 0.0, "u_d": 0.8, "c_d": 0.0, "U_d": 4.0},
     ),
     "friction, speed": ({"F_c": 0.5, "v0": 0.05}, {"F_k": 0.5, "w_k": 0.05, "s_k": 0.0, "v_k": 0.3}),
     "slack": ({"b_0": 0.05, "w_0": 0.02}, {"b_f": 0.05, "w_f": 0.02, "s_f": 0.0}),
@@ -236,7 +237,7 @@ def test_the_usual_form_is_contained(name: str) -> None:
 def test_a_contact_that_turns_between_two_samples_is_solved(exponent: float) -> None:
     """Ten samples a half cycle, and a contact that turns within a twentieth of what lies between two of them."""
     record = cyclic_test([0.3, -0.25, 0.5, -0.55, 0.6], 10)
-    shape = {"F_d": 0.5, "x_d": 0.004, "r_d": exponent, "g_d": 0.4, "u_d": 0.8}
+    shape = {"F_d": 0.5, "x_d": 0.004, "r_d": exponent, "g_d": 0.4, "u_d": 0.8, "c_d": 0.3, "U_d": 4.0}
     model = Specimen(storey=storey(c=0.0)).with_effect(having(form_of(shape), shape))
     exact = Reference(method="LSODA", rtol=1e-8).simulate(model, NO_DRAW, record, ["force"]).values[0, 0]
     mine = Lanes(resolution=0.5).simulate(model, NO_DRAW, record, ["force"]).values[0, 0]

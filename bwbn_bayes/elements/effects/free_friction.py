@@ -1,4 +1,4 @@
-"""Dry friction in free shapes: a contact under a pressure that follows the drift, or a force that depends on speed."""
+"""Dry friction in free shapes: a contact that wears, under a pressure that follows the drift, or a force by speed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import ClassVar, override
 import numpy as np
 import sympy as sp
 
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, AddedState, Effect, SharpFeature, Slots, symbol
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, PATH, AddedState, Effect, SharpFeature, Slots, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
@@ -43,9 +43,10 @@ def _parameter(
 
 @dataclass(frozen=True, kw_only=True)
 class FreeFriction(Effect):
-    """The force ``F_d q_d (1 + g_d |u|/u_d)``, ``dq_d/dt = v/x_d (1 - sgn(v) q_d) |1 - sgn(v) q_d|^(r_d - 1)``.
+    """The force ``F_d q_d p(u) exp(-c_d u_c/U_d)``, ``dq_d/dt = v/x_d (1 - sgn(v) q_d) |1 - sgn(v) q_d|^(r_d - 1)``.
 
-    With ``r_d = 1`` and ``g_d = 0`` it is the contact that sticks of
+    The pressure ``p = 1 + g_d |u|/u_d`` is never negative: a contact that opens does not pull. It wears with the path,
+    ``du_c/dt = |v|``. With ``r_d = 1`` and ``g_d = c_d = 0`` it is the contact that sticks of
     :class:`~bwbn_bayes.elements.effects.coulomb_friction.CoulombFriction`, whose other forms resemble it where they
     turn within little drift.
 
@@ -61,11 +62,17 @@ class FreeFriction(Effect):
         Share by which the pressure has grown at the drift ``u_d``.
     u_d : float
         Drift at which the pressure is measured. [m]
+    c_d : float, Prior or PerStorey
+        Logarithm of what the force was over what it is at the path ``U_d``.
+    U_d : float
+        Path at which the wear is measured. [m]
 
     References
     ----------
     .. [1] P. R. Dahl, "A Solid Friction Model", Aerospace Corporation TOR-0158(3107-18)-1, 1968 (the exponent; cited
        from memory, not consulted); that the pressure follows the drift is our generalisation.
+    .. [2] J. F. Archard, "Contact and Rubbing of Flat Surfaces", J. Applied Physics 24(8), 1953 (wear in proportion to
+       the path; cited from memory, not consulted); that the force falls with it, by its own share, is our use.
     """
 
     F_d: Value
@@ -73,6 +80,8 @@ class FreeFriction(Effect):
     r_d: Value
     g_d: Value
     u_d: Value
+    c_d: Value
+    U_d: Value
 
     name: ClassVar[str] = "coulomb_friction"
     title: ClassVar[str] = "dry friction"
@@ -95,15 +104,17 @@ class FreeFriction(Effect):
         _parameter("r_d", "", 1.0, 0.1, "exponent of the turn"),
         _parameter("g_d", "", 0.0, -0.95, "growth of the pressure at a known drift"),
         _parameter("u_d", "m", 1.0, 1e-12, "that drift, known"),
+        _parameter("c_d", "", 0.0, 0.0, "wear by a known path, as a logarithm", "Archard 1953"),
+        _parameter("U_d", "m", 1.0, 1e-12, "that path, known", "Archard 1953"),
     )
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        force, width, exponent, growth, largest = (symbol(parameter.symbol) for parameter in self.parameters)
+        force, width, exponent, growth, largest, wear, path = (symbol(one.symbol) for one in self.parameters)
         left = 1 - sp.sign(DRIFT_RATE) * SHARE
         # A power of the square, not of the magnitude: derivatives of the sign inside it are none.
         rate = DRIFT_RATE / width * left * (left**2 + _ROUNDING**2) ** ((exponent - 1) / 2)
-        pressure = 1 + growth * sp.Abs(DRIFT) / largest
+        pressure = sp.Max(1 + growth * sp.Abs(DRIFT) / largest, 0) * sp.exp(-wear * PATH / path)
         # A contact that slides pulls its share back by r_d |1 - q_d|^(r_d - 1) / x_d, and a step of a stable scheme is
         # shorter than a few of these. Above one they vanish as the share nears its end; below one the rounding leaves
         # five at 0.3. After a turn the share runs, and steps are as short as that.
@@ -227,6 +238,8 @@ class FreeFrictionSearch(SearchGuide[FreeFriction]):
             r_d=LogNormal(1.0, 0.5).truncated(0.3, 3.0),
             g_d=Normal(0.0, 0.5).truncated(-0.95, 5.0),
             u_d=scales.drift,
+            c_d=HalfNormal(1.0),
+            U_d=scales.path,
         )
         return (one,)
 
@@ -237,4 +250,5 @@ class FreeFrictionSearch(SearchGuide[FreeFriction]):
             "x_d": width_starts(scales.drift),
             "r_d": (0.8,),
             "g_d": (-0.2, 0.3),
+            "c_d": (0.2,),
         }

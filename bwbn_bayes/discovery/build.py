@@ -86,8 +86,8 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     run.say("looking closer at the leading hypotheses")
     if not parent.is_quiet:
         fits = crossed(posterior, rescanned(fits, n_threads=n_workers, pace=pace), pace=pace)
-    if first and parent.is_specimen:
-        fits = searched(fits, run.rng, n_threads=n_workers, pace=pace)
+    if parent.is_specimen and (first or not parent.has_unnamed):  # a law by itself is bent by all that it lacks
+        fits = searched(fits, run.rng, n_threads=n_workers, pace=pace, leading_too=first)
     return fits
 
 

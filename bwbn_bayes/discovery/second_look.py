@@ -110,7 +110,12 @@ def crossed(present: Posterior, fits: Sequence[Fit], *, pace: Pace = UNHURRIED) 
 
 
 def searched(
-    fits: Sequence[Fit], rng: np.random.Generator, *, n_threads: int, pace: Pace = UNHURRIED
+    fits: Sequence[Fit],
+    rng: np.random.Generator,
+    *,
+    n_threads: int,
+    pace: Pace = UNHURRIED,
+    leading_too: bool = True,
 ) -> tuple[Fit, ...]:
     """Fits again, best first, the leading ones from draws of their whole priors on growing windows.
 
@@ -126,9 +131,17 @@ def searched(
         Threads for the solves.
     pace : Pace
         Those that there is no time for stay as they are.
+    leading_too : bool
+        Whether leading ones of few parameters are searched so, too: their grids are fine where a model is bent little.
     """
     many = [fit for fit in fits if len(fit.hypothesis.symbols) >= _SPARSE and len(fit.hypothesis.storeys) < 2]
-    return _again(fits, (*leading(fits, _SEARCHED), *many), partial(_searched, n_threads=n_threads), pace, rng)
+    return _again(
+        fits,
+        (*(leading(fits, _SEARCHED) if leading_too else ()), *many),
+        partial(_searched, n_threads=n_threads),
+        pace,
+        rng,
+    )
 
 
 def _again(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bwbn_bayes.discovery.outcome import Added
+from bwbn_bayes.discovery.sentences import probability_in_words
 from bwbn_bayes.structures.model_source import ModelWriter, assignment, docstring, quoted
 from bwbn_bayes.structures.parts import PlacedEffect
 from bwbn_bayes.structures.structure import Structure
@@ -95,7 +96,7 @@ def _remarks(added: Added) -> tuple[str, ...]:
     )
     return (
         f"{added.title}: {hypothesis.effect.summary}.",
-        f"Probability {added.probability:.3g}, log Bayes factor {_factor(added)}.",
+        f"Probability {probability_in_words(added.title_probability)}, log Bayes factor {_factor(added)}.",
         f"Posterior: {', '.join(moments)}.",
     )
 

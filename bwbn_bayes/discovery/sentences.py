@@ -139,18 +139,27 @@ def _effect(one: Added) -> str:
     sure = evidence_in_words(one.log_bayes_factor)
     text = (
         f"{words}{one.title}: {sure} evidence "
-        f"({nats_in_words(one.log_bayes_factor)}, probability {probability_in_words(one.probability)})"
+        f"({nats_in_words(one.log_bayes_factor)}, probability {probability_in_words(one.title_probability)})"
     )
     if one.alternatives:
         text += f"; the record cannot tell it from {' or '.join(one.alternatives)}"
-    if one.grade == "shape":
-        text += f"; the law helps, but not by what its name, {title_of(one.hypothesis.name)}, says"
+    if one.is_plain:
+        text += f"; {_without_a_name(one)}"
     if one.borne_out < NAMED:
         agreed = probability_in_words(one.borne_out)
         text += f"; more than noise is left, and not all of the record bears it out (probability {agreed})"
-    if one.signature is not None:
+    if one.signature is not None and not one.signature.unmeasured:
         text += f"; {signature_in_words(one.signature)}"
     return f"{capital(text)}."
+
+
+def _without_a_name(one: Added) -> str:
+    """Why a law that is there goes by its plain name."""
+    name, seen = title_of(one.hypothesis.name), one.signature
+    if seen is not None and seen.unmeasured:
+        unknown = f"its signature ({seen.measure}) could not be measured: {seen.unmeasured}"
+        return f"whether it is {name} is not known, since {unknown}"
+    return f"the law helps, but not by what its name, {name}, says"
 
 
 def _either(family: Family) -> str:
@@ -166,7 +175,7 @@ def _shaping(weak: Sequence[Added]) -> str:
     """Effects of the improved model that make it predict better, and that no evidence names."""
     titles = [one.title for one in weak]
     what = f"{', '.join(titles[:-1])} and {titles[-1]}" if len(titles) > 1 else titles[0]
-    largest = probability_in_words(max(one.name_probability for one in weak))
+    largest = probability_in_words(max(one.title_probability for one in weak))
     none = "none of them has" if len(titles) > 1 else "it has not"
     sure = f"probability {largest}" if len(titles) == 1 else f"the likeliest with probability {largest}"
     return f"The improved model also has {what}, with which it predicts better; {none} earned a name ({sure})."

@@ -163,7 +163,21 @@ def test_a_law_without_its_signature_goes_by_its_plain_name() -> None:
     told = sentences(believed("effects_found", 0.95), (), (added(deserved=0.02),), None, NOWHERE, gap(0.2, 0.1))
     assert told[0] == "The model lacks the shape of the reloading branch in storey 2 (probability 0.95)."
     assert told[1].startswith("The shape of the reloading branch in storey 2: overwhelming evidence")
+    assert "(812 nats, probability 0.998)" in told[1]
     assert "; the law helps, but not by what its name, slip-lock pinching, says; pinching index" in told[1]
+
+
+def test_a_signature_that_could_not_be_measured_is_told_with_the_reason() -> None:
+    """A law of pinching was named of a record off whose loops no pinching index can be read."""
+    unknown = SignatureFacts.of_none("pinching index", "", "it takes a motion that comes back through zero")
+    one = replace(added(), signature=unknown)
+    told = sentences(believed("effects_found", 0.95), (), (one,), None, NOWHERE, gap(0.2, 0.1))
+    assert told[0] == "The model lacks the shape of the reloading branch in storey 2 (probability 0.95)."
+    assert told[1] == (
+        "The shape of the reloading branch in storey 2: overwhelming evidence (812 nats, probability 0.998); whether "
+        "it is slip-lock pinching is not known, since its signature (pinching index) could not be measured: it takes a "
+        "motion that comes back through zero."
+    )
 
 
 @pytest.mark.parametrize(

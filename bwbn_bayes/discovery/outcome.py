@@ -307,8 +307,10 @@ class Discovery:
     Attributes
     ----------
     verdict : str
-        ``effects_found``, ``partly_explained``, ``no_missing_effect`` or ``unexplained``: the most probable.
+        ``effects_found``, ``partly_explained``, ``no_missing_effect`` or ``unexplained``: the most probable; or
+        ``not_searched``, where the time was over before any effect was tried: nothing is concluded then.
     verdict_probabilities : mapping of str to float
+        None where nothing is concluded.
     probabilities : mapping of str to float
         That each effect is part of the model under its own name, best first.
     families : tuple of Family
@@ -347,7 +349,7 @@ class Discovery:
         Whether the time limit ended the search before it was done.
     """
 
-    verdict: Verdict
+    verdict: Verdict | Literal["not_searched"]
     verdict_probabilities: Mapping[Verdict, float]
     probabilities: Mapping[str, float]
     families: tuple[Family, ...]

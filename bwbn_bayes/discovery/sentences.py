@@ -74,6 +74,15 @@ def sentences(
     return (*first, *own, *_runner_up(believed), *_gap(gap, changed=bool(added)), *where)
 
 
+def not_searched(gap: Gap) -> tuple[str, ...]:
+    """What is said where the time was over before any effect was tried."""
+    first = (
+        "The search was stopped by the time limit before any effect was tried: whether the model lacks something, and "
+        "what, is not known."
+    )
+    return (first, *_gap(gap, changed=False))
+
+
 def _unnamed(one: UnnamedForce | UnnamedReading, gap: Gap) -> str:
     """What has no name: where it is, how large, what it is a function of, and what is left beside it."""
     if isinstance(one, UnnamedForce):

@@ -42,7 +42,7 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
         )
         for one in discovery.added[:2]
     ]
-    if not discovery.added:
+    if not discovery.added and discovery.verdict != "not_searched":
         sure = probability_in_words(discovery.verdict_probabilities[discovery.verdict])
         figures.append(KeyFigure(value=sure, label=f"probability of {discovery.verdict.replace('_', ' ')}"))
     last = discovery.steps[-1] if discovery.steps else None

@@ -255,7 +255,7 @@ def badly_sampled(facts: Facts) -> tuple[str, ...]:
         return ()
     sentence = (
         f"The posterior of the final model could not be sampled well: its draws are worth {worth:.0f} independent "
-        "ones, and the errors stated for its parameters are rough. The command bwbn identify improved_model.py falls "
-        "back on transitional MCMC."
+        "ones, and the errors stated for its parameters are rough. In the report's folder, bwbn identify "
+        "improved_model.py --method tmcmc samples it by transitional MCMC, into reports/improved_model_tmcmc there."
     )
     return (sentence,)

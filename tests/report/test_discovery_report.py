@@ -25,6 +25,7 @@ from bwbn_bayes.report.discovery_content import gather_discovery
 from bwbn_bayes.report.discovery_text import discovery_in_words
 from bwbn_bayes.report.figures import draw_all
 from bwbn_bayes.report.numbers import NOTHING
+from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 
@@ -227,6 +228,9 @@ def test_old_and_new_equations_are_those_that_differ(found):
     assert [e.caption for e in content.old_equations] == [e.caption for e in content.new_equations]
     assert all(old.mathml != new.mathml for old, new in zip(content.old_equations, content.new_equations, strict=True))
     assert 1 <= len(content.new_equations) <= 2
+    # The report of the final model shows them, and nothing else that was searched.
+    final = [e.mathml for e in structure_equations(found.improved)]
+    assert [e.mathml for e in found.result.facts.equations] == final
 
 
 def test_bars_are_the_explanations_best_first_and_the_improved_model_is_marked(found):

@@ -88,14 +88,13 @@ def _is(added: Added, placed: PlacedEffect) -> bool:
 
 
 def _remarks(added: Added) -> tuple[str, ...]:
-    hypothesis = added.hypothesis
-    units = {p.name: p.unit for p in hypothesis.model.space.parameters}
+    units = {p.name: p.unit for p in added.hypothesis.model.space.parameters}
     moments = (
         f"{label} = {mean:.4g} +- {sd:.2g}{f' {units[label]}' if units[label] else ''}"
         for label, (mean, sd) in added.moments.items()
     )
     return (
-        f"{added.title}: {hypothesis.effect.summary}.",
+        f"{added.title}: {added.meaning}.",
         f"Probability {probability_in_words(added.title_probability)}, log Bayes factor {_factor(added)}.",
         f"Posterior: {', '.join(moments)}.",
     )

@@ -160,6 +160,12 @@ class Added:
         return self.law_probability if self.is_plain else self.name_probability
 
     @property
+    def meaning(self) -> str:
+        """What it is, in one line; of a law under its plain name, which law that is."""
+        name, summary = title_of(self.hypothesis.name), self.hypothesis.effect.summary
+        return f"what the law of {name} does here, which has not earned that name" if self.is_plain else summary
+
+    @property
     def alternatives(self) -> tuple[str, ...]:
         """What the record cannot tell it from, in words: other effects, and the same one at other places."""
         level = self.hypothesis.effect.level

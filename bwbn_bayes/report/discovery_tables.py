@@ -149,9 +149,8 @@ def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:
     for one in added:
         effect, name = one.hypothesis.effect, title_of(one.hypothesis.name)
         reason = effect.signature.reason
-        what = f"what the law of {name} does here, without its signature" if one.is_plain else effect.summary
         least = f" It deserves the name {name} from a least size on: {reason}." if reason else ""
-        notes.append(f"{capital(one.title)}: {what} ({effect.source}).{least}")
+        notes.append(f"{capital(one.title)}: {one.meaning} ({effect.source}).{least}")
         notes += one.separation
     return tuple(notes)
 

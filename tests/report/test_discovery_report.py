@@ -178,7 +178,7 @@ def test_the_probability_beside_a_title_is_that_of_the_title(found):
     assert (tile.value, tile.label.startswith(f"{plain.title}: overwhelming evidence")) == (sure, True)
     assert tables.effects_table((plain,)).rows[0][:3] == (capital(plain.title), "overwhelming", sure)
     (note,) = tables.effect_notes((plain,))
-    assert "what the law of cubic stiffness does here, without its signature" in note
+    assert "what the law of cubic stiffness does here, which has not earned that name" in note
     assert "It deserves the name cubic stiffness from a least size on: " in note
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bwbn_bayes.inference.identifiability import open_combinations
 from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.parameters import Floats, FreeParameter, Prior, Truncated, Uniform
 from bwbn_bayes.structures.structure import Structure
 
@@ -10,8 +12,38 @@ _AT_A_BOUND = 1e-3
 """Prior probability beyond a best fit that lies at the end of its prior."""
 
 
-def binding_sentences(given: Posterior, best: Floats) -> tuple[str, ...]:
-    """Which priors keep their parameter from where the record wants it, one sentence each.
+def binding_sentences(given: Posterior, best: Mode) -> tuple[str, ...]:
+    """Which parameters fit best at an end of their prior, and what was done about it, one sentence or two each.
+
+    The record need not want them there: of one that it says little about any value fits about as well.
+
+    Parameters
+    ----------
+    given : Posterior
+        Of the model as given.
+    best : Mode
+        Its best fit.
+    """
+    open_to = open_combinations(best.information, given.space.names)
+    unseen, wider = {names[0] for names in open_to if len(names) == 1}, _wider(given, best.point)
+    told = []
+    for parameter, above in _binding(given, best.point):
+        name, prior, end = parameter.name, parameter.prior, "upper" if above else "lower"
+        if name in unseen:
+            text = (
+                f"The best fit of the model as given lies at the {end} end of the prior of {name}, {prior}, though the "
+                "record says little about it."
+            )
+        else:
+            text = f"The prior of {name}, {prior}, binds: the best fit of the model as given lies at its {end} end."
+        told.append(f"{text} The prior was widened to {wider[name]}." if name in wider else text)
+    return tuple(told)
+
+
+def with_wider_priors(given: Posterior, best: Floats) -> Structure | None:
+    """The model with each uniform prior that binds widened by its own width at that end; None where none is uniform.
+
+    No further than the law admits.
 
     Parameters
     ----------
@@ -20,20 +52,14 @@ def binding_sentences(given: Posterior, best: Floats) -> tuple[str, ...]:
     best : (n_dim,) array
         Its best fit, in the unit cube.
     """
-    return tuple(
-        f"The prior of {p.name}, {p.prior}, binds: the best fit of the model as given lies at its "
-        f"{'upper' if above else 'lower'} end."
-        for p, above in _binding(given, best)
-    )
+    wider = _wider(given, best)
+    return given.model.with_values(wider) if wider else None
 
 
-def with_wider_priors(given: Posterior, best: Floats) -> Structure | None:
-    """The model with each uniform prior that binds widened by its own width at that end; None where none is uniform.
-
-    No further than the law admits; the arguments are those of :func:`binding_sentences`.
-    """
+def _wider(given: Posterior, best: Floats) -> dict[str, Prior]:
+    """The wider prior of each parameter that has one."""
     admissible = {p.symbol: (p.lower, p.upper) for p in given.model.parameters}
-    wider: dict[str, float | Prior] = {}
+    wider: dict[str, Prior] = {}
     for parameter, above in _binding(given, best):
         prior = parameter.prior
         if isinstance(prior, Uniform):
@@ -43,7 +69,7 @@ def with_wider_priors(given: Posterior, best: Floats) -> Structure | None:
                 (prior.lower, min(prior.upper + width, high)) if above else (max(prior.lower - width, low), prior.upper)
             )
             wider[parameter.name] = Uniform(*ends)
-    return given.model.with_values(wider) if wider else None
+    return wider
 
 
 def _binding(given: Posterior, best: Floats) -> list[tuple[FreeParameter, bool]]:

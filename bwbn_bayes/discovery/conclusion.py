@@ -16,7 +16,7 @@ from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.predictive import predictive_interval
 from bwbn_bayes.discovery.probability import NAMED, POSSIBLE, Beliefs, Family
 from bwbn_bayes.discovery.run import Run, hypotheses_of, score_all
-from bwbn_bayes.discovery.sentences import badly_sampled, sentences
+from bwbn_bayes.discovery.sentences import badly_sampled, not_searched, sentences
 from bwbn_bayes.discovery.separation import separating_experiment
 from bwbn_bayes.discovery.signatures import signature_of, spread_of
 from bwbn_bayes.discovery.unnamed_facts import beside_it, unnamed_facts
@@ -74,14 +74,14 @@ def conclude(
     borne_out = believed.borne_out
     spread = spread_of(present, run.rng)
     every = (_added(one, borne_out.get(one.name, 1.0), present, spread, believed, result, run) for one in present.added)
-    added = tuple(sorted(every, key=lambda one: -one.name_probability))
+    added = tuple(sorted(every, key=lambda one: -one.title_probability))
     unnamed = unnamed_facts(believed)
     share = (
         0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given.disagreement, present.disagreement)
     )
     families = _families(believed, added)
     told = sentences(believed, families, added, unnamed, given.disagreement, gap)
-    return Discovery(
+    found = Discovery(
         verdict=believed.verdict,
         verdict_probabilities=believed.verdicts,
         probabilities=_of_names(believed, added),
@@ -108,6 +108,19 @@ def conclude(
         seed=run.settings.seed,
         elapsed_s=elapsed,
         stopped=run.stopped,
+    )
+    return _not_searched(found, run) if run.stopped and not any(one.added for one in believed.explanations) else found
+
+
+def _not_searched(found: Discovery, run: Run) -> Discovery:
+    """What is left of a search in which no effect was tried: the model as given, fitted."""
+    return replace(
+        found,
+        verdict="not_searched",
+        verdict_probabilities={},
+        sentences=(*not_searched(found.gap), *found.binding, *run.notes, *badly_sampled(found.result.facts)),
+        unnamed=None,
+        steps=(),
     )
 
 

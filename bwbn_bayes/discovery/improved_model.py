@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bwbn_bayes.discovery.outcome import Added
+from bwbn_bayes.discovery.sentences import probability_in_words
 from bwbn_bayes.structures.model_source import ModelWriter, assignment, docstring, quoted
 from bwbn_bayes.structures.parts import PlacedEffect
 from bwbn_bayes.structures.structure import Structure
@@ -87,15 +88,14 @@ def _is(added: Added, placed: PlacedEffect) -> bool:
 
 
 def _remarks(added: Added) -> tuple[str, ...]:
-    hypothesis = added.hypothesis
-    units = {p.name: p.unit for p in hypothesis.model.space.parameters}
+    units = {p.name: p.unit for p in added.hypothesis.model.space.parameters}
     moments = (
         f"{label} = {mean:.4g} +- {sd:.2g}{f' {units[label]}' if units[label] else ''}"
         for label, (mean, sd) in added.moments.items()
     )
     return (
-        f"{added.title}: {hypothesis.effect.summary}.",
-        f"Probability {added.probability:.3g}, log Bayes factor {_factor(added)}.",
+        f"{added.title}: {added.meaning}.",
+        f"Probability {probability_in_words(added.title_probability)}, log Bayes factor {_factor(added)}.",
         f"Posterior: {', '.join(moments)}.",
     )
 

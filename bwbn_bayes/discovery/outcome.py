@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from bwbn_bayes.discovery.candidates import Hypothesis, place_in_words
 from bwbn_bayes.discovery.cross_validation import CrossValidation
@@ -37,11 +37,13 @@ class SignatureFacts:
     measured : float or None
         Of the record; None where it cannot be read off it.
     mean, low, high : float
-        Of the identified response, with its 90 % interval.
+        Of the identified response, with its 90 % interval; not a number where it could not be measured.
     without : float
         Of the identified response with the effect taken away; not a number where that cannot be solved or told.
     deserved : float
         Probability, over the posterior, that it has the size from which the effect deserves its name.
+    unmeasured : str
+        Why it could not be measured, in words; empty where it was.
     """
 
     measure: str
@@ -52,6 +54,13 @@ class SignatureFacts:
     high: float
     without: float
     deserved: float
+    unmeasured: str = ""
+
+    @classmethod
+    def of_none(cls, measure: str, unit: str, why: str) -> Self:
+        """Of a measure that could not be taken: nothing speaks for the name."""
+        unknown = {name: float("nan") for name in ("mean", "low", "high", "without")}
+        return cls(measure=measure, unit=unit, measured=None, **unknown, deserved=0.0, unmeasured=why)
 
     def as_json(self) -> dict[str, Any]:
         """``signature`` of an effect."""
@@ -62,11 +71,12 @@ class SignatureFacts:
             "identified": {"mean": self.mean, "low": self.low, "high": self.high},
             "without": self.without,
             "deserved": self.deserved,
+            "unmeasured": self.unmeasured or None,
         }
 
 
 def deserved_by(signature: SignatureFacts | None) -> float:
-    """Probability that an effect deserves its name by its signature; certain where it has none."""
+    """Probability that an effect deserves its name by its signature; certain of an effect that has no measure."""
     return 1.0 if signature is None else signature.deserved
 
 
@@ -134,12 +144,26 @@ class Added:
         return "possible" if self.name_probability >= POSSIBLE else "weak"
 
     @property
+    def is_plain(self) -> bool:
+        """Whether it goes by its plain name, as a law that helps without its signature does."""
+        return self.grade == "shape" or self.deserved < POSSIBLE
+
+    @property
     def title(self) -> str:
-        """What the effect is called, with its place: a law that helps without its signature goes by its plain name."""
+        """What the effect is called, with its place."""
         hypothesis = self.hypothesis
-        if self.grade != "shape":
-            return hypothesis.label
-        return f"{hypothesis.effect.signature.plain_name}{hypothesis.at_place}"
+        return f"{hypothesis.effect.signature.plain_name}{hypothesis.at_place}" if self.is_plain else hypothesis.label
+
+    @property
+    def title_probability(self) -> float:
+        """That what it is called is so: a plain name says no more than that the law is there."""
+        return self.law_probability if self.is_plain else self.name_probability
+
+    @property
+    def meaning(self) -> str:
+        """What it is, in one line; of a law under its plain name, which law that is."""
+        name, summary = title_of(self.hypothesis.name), self.hypothesis.effect.summary
+        return f"what the law of {name} does here, which has not earned that name" if self.is_plain else summary
 
     @property
     def alternatives(self) -> tuple[str, ...]:
@@ -289,8 +313,10 @@ class Discovery:
     Attributes
     ----------
     verdict : str
-        ``effects_found``, ``partly_explained``, ``no_missing_effect`` or ``unexplained``: the most probable.
+        ``effects_found``, ``partly_explained``, ``no_missing_effect`` or ``unexplained``: the most probable; or
+        ``not_searched``, where the time was over before any effect was tried: nothing is concluded then.
     verdict_probabilities : mapping of str to float
+        None where nothing is concluded.
     probabilities : mapping of str to float
         That each effect is part of the model under its own name, best first.
     families : tuple of Family
@@ -329,7 +355,7 @@ class Discovery:
         Whether the time limit ended the search before it was done.
     """
 
-    verdict: Verdict
+    verdict: Verdict | Literal["not_searched"]
     verdict_probabilities: Mapping[Verdict, float]
     probabilities: Mapping[str, float]
     families: tuple[Family, ...]

@@ -74,6 +74,15 @@ def sentences(
     return (*first, *own, *_runner_up(believed), *_gap(gap, changed=bool(added)), *where)
 
 
+def not_searched(gap: Gap) -> tuple[str, ...]:
+    """What is said where the time was over before any effect was tried."""
+    first = (
+        "The search was stopped by the time limit before any effect was tried: whether the model lacks something, and "
+        "what, is not known."
+    )
+    return (first, *_gap(gap, changed=False))
+
+
 def _unnamed(one: UnnamedForce | UnnamedReading, gap: Gap) -> str:
     """What has no name: where it is, how large, what it is a function of, and what is left beside it."""
     if isinstance(one, UnnamedForce):
@@ -139,18 +148,27 @@ def _effect(one: Added) -> str:
     sure = evidence_in_words(one.log_bayes_factor)
     text = (
         f"{words}{one.title}: {sure} evidence "
-        f"({nats_in_words(one.log_bayes_factor)}, probability {probability_in_words(one.probability)})"
+        f"({nats_in_words(one.log_bayes_factor)}, probability {probability_in_words(one.title_probability)})"
     )
     if one.alternatives:
         text += f"; the record cannot tell it from {' or '.join(one.alternatives)}"
-    if one.grade == "shape":
-        text += f"; the law helps, but not by what its name, {title_of(one.hypothesis.name)}, says"
+    if one.is_plain:
+        text += f"; {_without_a_name(one)}"
     if one.borne_out < NAMED:
         agreed = probability_in_words(one.borne_out)
         text += f"; more than noise is left, and not all of the record bears it out (probability {agreed})"
-    if one.signature is not None:
+    if one.signature is not None and not one.signature.unmeasured:
         text += f"; {signature_in_words(one.signature)}"
     return f"{capital(text)}."
+
+
+def _without_a_name(one: Added) -> str:
+    """Why a law that is there goes by its plain name."""
+    name, seen = title_of(one.hypothesis.name), one.signature
+    if seen is not None and seen.unmeasured:
+        unknown = f"its signature ({seen.measure}) could not be measured: {seen.unmeasured}"
+        return f"whether it is {name} is not known, since {unknown}"
+    return f"the law helps, but not by what its name, {name}, says"
 
 
 def _either(family: Family) -> str:
@@ -166,7 +184,7 @@ def _shaping(weak: Sequence[Added]) -> str:
     """Effects of the improved model that make it predict better, and that no evidence names."""
     titles = [one.title for one in weak]
     what = f"{', '.join(titles[:-1])} and {titles[-1]}" if len(titles) > 1 else titles[0]
-    largest = probability_in_words(max(one.name_probability for one in weak))
+    largest = probability_in_words(max(one.title_probability for one in weak))
     none = "none of them has" if len(titles) > 1 else "it has not"
     sure = f"probability {largest}" if len(titles) == 1 else f"the likeliest with probability {largest}"
     return f"The improved model also has {what}, with which it predicts better; {none} earned a name ({sure})."
@@ -237,7 +255,7 @@ def badly_sampled(facts: Facts) -> tuple[str, ...]:
         return ()
     sentence = (
         f"The posterior of the final model could not be sampled well: its draws are worth {worth:.0f} independent "
-        "ones, and the errors stated for its parameters are rough. The command bwbn identify improved_model.py falls "
-        "back on transitional MCMC."
+        "ones, and the errors stated for its parameters are rough. In the report's folder, bwbn identify "
+        "improved_model.py --method tmcmc samples it by transitional MCMC, into reports/improved_model_tmcmc there."
     )
     return (sentence,)

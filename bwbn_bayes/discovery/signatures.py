@@ -70,7 +70,7 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, spread: Floats) -
     Returns
     -------
     SignatureFacts or None
-        None where the effect has no measure, or it cannot be told from any response.
+        None where the effect has no measure.
     """
     signature = hypothesis.effect.signature
     if not signature.measure:
@@ -81,10 +81,10 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, spread: Floats) -
     found = [
         _Told(run, responses, signature.of_response(without[0]) if without else np.nan)
         for (run, _), responses, without in zip(present.posterior.record.runs, of_runs, without_it, strict=True)
-        if run.channels and responses and np.isfinite(signature.of_response(responses[0]))
+        if run.channels and _is_measurable(signature, run, responses)
     ]
     if not found:
-        return None
+        return SignatureFacts.of_none(signature.measure, signature.unit, _why_not(signature, of_runs))
     # Of records that each find the structure virgin the one in which the effect does most.
     told = max(found, key=lambda one: one.difference(signature))
     sizes = np.array([signature.of_response(one) for one in told.responses])
@@ -115,12 +115,31 @@ class _Told:
         return abs(change) if np.isfinite(change) else 0.0
 
 
+def _is_measurable(signature: Signature, record: Record, responses: list[PlaceResponse]) -> bool:
+    """Whether the measure can be taken, of the best fit's response and of the loop where a test measured that."""
+    if not responses or not np.isfinite(signature.of_response(responses[0])):
+        return False
+    loop = _measured_loop(record)
+    return loop is None or signature.of_loop is None or signature.of_measured(*loop) is not None
+
+
+def _why_not(signature: Signature, of_runs: list[list[PlaceResponse]]) -> str:
+    """Why the measure can be taken of no record."""
+    if not any(of_runs):
+        return "no response of the law can be solved"
+    return f"it takes {signature.needs}" if signature.needs else "it is no number in the response of the law"
+
+
+def _measured_loop(record: Record) -> tuple[Floats, Floats] | None:
+    """Displacement [m] and force [N] that a test measured in whole cycles, one after the other, as a measure reads."""
+    is_test = record.excitation_kind == "displacement" and "force" in record.channels and record.counted is None
+    return (record.excitation, record.channels["force"]) if is_test else None
+
+
 def _deserved(signature: Signature, told: _Told) -> float:
     """Share of the responses in which an effect has its size; none where the loop that a test measured has it not."""
-    record = told.record
-    # A measure reads whole cycles, one after the other.
-    is_measured = record.excitation_kind == "displacement" and "force" in record.channels and record.counted is None
-    if is_measured and not signature.is_in_loop(record.excitation, record.channels["force"]):
+    loop = _measured_loop(told.record)
+    if loop is not None and not signature.is_in_loop(*loop):
         return 0.0
     return float(np.mean([signature.is_engineering(one) for one in told.responses]))
 
@@ -164,11 +183,9 @@ def _without(hypothesis: Hypothesis, present: Explanation, values: Floats) -> Fl
 def _measured(signature: Signature, hypothesis: Hypothesis, model: Structure, told: _Told) -> float | None:
     """The measure of the record: of a specimen's loop, or of the measured storey force against the identified drift."""
     record = told.record
-    if record.counted is not None:  # a measure reads whole cycles, one after the other
-        return None
-    if model.is_driven:
-        force = record.channels.get("force")
-        return None if force is None else signature.of_measured(record.excitation, force)
+    if model.is_driven or record.counted is not None:
+        loop = _measured_loop(record)
+        return None if loop is None else signature.of_measured(*loop)
     drift = told.responses[0].histories["drift"]
     if drift.ndim > 1 or not hypothesis.storeys:
         return None

@@ -20,7 +20,7 @@ def added_damping(law: str, size: Measure) -> Signature:
     return Signature(
         measure="damping ratio added at the first mode",
         plain_name=f"the shape of the force over drift rate ({law})",
-        reason="a thousandth of critical damping: no building's own is known better",
+        reason="a thousandth of critical damping: no structure's own is known better",
         size=size,
         least=0.001,
     )

@@ -98,6 +98,8 @@ class Signature:
     of_loop : callable, optional
         The measure, of histories of drift [m] and force [N], identified or measured; the size itself where left out,
         which no record shows without a model.
+    needs : str
+        What a loop must have for that measure to be read off it, in words.
     is_genuine : callable, optional
         What else the response must show.
     is_shown : callable, optional
@@ -112,6 +114,7 @@ class Signature:
     size: Measure | None = None
     least: float = 0.0
     of_loop: Callable[[Floats, Floats], float] | None = None
+    needs: str = ""
     is_genuine: Callable[[PlaceResponse], bool] | None = None
     is_shown: Callable[[Floats, Floats], bool] | None = None
 
@@ -127,7 +130,7 @@ class Signature:
         return float(found) if np.isfinite(found) else None
 
     def is_in_loop(self, drift: Floats, force: Floats) -> bool:
-        """Whether a measured loop ``(n_times,)`` [m], [N] shows the effect, or cannot tell."""
+        """Whether a measured loop ``(n_times,)`` [m], [N], off which the measure can be read, shows the effect."""
         return self.is_shown is None or self.is_shown(drift, force)
 
     def is_engineering(self, response: PlaceResponse) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -66,8 +66,8 @@ def unseen_directions(information: Floats) -> list[tuple[float, Floats]]:
     return sorted(found, key=lambda pair: -pair[0])
 
 
-def describe(information: Floats, names: Sequence[str]) -> tuple[str, ...]:
-    """Sentences on what the record can and cannot see.
+def open_combinations(information: Floats, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Which parameters each direction that the data leave open is made of, widest first.
 
     A parameter is named where it takes part by its own posterior scale, not the prior's: a well-measured one that moves
     by several of its standard deviations along an open direction shifts by little of a wide prior.
@@ -79,20 +79,41 @@ def describe(information: Floats, names: Sequence[str]) -> tuple[str, ...]:
     names : sequence of str
         Labels of the parameters.
     """
-    sentences = []
+    found = []
     covariance = covariance_of(information)
     for _, direction in unseen_directions(information):
         share = (direction @ covariance @ direction) * np.square(direction) / np.diag(covariance)
         leading = np.argsort(-share)[:LEAST_NAMED]
-        involved = [name for i, name in enumerate(names) if share[i] > TAKES_PART] or [names[i] for i in leading]
-        if len(involved) == 1:
-            sentences.append(f"The record says little about {involved[0]}: its posterior is close to its prior.")
-        else:
+        found.append(
+            tuple(name for i, name in enumerate(names) if share[i] > TAKES_PART) or tuple(names[i] for i in leading)
+        )
+    return found
+
+
+def describe(information: Floats, names: Sequence[str], bound: Collection[str] = ()) -> tuple[str, ...]:
+    """Sentences on what the record can and cannot see.
+
+    Parameters
+    ----------
+    information : (n_dim, n_dim) array
+        Fisher information at the fit, in prior units.
+    names : sequence of str
+        Labels of the parameters.
+    bound : collection of str
+        Those whose posterior a bound of the prior cuts.
+    """
+    sentences = []
+    for involved in open_combinations(information, names):
+        if len(involved) > 1:
             together = f"{', '.join(involved[:-1])} and {involved[-1]}"
             sentences.append(
                 f"The record cannot tell {together} apart along one combination: they can change together and leave "
                 "the response the same, so read their posteriors jointly, or fix one of them."
             )
+        elif involved[0] in bound:
+            sentences.append(f"The record says little more of {involved[0]} than at which end of its prior it lies.")
+        else:
+            sentences.append(f"The record says little about {involved[0]}: its posterior is close to its prior.")
     return tuple(dict.fromkeys(sentences)) or ("The record sees every identified parameter.",)
 
 

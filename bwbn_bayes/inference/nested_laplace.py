@@ -328,8 +328,9 @@ def _log_normal(deviations: Floats, factor: Floats) -> Floats:
 def _heavy(pilot: WeightedDraws, rng: np.random.Generator) -> Floats:
     """Draws ``(n, n_dim)`` without replacement by the root of their weights."""
     root = np.exp(0.5 * (pilot.log_weights - np.max(pilot.log_weights)))
-    n = min(_N_ADDED, int(np.count_nonzero(root)))
-    return pilot.points[rng.choice(len(root), n, replace=False, p=root / np.sum(root))]
+    chances = root / np.sum(root)
+    n = min(_N_ADDED, int(np.count_nonzero(chances)))
+    return pilot.points[rng.choice(len(chances), n, replace=False, p=chances)]
 
 
 def _drawing_order(mean: Floats, sd: Floats) -> Integers:

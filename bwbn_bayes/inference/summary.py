@@ -148,7 +148,9 @@ def build_result(
         effective_sample_size=draws.effective_sample_size,
         storeys=model.n_links,
         verdict=_verdict(parameters, checks, method, asked, posterior),
-        identifiability=describe(modes[0].information, posterior.space.names),
+        identifiability=describe(
+            modes[0].information, posterior.space.names, [p.name for p in parameters if p.flag == "prior-bound"]
+        ),
         checks=checks,
         stages=stages,
         equations=tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model)),

@@ -36,13 +36,13 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
     """The handful of numbers under the verdict: how sure, against what, and how far the errors shrank."""
     figures = [
         KeyFigure(
-            value=probability_in_words(one.name_probability),
+            value=probability_in_words(one.title_probability),
             label=f"{one.title}: {evidence_in_words(one.log_bayes_factor)} evidence, "
             f"{nats_in_words(one.log_bayes_factor)}",
         )
         for one in discovery.added[:2]
     ]
-    if not discovery.added:
+    if not discovery.added and discovery.verdict != "not_searched":
         sure = probability_in_words(discovery.verdict_probabilities[discovery.verdict])
         figures.append(KeyFigure(value=sure, label=f"probability of {discovery.verdict.replace('_', ' ')}"))
     last = discovery.steps[-1] if discovery.steps else None
@@ -102,7 +102,7 @@ def _effect_row(added: Added) -> tuple[str | Markup, ...]:
     return (
         capital(added.title),
         evidence_in_words(factor),
-        probability_in_words(added.name_probability),
+        probability_in_words(added.title_probability),
         probability_in_words(added.place_probability),
         f"{value} ± {error}",
         ", ".join(added.alternatives) or "nothing else",
@@ -139,7 +139,7 @@ def _signature_row(added: Added, seen: SignatureFacts) -> tuple[str | Markup, ..
         significant(seen.mean, 2),
         f"{significant(seen.low, 2)} to {significant(seen.high, 2)}",
         significant(seen.without, 2),
-        probability_in_words(seen.deserved),
+        NOTHING if seen.unmeasured else probability_in_words(seen.deserved),
     )
 
 
@@ -147,10 +147,10 @@ def effect_notes(added: tuple[Added, ...]) -> tuple[str, ...]:
     """What each added effect is, from which size it is called so, and what would tell it from its equivalents."""
     notes: list[str] = []
     for one in added:
-        effect = one.hypothesis.effect
+        effect, name = one.hypothesis.effect, title_of(one.hypothesis.name)
         reason = effect.signature.reason
-        least = f" It deserves this name from a least size on: {reason}." if reason else ""
-        notes.append(f"{capital(one.title)}: {effect.summary} ({effect.source}).{least}")
+        least = f" It deserves the name {name} from a least size on: {reason}." if reason else ""
+        notes.append(f"{capital(one.title)}: {one.meaning} ({effect.source}).{least}")
         notes += one.separation
     return tuple(notes)
 

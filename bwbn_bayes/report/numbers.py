@@ -63,16 +63,16 @@ def with_uncertainty(values: tuple[float, ...], sd: float) -> tuple[str, ...]:
     values : tuple of float
         Numbers that belong together, such as mean, sd and interval ends.
     sd : float
-        Their uncertainty. Where it is zero or not finite, four significant digits are shown.
+        Their uncertainty. Where it is none, lost in rounding or not finite, four significant digits are shown.
 
     Returns
     -------
     tuple of str
         ``("0.0204", "0.0012")`` for ``(0.02041, 0.00123)`` and sd 0.00123; an en dash for what is not finite.
     """
-    if not (math.isfinite(sd) and sd > 0.0):
-        return tuple(significant(value) for value in values)
     largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    if not (math.isfinite(sd) and sd > math.ulp(largest)):
+        return tuple(significant(value) for value in values)
     exponent = math.floor(math.log10(largest)) if largest > 0.0 else 0
     exponent = 0 if -3 <= exponent < 5 else exponent
     place = decimal_place(sd) + exponent

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bwbn_bayes.elements.equations import WrittenEquation, law_equations, sensor_equations
 from bwbn_bayes.elements.law import FLOOR_FORCE, FLOOR_MASS
 from bwbn_bayes.structures.structure import Structure
@@ -15,13 +17,14 @@ def structure_equations(model: Structure) -> tuple[WrittenEquation, ...]:
     Parameters
     ----------
     model : Structure
-        A building or a specimen.
+        A building or a specimen; of what its law merely carries nothing is written.
 
     Returns
     -------
     tuple of WrittenEquation
         With one storey the subscripts are left out.
     """
+    model = replace(model, carried=())
     motion = _building(model) if not model.is_driven else (_SPECIMEN,)
     motion += (_BENDING,) if model.law.bends else ()
     return motion + law_equations(model.law) + sensor_equations(model.sensors)

@@ -10,7 +10,7 @@ import pytest
 import bwbn_bayes
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses
 from bwbn_bayes.discovery.improved_model import improved_model_source
-from bwbn_bayes.discovery.outcome import Added
+from bwbn_bayes.discovery.outcome import Added, SignatureFacts
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.effects import SlipLock, StiffnessDegradation
@@ -126,6 +126,16 @@ def test_the_response_is_the_same(tmp_path: Path) -> None:
     mine, theirs = (engine("reference").simulate(m, draw, record, CHANNELS).values for m in (again, model))
     assert np.array_equal(mine, theirs)
     assert float(np.std(mine)) > 0.0
+
+
+def test_the_comment_of_a_plain_name_claims_no_other() -> None:
+    """It said of a law that pinches nothing that the joint slips, with the probability of the law."""
+    signature = SignatureFacts.of_none("pinching index", "", "it takes a motion that comes back through zero")
+    one = replace(found(next(h for h in ONE_PLACE if h.name == "slip_lock")), signature=signature)
+    text = " ".join(line.lstrip("# ") for line in improved_model_source(one.hypothesis.model, [one]).splitlines())
+    assert "the shape of the reloading branch (Baber and Noori's law) in storey 2: what the law of slip-lock" in text
+    assert "the joint slips" not in text
+    assert "Probability 0.998, log Bayes factor 321.2 +- 0.2." in text
 
 
 def test_the_comment_says_what_and_how_much() -> None:

@@ -231,7 +231,7 @@ def test_the_places_of_the_disagreement_are_those_found(run):
         (0.999, 0.7, "possible", "slip-lock pinching in storey 2"),
         (0.999, 0.1, "shape", "the shape of the reloading branch in storey 2"),
         (0.3, 1.0, "weak", "slip-lock pinching in storey 2"),
-        (0.3, 0.0, "weak", "slip-lock pinching in storey 2"),
+        (0.3, 0.0, "weak", "the shape of the reloading branch in storey 2"),
     ],
 )
 def test_a_name_takes_a_probable_law_and_its_signature(probability, deserved, grade, title):
@@ -248,6 +248,9 @@ def test_a_name_takes_a_probable_law_and_its_signature(probability, deserved, gr
     )  # fmt: skip
     assert (added.grade, added.title) == (grade, title)
     assert added.name_probability == pytest.approx(probability * deserved)
+    # That the law is there is as probable as the law, whatever it deserves to be called.
+    plain = title == "the shape of the reloading branch in storey 2"
+    assert added.title_probability == (probability if plain else added.name_probability)
     # What has no measure is always nameable.
     assert replace(added, signature=None).name_probability == probability
     # What the record does not bear out all over is no matter of its shape.

@@ -184,8 +184,16 @@ def test_a_search_that_the_limit_stopped_goes_on(
     stopped = command("--time-limit", "0.001")
     assert stopped["stopped_by_time_limit"]
     assert "the same command with --resume goes on from there" in capsys.readouterr().err
-    assert not any(one["effects"] for one in stopped["candidates"])
-    assert any("before its first round" in sentence for sentence in stopped["sentences"])
+    # Nothing was asked, and "no catalogued effect explains it" was concluded, with a probability.
+    assert (stopped["verdict"], stopped["verdict_probabilities"], stopped["candidates"]) == ("not_searched", {}, [])
+    assert stopped["sentences"][0] == (
+        "The search was stopped by the time limit before any effect was tried: whether the model lacks something, and "
+        "what, is not known."
+    )
+    assert not any("probabilit" in sentence for sentence in stopped["sentences"])
+    page = (command.directory / "report.html").read_text(encoding="utf-8")
+    assert "What competes" not in page
+    assert "probability of" not in page.split("</header>")[0]
     assert timeless(command("--resume")) == timeless(whole)
 
 

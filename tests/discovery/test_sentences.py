@@ -10,7 +10,7 @@ import pytest
 from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.probability import Family
-from bwbn_bayes.discovery.sentences import evidence_in_words, probability_in_words, sentences
+from bwbn_bayes.discovery.sentences import badly_sampled, evidence_in_words, probability_in_words, sentences
 
 NOWHERE: Any = SimpleNamespace(spots=())
 
@@ -163,7 +163,21 @@ def test_a_law_without_its_signature_goes_by_its_plain_name() -> None:
     told = sentences(believed("effects_found", 0.95), (), (added(deserved=0.02),), None, NOWHERE, gap(0.2, 0.1))
     assert told[0] == "The model lacks the shape of the reloading branch in storey 2 (probability 0.95)."
     assert told[1].startswith("The shape of the reloading branch in storey 2: overwhelming evidence")
+    assert "(812 nats, probability 0.998)" in told[1]
     assert "; the law helps, but not by what its name, slip-lock pinching, says; pinching index" in told[1]
+
+
+def test_a_signature_that_could_not_be_measured_is_told_with_the_reason() -> None:
+    """A law of pinching was named of a record off whose loops no pinching index can be read."""
+    unknown = SignatureFacts.of_none("pinching index", "", "it takes a motion that comes back through zero")
+    one = replace(added(), signature=unknown)
+    told = sentences(believed("effects_found", 0.95), (), (one,), None, NOWHERE, gap(0.2, 0.1))
+    assert told[0] == "The model lacks the shape of the reloading branch in storey 2 (probability 0.95)."
+    assert told[1] == (
+        "The shape of the reloading branch in storey 2: overwhelming evidence (812 nats, probability 0.998); whether "
+        "it is slip-lock pinching is not known, since its signature (pinching index) could not be measured: it takes a "
+        "motion that comes back through zero."
+    )
 
 
 @pytest.mark.parametrize(
@@ -271,3 +285,20 @@ def test_what_is_certain_of_a_family_is_said_where_none_of_its_effects_has_a_nam
     own = replace(loss, names=frozenset({"slip_lock", "stiffness_degradation"}))
     named = sentences(believed("partly_explained", 0.99), (own,), (added(),), None, NOWHERE, gap(0.2, 0.1))
     assert not any("loss" in sentence for sentence in named)
+
+
+def test_a_posterior_that_could_not_be_sampled_well_is_told_with_the_way_to_a_better_one() -> None:
+    """The same method was said to fall back by itself, which it does for a heavy tail of the weights alone."""
+
+    def facts(k: float, worth: float, *, passed: bool) -> Any:
+        checks = (("Pareto k", k, passed), ("effective draws", worth, True))
+        return SimpleNamespace(
+            method="importance", checks=[SimpleNamespace(name=n, value=v, passed=p) for n, v, p in checks]
+        )
+
+    for few in (facts(0.5, 25.0, passed=True), facts(0.9, 400.0, passed=False)):
+        (told,) = badly_sampled(few)
+        assert "bwbn identify improved_model.py --method tmcmc samples it" in told
+        assert told.endswith("into reports/improved_model_tmcmc there.")
+        assert "falls back" not in told
+    assert badly_sampled(facts(0.5, 400.0, passed=True)) == ()

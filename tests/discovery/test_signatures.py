@@ -150,3 +150,49 @@ def test_what_cannot_be_solved_without_the_effect_is_judged_all_the_same(
     assert (found.mean, found.measured, found.deserved) == (told.mean, told.measured, told.deserved)
     assert "without it" in signature_in_words(told)
     assert "nan" not in signature_in_words(found)
+
+
+def beside_zero(present: Explanation) -> Explanation:
+    """The same test with a zero of displacement that the machine's stroke has, beyond all that the specimen does."""
+    record = present.posterior.record
+    return replace(present, posterior=replace(present.posterior, record=replace(record, excitation=PATH + 1.5)))
+
+
+def test_a_signature_that_cannot_be_measured_gives_no_name(present: Explanation) -> None:
+    """A steel damper's test, 10 mm beside zero, was called pinched for certain: nothing could be measured of it."""
+    (hypothesis,) = present.added
+    beside = beside_zero(present)
+    found = signature_of(hypothesis, beside, spread(present))
+    assert found is not None
+    assert (found.deserved, found.measured) == (0.0, None)
+    assert np.isnan([found.mean, found.low, found.high, found.without]).all()
+    assert found.unmeasured == "it takes a motion that comes back through zero"
+    assert signature_of(hypothesis, beside, np.empty((0, 2))).deserved == 0.0  # type: ignore[union-attr]
+    assert found.as_json()["unmeasured"] == found.unmeasured
+
+
+def test_of_what_cannot_be_solved_nothing_is_measured(present: Explanation, monkeypatch: pytest.MonkeyPatch) -> None:
+    (hypothesis,) = present.added
+    monkeypatch.setattr(signatures, "_responses", lambda *_: [[]])
+    found = signature_of(hypothesis, present, spread(present))
+    assert found is not None
+    assert (found.deserved, found.unmeasured) == (0.0, "no response of the law can be solved")
+
+
+def test_a_measured_loop_off_which_nothing_can_be_read_gives_no_name(present: Explanation) -> None:
+    """What the law makes of it is not what the test measured."""
+    (hypothesis,) = present.added
+    record = present.posterior.record
+    signature = replace(SlipLock.signature, of_loop=lambda _drift, force: np.nan if force[7] == 7.0 else 0.3)
+    effect = SimpleNamespace(signature=signature)
+    own: Any = SimpleNamespace(
+        effect=effect, storeys=(1,), scales=NOMINAL, amplitudes=hypothesis.amplitudes, neutral=hypothesis.neutral
+    )
+    force = record.channels["force"].copy()
+    assert signature_of(own, present, spread(present)).unmeasured == ""  # type: ignore[union-attr]
+    force[7] = 7.0
+    other = replace(present, posterior=replace(present.posterior, record=record.with_channels({"force": force})))
+    found = signature_of(own, other, spread(present))
+    assert found is not None
+    assert found.deserved == 0.0
+    assert found.unmeasured

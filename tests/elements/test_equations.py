@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from xml.dom.minidom import parseString
 
 import numpy as np
@@ -18,6 +19,7 @@ from bwbn_bayes.elements.effects import (
     CoulombFriction,
     GapImpact,
     MaxwellBranch,
+    SlipLock,
     StoreyParameter,
     SuddenDamage,
 )
@@ -144,3 +146,12 @@ def test_the_equation_of_motion(n_storeys):
 
 def test_a_specimen_is_driven_by_its_displacement():
     assert structure_equations(Specimen(storey=storey()))[0].text == "du/dt = v"
+
+
+def test_of_what_a_law_merely_carries_nothing_is_written():
+    """The report of a discovered model showed the law by which all effects had been searched."""
+    slip = SlipLock(delta_s=0.1, sigma=0.05)
+    model = ShearBuilding(masses=[1.0], storey=storey()).with_effect(slip)
+    carrying = replace(model, carried=(Backlash(b=0.1, w=0.01), GapImpact(k_g=1.0, g=0.1)))
+    assert len(law_equations(carrying.law)) > len(law_equations(model.law))
+    assert structure_equations(carrying) == structure_equations(model)

@@ -92,6 +92,16 @@ def test_it_is_told_in_words(form):
     assert signature.size is not None and signature.least > 0.0
 
 
+@pytest.mark.parametrize(
+    "form", [form for form in FORMS if form.level == "link" and form.name != "storey_parameter"], ids=label
+)
+def test_what_a_specimen_may_have_is_told_of_no_building(form):
+    """A specimen in a testing machine was said to have "dry friction between the floors"."""
+    signature = form.signature
+    for text in (form.summary, signature.measure, signature.plain_name, signature.reason):
+        assert not any(word in text for word in ("storey", "floor", "building")), text
+
+
 @pytest.mark.parametrize("form", FORMS, ids=label)
 def test_at_neutral_it_has_no_size_and_no_name(form):
     at = response(form, {})

@@ -62,6 +62,12 @@ def test_a_parameter_without_effect_is_named_alone() -> None:
     assert "says little about c" in sentence
 
 
+def test_what_a_bound_cuts_is_not_said_to_be_as_its_prior() -> None:
+    """An elastic specimen's n was counted as identified, up to a bound, and said to lie as its prior does."""
+    (sentence,) = describe(np.diag([1e5, 0.0, 1e5]), NAMES, ["c"])
+    assert sentence == "The record says little more of c than at which end of its prior it lies."
+
+
 def test_two_parameters_that_act_as_one_are_named_together() -> None:
     """The data see k + alpha only."""
     both = np.array([1.0, 0.0, 1.0])

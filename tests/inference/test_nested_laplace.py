@@ -17,6 +17,7 @@ from inference_cases import A_RANGE, MOVED, SDOF, carried, jacobian_determinant,
 from scipy import integrate, stats
 
 from bwbn_bayes.engines.reference import Reference
+from bwbn_bayes.inference import nested_laplace
 from bwbn_bayes.inference.importance import PARETO_LIMIT, WeightedDraws, laplace_mixture, sample_importance
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, polish
@@ -41,6 +42,18 @@ def free_draws(free_posterior: Posterior, free_mode: Mode) -> WeightedDraws:
     sheet = Sheet(free_posterior, [free_mode], rng)
     sheet.lay()
     return sample_importance(free_posterior, sheet.proposal, rng, effective=3000)
+
+
+def test_a_draw_whose_weight_is_lost_in_rounding_is_not_drawn() -> None:
+    """Of an elastic specimen without noise all weight lay on few draws, and the choice among them ended in an error."""
+    log_weights = np.array([0.0] * 10 + [-1488.0, -np.inf]) - np.log(10.0)
+    points = np.arange(12.0)[:, None]
+    pilot = WeightedDraws(
+        points=points, log_likelihood=log_weights, log_weights=log_weights, log_evidence=0.0, log_evidence_se=0.0,
+        pareto_k=0.9,
+    )  # fmt: skip
+    found = nested_laplace._heavy(pilot, np.random.default_rng(1))
+    assert sorted(found.ravel().tolist()) == list(range(10))
 
 
 @pytest.mark.parametrize("scale", [0.75, 1.3])

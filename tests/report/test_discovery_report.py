@@ -8,19 +8,24 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.held_out import HeldOut
-from bwbn_bayes.discovery.outcome import UnnamedForce, UnnamedReading
+from bwbn_bayes.discovery.outcome import SignatureFacts, UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.run import DiscoverySettings
+from bwbn_bayes.discovery.sentences import probability_in_words
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.catalogue import capital
 from bwbn_bayes.elements.effects import CubicStiffness, SensorGain, StrengthDegradation
 from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.parameters import Uniform
 from bwbn_bayes.records.excitation import el_centro
+from bwbn_bayes.report import discovery_tables as tables
 from bwbn_bayes.report import write_discovery
 from bwbn_bayes.report.content import gather
 from bwbn_bayes.report.discovery_content import gather_discovery
 from bwbn_bayes.report.discovery_text import discovery_in_words
 from bwbn_bayes.report.figures import draw_all
+from bwbn_bayes.report.numbers import NOTHING
+from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 
@@ -162,6 +167,28 @@ def test_what_was_found_stands_in_the_page(found, tmp_path):
     assert f"<td>{mean:.0f}</td><td>{float(f'{sd:.1e}'):.0f}</td>" in page
 
 
+def test_the_probability_beside_a_title_is_that_of_the_title(found):
+    """Tile and table said "overwhelming", "below 0.01" of a plain name: that was the probability of the other one."""
+    (added,) = found.added
+    plain = replace(added, signature=replace(added.signature, deserved=0.001))
+    assert plain.title == "the curvature of the force over drift (Duffing's law) in storey 1"
+    one = replace(found, added=(plain,))
+    sure = probability_in_words(added.law_probability)
+    tile = tables.discovery_key_figures(one)[0]
+    assert (tile.value, tile.label.startswith(f"{plain.title}: overwhelming evidence")) == (sure, True)
+    assert tables.effects_table((plain,)).rows[0][:3] == (capital(plain.title), "overwhelming", sure)
+    (note,) = tables.effect_notes((plain,))
+    assert "what the law of cubic stiffness does here, which has not earned that name" in note
+    assert "It deserves the name cubic stiffness from a least size on: " in note
+
+
+def test_a_signature_that_could_not_be_measured_has_dashes(found):
+    (added,) = found.added
+    unknown = SignatureFacts.of_none("pinching index", "", "it takes a motion that comes back through zero")
+    ((*_, deserved),) = tables.signatures_table((replace(added, signature=unknown),)).rows
+    assert deserved == NOTHING
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_drifts_are_told_as_ratios_of_the_storey_height(found, tmp_path):
     (ratio,) = gather_discovery(found).drift_ratios
@@ -201,6 +228,9 @@ def test_old_and_new_equations_are_those_that_differ(found):
     assert [e.caption for e in content.old_equations] == [e.caption for e in content.new_equations]
     assert all(old.mathml != new.mathml for old, new in zip(content.old_equations, content.new_equations, strict=True))
     assert 1 <= len(content.new_equations) <= 2
+    # The report of the final model shows them, and nothing else that was searched.
+    final = [e.mathml for e in structure_equations(found.improved)]
+    assert [e.mathml for e in found.result.facts.equations] == final
 
 
 def test_bars_are_the_explanations_best_first_and_the_improved_model_is_marked(found):

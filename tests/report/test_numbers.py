@@ -42,6 +42,12 @@ def test_missing_values_and_zero_uncertainty():
     assert with_uncertainty((1.0, math.nan), math.nan) == ("1", "–")
 
 
+def test_an_uncertainty_below_rounding_adds_no_digits():
+    """A parameter of 1e20 per metre to the power n, of a posterior of one draw, was printed with 21 digits."""
+    found = tuple(text.replace("\N{THIN SPACE}", " ") for text in with_uncertainty((1.234e20, 5.0), 5.0))
+    assert found == ("1.234 × 10²⁰", "5")
+
+
 @pytest.mark.parametrize(
     ("value", "expected"),
     [

@@ -105,7 +105,8 @@ class Asymmetry(Effect):
             size=lambda at: _of_strengths(share * at[size] / max(at["beta"] + at["gamma"], 1e-300), at["n"]),
             least=0.01,
             of_loop=peak_asymmetry,
-            is_shown=lambda drift, force: not abs(peak_asymmetry(drift, force)) < 0.01,
+            needs="a motion to both sides",
+            is_shown=lambda drift, force: abs(peak_asymmetry(drift, force)) >= 0.01,
         )
 
     @cached_property

@@ -64,7 +64,7 @@ class Backlash(Effect):
     w: Value
 
     name: ClassVar[str] = "backlash"
-    summary: ClassVar[str] = "play in series with the storey, crossed after every reversal"
+    summary: ClassVar[str] = "play in series with the springs, crossed after every reversal"
     source: ClassVar[str] = _SOURCE
     residual: ClassVar[str] = "a flat stretch after every reversal, whatever z"
     confusable: ClassVar[str] = "slip_lock, gap_impact"

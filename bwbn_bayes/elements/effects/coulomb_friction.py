@@ -77,7 +77,7 @@ class CoulombFriction(Effect):
 
     name: ClassVar[str] = "coulomb_friction"
     title: ClassVar[str] = "dry friction"
-    summary: ClassVar[str] = "dry friction between the floors"
+    summary: ClassVar[str] = "dry friction that resists every drift"
     source: ClassVar[str] = f"{_MOSTAGHEL}; {_DAHL}"
     residual: ClassVar[str] = "a square wave in phase with the drift rate, sticking"
     confusable: ClassVar[str] = "a stiff Bouc-Wen spring with alpha near 0, quadratic_damping at one amplitude"
@@ -107,7 +107,7 @@ class CoulombFriction(Effect):
         force, width = _SYMBOLS[self.smoothing]
         turned_in, where = ("drift", "after reversals") if self._sticks else ("drift_rate", "over drift rate")
         return Signature(
-            measure="friction force over the storey's peak force",
+            measure="friction force over the peak force",
             plain_name=f"the shape of the force {where} (a smoothed friction)",
             reason="0.4 % of the peak force, turned within an eighth of the largest drift rate, or drift where it "
             "sticks: what turns more slowly is viscous, not dry",

@@ -39,7 +39,7 @@ class CubicStiffness(Effect):
     signature: ClassVar[Signature] = Signature(
         measure="stiffening at the largest drift",
         plain_name="the curvature of the force over drift (Duffing's law)",
-        reason="half a per cent of the storey's stiffness at the largest drift: less is within what any test repeats",
+        reason="half a per cent of the stiffness at the largest drift: less is within what any test repeats",
         size=lambda at: at["k3"] * at.peak("drift") ** 2 / at.scales.stiffness,
         least=0.005,
     )

@@ -105,6 +105,7 @@ class FolientePinching(Effect):
         size=lambda at: _depth(at["zeta_s"], at["p"], at.energy),
         least=0.1,
         of_loop=pinching_index,
+        needs="a motion that comes back through zero",
         is_genuine=lambda at: _is_open_to_a_pinch(*at.loop),
         is_shown=_is_open_to_a_pinch,
     )

@@ -85,13 +85,13 @@ class FreeFriction(Effect):
 
     name: ClassVar[str] = "coulomb_friction"
     title: ClassVar[str] = "dry friction"
-    summary: ClassVar[str] = "dry friction between the floors"
+    summary: ClassVar[str] = "dry friction that resists every drift"
     source: ClassVar[str] = "Dahl 1968"
     residual: ClassVar[str] = "a square wave in phase with the drift rate, sticking"
     confusable: ClassVar[str] = "a stiff Bouc-Wen spring with alpha near 0, quadratic_damping at one amplitude"
     form: ClassVar[str] = "free shape"
     signature: ClassVar[Signature] = Signature(
-        measure="friction force over the storey's peak force",
+        measure="friction force over the peak force",
         plain_name="the shape of the force after reversals (a smoothed friction)",
         reason="0.4 % of the peak force, turned within an eighth of the largest drift: what turns slowly is not dry",
         size=lambda at: at["F_d"] / at.peak("restoring_force"),

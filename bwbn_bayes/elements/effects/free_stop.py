@@ -64,7 +64,7 @@ def stop_signature(contact: Measure, first: Measure, side: str) -> Signature:
         return first(at) >= FREE_TRAVEL * reach
 
     return Signature(
-        measure="force of the stop over the storey's peak force",
+        measure="force of the stop over the peak force",
         plain_name="a stiffening at large drift (a spring behind a gap)",
         reason="a hundredth of the peak force, since less moves nothing, met beyond a tenth of the largest drift",
         size=contact,

@@ -37,14 +37,14 @@ class MaxwellBranch(Effect):
 
     name: ClassVar[str] = "maxwell_branch"
     title: ClassVar[str] = "rate-dependent stiffness (Maxwell branch)"
-    summary: ClassVar[str] = "a spring and a damper in series beside the storey: stiffness depends on the rate"
+    summary: ClassVar[str] = "a spring and a damper in series beside the others: stiffness depends on the rate"
     source: ClassVar[str] = "Maxwell 1867"
     residual: ClassVar[str] = "stiffness and damping that depend on the rate"
     confusable: ClassVar[str] = "c where tau is short against the period, k where it is long"
     signature: ClassVar[Signature] = Signature(
         measure="damping ratio added at the first mode",
         plain_name="the dependence of the force on rate (Maxwell's law)",
-        reason="a thousandth of critical damping: no building's own is known better",
+        reason="a thousandth of critical damping: no structure's own is known better",
         size=lambda at: at.damping_ratio(at["k_m"] * at["tau"] / (1.0 + (at.omega * at["tau"]) ** 2)),
         least=0.001,
     )

@@ -70,6 +70,7 @@ class SlipLock(Effect):
         size=lambda at: 2.0 * at["delta_s"] * at.energy / at.peak("drift"),
         least=0.005,
         of_loop=pinching_index,
+        needs="a motion that comes back through zero",
         is_genuine=lambda at: _is_open_to_a_pinch(*at.loop),
         is_shown=_is_open_to_a_pinch,
     )

@@ -136,8 +136,9 @@ class StrengthDegradation(Effect):
             size=lambda at: at.per_cycle((1.0 + reached(at)) ** (-1.0 / at["n"])),
             least=0.001,
             of_loop=strength_lost_per_cycle,
-            # Half a per cent a cycle is what repeated tests differ by; a loop of too few cycles cannot tell.
-            is_shown=lambda drift, force: not strength_lost_per_cycle(drift, force) < 0.005,
+            needs="two large half cycles of one direction",
+            # Half a per cent a cycle is what repeated tests differ by.
+            is_shown=lambda drift, force: strength_lost_per_cycle(drift, force) >= 0.005,
         )
 
     @property

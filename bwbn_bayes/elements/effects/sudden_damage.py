@@ -99,7 +99,7 @@ class SuddenDamage(Effect):
         return Signature(
             measure=f"change of {parameter} over what it was",
             plain_name=f"a small change of {parameter} in time",
-            reason="half a per cent: daily changes of temperature move a building's stiffness as much",
+            reason="half a per cent: daily changes of temperature move a stiffness as much",
             size=lambda at: at[change] / _before(parameter, at),
             least=0.005,
         )

@@ -57,10 +57,10 @@ class SignatureFacts:
     unmeasured: str = ""
 
     @classmethod
-    def of_none(cls, measure: str, unit: str, why: str) -> Self:
-        """Of a measure that could not be taken: nothing speaks for the name."""
+    def of_none(cls, measure: str, unit: str, why: str, deserved: float = 0.0) -> Self:
+        """Of a measure that could not be taken: where a test measured the loop, nothing speaks for the name then."""
         unknown = {name: float("nan") for name in ("mean", "low", "high", "without")}
-        return cls(measure=measure, unit=unit, measured=None, **unknown, deserved=0.0, unmeasured=why)
+        return cls(measure=measure, unit=unit, measured=None, **unknown, deserved=deserved, unmeasured=why)
 
     def as_json(self) -> dict[str, Any]:
         """``signature`` of an effect."""

@@ -84,7 +84,9 @@ def signature_of(hypothesis: Hypothesis, present: Explanation, spread: Floats) -
         if run.channels and _is_measurable(signature, run, responses)
     ]
     if not found:
-        return SignatureFacts.of_none(signature.measure, signature.unit, _why_not(signature, of_runs))
+        is_test = any(_measured_loop(run) is not None for run, _ in present.posterior.record.runs)
+        deserved = 0.0 if is_test else max(_of_size(signature, responses) for responses in of_runs)
+        return SignatureFacts.of_none(signature.measure, signature.unit, _why_not(signature, of_runs), deserved)
     # Of records that each find the structure virgin the one in which the effect does most.
     told = max(found, key=lambda one: one.difference(signature))
     sizes = np.array([signature.of_response(one) for one in told.responses])
@@ -141,7 +143,12 @@ def _deserved(signature: Signature, told: _Told) -> float:
     loop = _measured_loop(told.record)
     if loop is not None and not signature.is_in_loop(*loop):
         return 0.0
-    return float(np.mean([signature.is_engineering(one) for one in told.responses]))
+    return _of_size(signature, told.responses)
+
+
+def _of_size(signature: Signature, responses: list[PlaceResponse]) -> float:
+    """Share of the responses in which an effect has its size; none where there are none."""
+    return float(np.mean([signature.is_engineering(one) for one in responses])) if responses else 0.0
 
 
 def place_of(hypothesis: Hypothesis, histories: Mapping[str, Floats]) -> int | None:

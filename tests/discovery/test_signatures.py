@@ -196,3 +196,27 @@ def test_a_measured_loop_off_which_nothing_can_be_read_gives_no_name(present: Ex
     assert found is not None
     assert found.deserved == 0.0
     assert found.unmeasured
+
+
+def test_what_no_test_measured_deserves_its_name_by_its_size(present: Explanation) -> None:
+    """An earthquake has one large half cycle, of which no loss per cycle is told: the loss is there all the same."""
+    (hypothesis,) = present.added
+    record = present.posterior.record
+    signature = replace(
+        SlipLock.signature, size=lambda _: 0.1, of_loop=lambda *_: np.nan, is_genuine=None, needs="cycles"
+    )
+    own: Any = SimpleNamespace(
+        effect=SimpleNamespace(signature=signature),
+        storeys=(1,),
+        scales=NOMINAL,
+        amplitudes=hypothesis.amplitudes,
+        neutral=hypothesis.neutral,
+    )
+    unread = replace(record, counted=np.ones(record.n_times, dtype=bool))
+    found = signature_of(own, replace(present, posterior=replace(present.posterior, record=unread)), spread(present))
+    assert found is not None
+    assert (found.deserved, found.unmeasured) == (1.0, "it takes cycles")
+    small: Any = SimpleNamespace(**{**vars(own), "effect": SimpleNamespace(signature=replace(signature, least=1e9))})
+    other = signature_of(small, replace(present, posterior=replace(present.posterior, record=unread)), spread(present))
+    assert other is not None
+    assert other.deserved == 0.0

@@ -212,7 +212,7 @@ def test_what_no_test_measured_deserves_its_name_by_its_size(present: Explanatio
         amplitudes=hypothesis.amplitudes,
         neutral=hypothesis.neutral,
     )
-    unread = replace(record, counted=np.ones(record.n_times, dtype=bool))
+    unread = replace(record, counted=np.arange(record.n_times) > 5)
     found = signature_of(own, replace(present, posterior=replace(present.posterior, record=unread)), spread(present))
     assert found is not None
     assert (found.deserved, found.unmeasured) == (1.0, "it takes cycles")

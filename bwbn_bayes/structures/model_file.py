@@ -80,18 +80,34 @@ def load_model_file(path: Path | str, columns: str | None = None) -> ModelFile:
     Raises
     ------
     UserError
-        If the file is missing, fails, does not define ``model``, or defines one of the other names wrongly.
+        If the file is missing or of another kind, fails, does not define ``model``, or defines one of the other names
+        wrongly.
     """
     path = Path(path)
     if path.suffix.lower() in RECORD_SUFFIXES:
         return _of_record(path, columns)
-    if not path.is_file():
-        raise UserError(f"model file {path} does not exist: give the path of a Python file that defines `model`")
+    _require_python(path)
     with _of_the_user(path):
         names = runpy.run_path(str(path), run_name=path.stem)
     # What stands under these names may be of a class of the user's, too, and fail when it is asked what it is.
     with _of_the_user(path, passing=UserError):
         return _checked(names, columns, path)
+
+
+def _require_python(path: Path) -> None:
+    """Nothing runs but what its name says is Python: data of an unknown suffix may hold anything."""
+    if path.is_dir():
+        raise UserError(f"model file {path} is a directory: give the path of a Python file in it that defines `model`")
+    if not path.exists():
+        raise UserError(f"model file {path} does not exist: give the path of a Python file that defines `model`")
+    if path.suffix.lower() != ".py":
+        ends = f"the suffix {path.suffix!r} is not known" if path.suffix else "its name has no suffix"
+        raise UserError(
+            f"{path}: {ends}: a model file ends in .py, a record in {', '.join(RECORD_SUFFIXES)}; rename it, or save "
+            "a table as .csv"
+        )
+    if not path.is_file():
+        raise UserError(f"model file {path} is no plain file: give the path of a Python file that defines `model`")
 
 
 def _checked(names: Mapping[str, object], columns: str | None, path: Path) -> ModelFile:

@@ -191,6 +191,18 @@ def write_starting_model(record: Path, path: Path, columns: str | None = None) -
     return source.to_do
 
 
+def require_new(path: Path) -> None:
+    """Try a new file before long work, not after it.
+
+    Raises
+    ------
+    UserError
+        As of :func:`write_new`.
+    """
+    write_new("", path)
+    path.unlink()
+
+
 def write_new(text: str, path: Path) -> None:
     """A new file; one that is there already may have been edited.
 

@@ -632,10 +632,17 @@ def _require_different(records: Sequence[Record], paths: Sequence[Path]) -> None
 def _held_out(
     file: ModelFile, asked: str | None, record: Sequence[Path] | None
 ) -> Record | Literal["end", "repeats"] | None:
-    from bwbn_bayes.records.readers import read_record
+    from bwbn_bayes.records.readers import RECORD_SUFFIXES, read_record
 
     if asked is None:
         # A record named on the command line is another test: the file's held-out one may not belong to it.
         return None if record else file.held_out
     words: dict[str, Literal["end", "repeats"]] = {"end": "end", "repeats": "repeats"}
-    return words.get(asked) or read_record(asked, file.columns)
+    if asked in words:
+        return words[asked]
+    if Path(asked).suffix.lower() not in RECORD_SUFFIXES:
+        raise UserError(
+            f"--held-out {asked} is neither `end` nor `repeats` nor the file of a record, which ends in "
+            f"{', '.join(RECORD_SUFFIXES)}: give one of them"
+        )
+    return read_record(asked, file.columns)

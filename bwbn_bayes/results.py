@@ -1,7 +1,8 @@
 """The one result every method returns and every report reads: a DataTree of arrays and a dataclass of facts.
 
-Groups of the tree (dimensions in brackets; ``floor`` and ``storey`` count from 1; units are attributes; ``draw`` is a
-draw's number in the posterior, also where a group holds a part of them):
+Groups of the tree (dimensions in brackets; ``floor`` and ``storey`` count from 1; units are attributes, that of
+``time`` is ``1`` where the record is a path, whose points it counts; ``draw`` is a draw's number in the posterior, also
+where a group holds a part of them):
 
 ``posterior``, ``prior``
     one variable per parameter symbol: ``alpha (chain, draw)``, ``k (chain, draw, storey)``; the posterior's
@@ -57,6 +58,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 SCHEMA = 1
+POINTS = "1"
+"""Unit of the coordinate ``time`` of a path without time."""
 DOUBTS = ("quiet residual", "within the prior", "alternatives")
 """Checks whose failure puts a model that explains its record in doubt, and does not refuse it."""
 _LEVEL, _WORTH_PACKING = 4, 4096

@@ -285,6 +285,7 @@ BAD_OPTIONS = [
     (("identify", SDOF, "--method", "guess"), "'guess' is not one of 'importance', 'tmcmc'"),
     (("identify", SDOF, "--engine", "steam"), "'steam' is not one of 'lanes'"),
     (("identify", SDOF, "--record", "nowhere.csv"), "nowhere.csv"),
+    (("discover", SDOF, "--held-out", "End"), "--held-out End is neither `end` nor `repeats` nor the file of a record"),
     (("identify", SDOF, "--sequence"), "--sequence is the order of several records: give --record more than once"),
     (("identify", PLAIN), "give one with --record FILE"),
     (("simulate", PLAIN), "give it with --record FILE"),

@@ -107,7 +107,7 @@ def genetic_result(
         provenance=provenance_of(record, seed, posterior.engine),
     )
     storeys = list(range(1, model.n_links + 1))
-    response = response_dataset(rows, record.times, storeys)
+    response = response_dataset(rows, record, storeys)
     by_storey = storey_parameters(model, values)
     groups = {
         **_measurement(model, record, storeys, signals[0], truth),
@@ -196,7 +196,7 @@ def forces_result(
     storeys = list(floors)
     groups = {
         **_measurement(model, accelerations, storeys, signals, truth),
-        "response": response_dataset(rows, record.times, storeys),
+        "response": response_dataset(rows, record, storeys),
     }
     return Result(tree=xr.DataTree.from_dict(groups), facts=facts)
 
@@ -213,7 +213,7 @@ def _measurement(
         "constant_data": constant_dataset(model, record),
     }
     if truth is not None:
-        groups["true_response"] = response_dataset(truth, record.times, storeys).isel(draw=0)
+        groups["true_response"] = response_dataset(truth, record, storeys).isel(draw=0)
     return groups
 
 

@@ -23,8 +23,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from bwbn_bayes.cli.interruption import UNFINISHED_SEARCH
 from bwbn_bayes.engines.children import end_with_parent
-from bwbn_bayes.engines.journal import forget
+from bwbn_bayes.engines.journal import forget, has_begun
 from bwbn_bayes.errors import UserError, replace_file, writing
 from bwbn_bayes.records.readers import RECORD_SUFFIXES
 from bwbn_bayes.records.record import one_line
@@ -123,7 +124,8 @@ def jobs_of(
         taken = (str(model), "--record", str(record)) if model is not None else (str(record),)
         words = (version("bwbn-bayes"), command, *options)
         digest = hashlib.sha256("\n".join(words).encode() + b"\n" + source + b"\n" + _content(record))
-        resumed = ("--resume",) if discover else ("--checkpoint", str(directory / "meanwhile"))
+        unfinished = ("--resume",) if has_begun(directory / UNFINISHED_SEARCH) else ()
+        resumed = unfinished if discover else ("--checkpoint", str(directory / "meanwhile"))
         jobs.append(
             Job(
                 name=name,

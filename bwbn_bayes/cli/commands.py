@@ -23,7 +23,7 @@ from rich.text import Text
 
 from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
-from bwbn_bayes.cli.interruption import EXIT_CODE, stopped_with
+from bwbn_bayes.cli.interruption import EXIT_CODE, UNFINISHED_SEARCH, stopped_with
 from bwbn_bayes.cli.refusal import refuse, refuse_what_the_system_refuses
 from bwbn_bayes.errors import UserError, require_installed
 from bwbn_bayes.inference.registry import METHODS, require_library, require_possible
@@ -44,9 +44,6 @@ DISCOVERY_PARTICLES = "2000"
 
 _LONG = 4_000
 """Measured numbers from which a second process has loaded what it draws with, half a second, before it is asked."""
-
-UNFINISHED_SEARCH = ".unfinished"
-"""Checkpoint of a discovery, in the directory that it writes to."""
 
 app = typer.Typer(
     help="Identify hysteretic structures from measured records, and say what the model is missing.",
@@ -255,10 +252,10 @@ def discover(
     scheduler: SchedulerOption = None,
 ) -> None:
     """Find what MODEL lacks to explain a record, with probabilities, and write the improved model and a report."""
-    from bwbn_bayes.cli.files import writable, write_discovery_files
+    from bwbn_bayes.cli.files import require_own_results, writable, write_discovery_files
     from bwbn_bayes.discovery.run import DiscoverySettings
     from bwbn_bayes.discovery.workflow import discover as discover_missing
-    from bwbn_bayes.engines.journal import forget
+    from bwbn_bayes.engines.journal import forget, has_begun
     from bwbn_bayes.report.discovery_text import discovery_in_words
     from bwbn_bayes.report.second_process import second_process
 
@@ -279,6 +276,8 @@ def discover(
     with stopped_with(partial(_resumes, directory)), told(notes) as tell:
         apart = _held_out(file, held_out, record)
         measured = _record(file, record or (), seed, lambda text, _: tell(text, None), in_sequence=sequence)
+        if resume and not has_begun(directory / UNFINISHED_SEARCH):
+            require_own_results(directory, measured)
         with second_process(wanted=_draws_beside(measured)) as hand:
             discovery = discover_missing(
                 file.model,
@@ -632,10 +631,17 @@ def _require_different(records: Sequence[Record], paths: Sequence[Path]) -> None
 def _held_out(
     file: ModelFile, asked: str | None, record: Sequence[Path] | None
 ) -> Record | Literal["end", "repeats"] | None:
-    from bwbn_bayes.records.readers import read_record
+    from bwbn_bayes.records.readers import RECORD_SUFFIXES, read_record
 
     if asked is None:
         # A record named on the command line is another test: the file's held-out one may not belong to it.
         return None if record else file.held_out
     words: dict[str, Literal["end", "repeats"]] = {"end": "end", "repeats": "repeats"}
-    return words.get(asked) or read_record(asked, file.columns)
+    if asked in words:
+        return words[asked]
+    if Path(asked).suffix.lower() not in RECORD_SUFFIXES:
+        raise UserError(
+            f"--held-out {asked} is neither `end` nor `repeats` nor the file of a record, which ends in "
+            f"{', '.join(RECORD_SUFFIXES)}: give one of them"
+        )
+    return read_record(asked, file.columns)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import atexit
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
 
+from bwbn_bayes.cli.refusal import drop
 from bwbn_bayes.errors import UserError
 
 if TYPE_CHECKING:
@@ -42,16 +45,25 @@ def opensees(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the fit to a law that OpenSees lacks.")] = 1,
 ) -> None:
     """Write SOURCE as a script for openseespy: a uniaxialMaterial for each link, masses, ground motion, analysis."""
-    from bwbn_bayes.cli.files import write_new
+    from bwbn_bayes.cli.files import require_new, write_new
     from bwbn_bayes.export import script_of
 
+    atexit.register(_without_farewell)
     structure = _of_result(source, record, at) if _is_result(source) else _of_model(source, record)
-    script = script_of(structure, seed=seed)
     path = out or Path(f"{Path(structure.name).name}_opensees.py")
+    require_new(path)
+    script = script_of(structure, seed=seed)
     write_new(script.text, path)
     for note in script.notes:
         Console(stderr=True).print(note, markup=False, highlight=False, soft_wrap=True)
     print(path)
+
+
+def _without_farewell() -> None:
+    """OpenSees, where a fit has loaded it, writes to stderr as the process ends that it ends."""
+    if "openseespy.opensees" in sys.modules and sys.stderr is not None:
+        sys.stderr.flush()
+        drop(sys.stderr)
 
 
 def _is_result(source: Path) -> bool:

@@ -191,6 +191,43 @@ def write_starting_model(record: Path, path: Path, columns: str | None = None) -
     return source.to_do
 
 
+def require_own_results(directory: Path, record: Record) -> None:
+    """Refuse to go on in a directory with the results of another record, which would be lost.
+
+    Raises
+    ------
+    UserError
+        If its ``discovery.json`` is that of another record, or damaged.
+    """
+    path, begins = directory / "discovery.json", "leave out --resume to begin anew and write over them"
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+        owner, data = facts["record"], facts.get("data_sha256")
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise UserError(
+            f"--resume: {path} is damaged and does not say whose results it holds: give another --out, or {begins}"
+        ) from None
+    if data != record.content_hash:
+        raise UserError(
+            f"--resume: {directory} holds results of another record, {owner!r}, or of an older version: give another "
+            f"--out, or {begins}"
+        )
+
+
+def require_new(path: Path) -> None:
+    """Try a new file before long work, not after it.
+
+    Raises
+    ------
+    UserError
+        As of :func:`write_new`.
+    """
+    write_new("", path)
+    path.unlink()
+
+
 def write_new(text: str, path: Path) -> None:
     """A new file; one that is there already may have been edited.
 

@@ -22,6 +22,8 @@ from bwbn_bayes.engines.children import stop_compiling
 
 EXIT_CODE = 130
 """What a shell expects of a process that SIGINT ended."""
+UNFINISHED_SEARCH = ".unfinished"
+"""Checkpoint of a discovery, in the directory that it writes to."""
 COMMITTING = threading.Lock()
 """Held while finished files take their names, for the blink of which the end of the process waits."""
 UNFINISHED: set[Path] = set()

@@ -30,7 +30,7 @@ def refuse(sentence: str) -> NoReturn:
     try:
         Console(stderr=True).print(message, soft_wrap=True)
     except OSError:
-        _drop(sys.stderr)
+        drop(sys.stderr)
     sys.exit(2)
 
 
@@ -45,12 +45,12 @@ def refuse_what_the_system_refuses(error: OSError) -> int:
         Any other: what the system refuses is told where it happens, or it is a mistake of ours.
     """
     if isinstance(error, BrokenPipeError):  # whoever read has read enough
-        _drop(sys.stdout)
+        drop(sys.stdout)
         return 1
     if error.errno == errno.ENAMETOOLONG:  # asking whether there is such a file says so
         refuse(f"{str(error.filename)[:60]}...: no file can have so long a name, give a shorter one")
     if error.errno in _NO_ROOM:
-        _drop(sys.stdout)
+        drop(sys.stdout)
         place = error.filename or "what is shown"
         refuse(f"{place} cannot be written ({error.strerror}): make room, or choose another place")
     if isinstance(error, PermissionError) and error.filename is not None:
@@ -58,8 +58,8 @@ def refuse_what_the_system_refuses(error: OSError) -> int:
     raise error
 
 
-def _drop(stream: TextIO | None) -> None:
-    """Forget what waits in a stream that takes nothing: Python would try again at the end, and fail with pages."""
+def drop(stream: TextIO | None) -> None:
+    """Forget what waits in a stream, and what comes: into one that takes nothing Python would try again at the end."""
     with suppress(OSError):
         if stream is not None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

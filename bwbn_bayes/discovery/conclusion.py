@@ -104,6 +104,7 @@ def conclude(
         held_out=held_out,
         result=result,
         name=name,
+        data=run.data,
         assumptions=tuple(assumptions),
         seed=run.settings.seed,
         elapsed_s=elapsed,

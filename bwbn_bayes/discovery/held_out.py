@@ -18,8 +18,7 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import counts
 from bwbn_bayes.records.cycles import half_cycles, repeated_samples, repeats
 from bwbn_bayes.records.joined import join_records
-from bwbn_bayes.records.noise import MIN_SAMPLES
-from bwbn_bayes.records.record import Record, require_single
+from bwbn_bayes.records.record import MIN_SAMPLES, Record, require_measured, require_single
 from bwbn_bayes.structures.structure import Structure
 
 N_BLOCKS = 30
@@ -114,7 +113,10 @@ def set_apart(
         return _without_last(record)
     if held_out == "repeats":
         require_single(record, "repeat cycles are held out of one:")
-        apart = repeat_cycles(record)
+        try:
+            apart = repeat_cycles(record)
+        except UserError as error:
+            raise UserError(f"{error}{_or_the_end(model, record)}") from None
         return replace(record, counted=~repeated_samples(record.excitation)), apart
     if held_out != "end":
         raise UserError(
@@ -122,6 +124,15 @@ def set_apart(
         )
     time = parting_time(model, record)
     return record.until(time), HeldOut(record=record, after_s=time)
+
+
+def _or_the_end(model: Structure, record: Record) -> str:
+    """Advice beside another measurement; none where the record has no end to hold out either."""
+    try:
+        parting_time(model, record)
+    except UserError:
+        return ""
+    return ", or the end of this one with --held-out end"
 
 
 def _without_last(record: Record) -> tuple[Record, HeldOut]:
@@ -150,16 +161,16 @@ def repeat_cycles(record: Record) -> HeldOut:
     """
     if record.excitation_kind != "displacement":
         raise UserError(
-            f"record {record.name!r} is a ground motion, which repeats no cycles: hold out its end with "
-            "--held-out end, or another measurement with --held-out FILE"
+            f"record {record.name!r} is a ground motion, which repeats no cycles: hold out another "
+            "measurement with --held-out FILE"
         )
     counts = repeats(half_cycles(record.excitation))
     n_repeats = sum(count > 0 for count in counts)
     if n_repeats < LEAST_REPEATS or len(counts) - n_repeats < LEAST_FITTED:
         raise UserError(
             f"record {record.name!r} has no repeat cycles to hold out: {n_repeats} of its {len(counts)} half cycles "
-            f"repeat an amplitude, at least {LEAST_REPEATS} must and {LEAST_FITTED} must not; hold out its end with "
-            "--held-out end"
+            f"repeat an amplitude, at least {LEAST_REPEATS} must and {LEAST_FITTED} must not; hold out another "
+            "measurement with --held-out FILE"
         )
     return HeldOut(record=record, repeats=True)
 
@@ -194,11 +205,13 @@ def parting_time(model: Structure, record: Record) -> float:
         best = int(np.argmax(weakest))
         name = list(signals)[int(np.argmin(peaks[:, earliest + best]))]
         share = max(int(100.0 * weakest[best]), 0)
+        between = f"points {earliest + 1} and {latest + 1}"
+        if record.has_time:
+            between = f"{record.times[earliest]:.3g} and {record.times[latest]:.3g} s"
         raise UserError(
-            f"record {record.name!r} has no end to hold out: wherever it is parted between "
-            f"{record.times[earliest]:.3g} and {record.times[latest]:.3g} s, one part reaches at most {share} % of "
-            f"the peak of {name}, less than {100.0 * LEAST_PEAK:.0f} %; hold out another measurement with "
-            "--held-out FILE"
+            f"record {record.name!r} has no end to hold out: wherever it is parted between {between}, one part reaches "
+            f"at most {share} % of the peak of {name}, less than {100.0 * LEAST_PEAK:.0f} %; hold out another "
+            "measurement with --held-out FILE"
         )
     return float(record.times[earliest + strong[-1]])
 
@@ -272,9 +285,8 @@ def predict(
     UserError
         If the record measures nothing.
     """
+    require_measured(record)
     channels = tuple(record.channels)
-    if not channels:
-        raise UserError(f"record {record.name!r} measures nothing: held-out data need a channel such as acceleration_1")
     values, _ = posterior.split(point[None])
     predicted = posterior.engine.simulate(posterior.model, values, record).values[0]
     shares: list[Floats] = []

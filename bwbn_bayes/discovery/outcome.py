@@ -346,6 +346,8 @@ class Discovery:
     result : Result
         The posterior of the improved model.
     name : str
+    data : str
+        Hash of the record as given.
     assumptions : tuple of str
         What the given model takes for granted.
     seed : int
@@ -377,6 +379,7 @@ class Discovery:
     held_out: HeldOut | None
     result: Result
     name: str
+    data: str
     assumptions: tuple[str, ...]
     seed: int
     elapsed_s: float
@@ -403,7 +406,7 @@ class Discovery:
             gap["held_out"] = {
                 "record": apart.record.name,
                 "repeats": apart.repeats,
-                "after_s": apart.after_s,
+                "after_s": apart.after_s if apart.record.has_time else None,
                 "before": before.nrmse,
                 "after": after.nrmse,
                 "before_se": before.nrmse_se,
@@ -420,6 +423,7 @@ class Discovery:
             "finished": True,
             "model": self.name,
             "record": self.record.name,
+            "data_sha256": self.data,
             "verdict": self.verdict,
             "verdict_probabilities": dict(self.verdict_probabilities),
             "sentences": list(self.sentences),

@@ -97,6 +97,8 @@ class Run:
     listener: Listener | None
     name: str = "model"
     """The model's, in reports."""
+    data: str = ""
+    """Hash of the record as given."""
     executor: Executor | None = None
     """Whose workers fit hypotheses; the threads of this process where there is none."""
     began: float = field(default_factory=time.perf_counter)

@@ -298,6 +298,7 @@ def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:
     )
     known = Unfinished(
         name=run.name,
+        data=run.data,
         given=pool.plain[frozenset()],
         believed=believed,
         steps=tuple(run.steps),

@@ -24,6 +24,8 @@ class Unfinished:
     ----------
     name : str
         The model's.
+    data : str
+        Hash of the record as given.
     given : Explanation
         The model as given.
     believed : Beliefs
@@ -38,6 +40,7 @@ class Unfinished:
     """
 
     name: str
+    data: str
     given: Explanation
     believed: Beliefs
     steps: tuple[Step, ...]
@@ -58,6 +61,7 @@ class Unfinished:
             "finished": False,
             "model": self.name,
             "record": record.name,
+            "data_sha256": self.data,
             "verdict": self.believed.verdict,
             "verdict_probabilities": dict(self.believed.verdicts),
             "sentences": ["The search goes on: this is what is known by now.", *self.notes],

@@ -28,7 +28,7 @@ from bwbn_bayes.discovery.search import search
 from bwbn_bayes.discovery.suitable import require_suitable
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.executors import opened
-from bwbn_bayes.engines.journal import Journal, forget
+from bwbn_bayes.engines.journal import Journal, forget, question_of, search_in_words
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import LADDER, coarsest_stable, in_doubles
@@ -95,7 +95,7 @@ def discover(
     """
     require_suitable(model, record, held_out if isinstance(held_out, Record) else None, name)
     settings = settings or DiscoverySettings()
-    run = Run(settings, np.random.default_rng(settings.seed), listener, name)
+    run = Run(settings, np.random.default_rng(settings.seed), listener, name, data=record.content_hash)
     # Repeat cycles lie among what is fitted: both are samples of one record.
     record, apart = set_apart(model, _thinned(record, run) if held_out == "repeats" else record, held_out)
     if apart is not None:
@@ -106,6 +106,8 @@ def discover(
         opened(settings.workers, settings.scheduler) as run.executor,
         nullcontext() if settings.checkpoint is None else _journal(settings.checkpoint, settings) as journal,
     ):
+        if journal is not None:
+            _go_on(journal, model, record, run)
         pool = search(_given(model, record, journal, run), run)
         return conclude(pool, apart, name, assumptions, run.binding, run)
 
@@ -115,6 +117,32 @@ def _journal(checkpoint: Path, settings: DiscoverySettings) -> AbstractContextMa
     if not settings.resume:
         forget(checkpoint)
     return Journal.opened(checkpoint)
+
+
+def _go_on(journal: Journal, model: Structure, record: Record, run: Run) -> None:
+    """Say whether what a journal holds serves this search, and mark with it what is kept from now on.
+
+    Raises
+    ------
+    UserError
+        If it is the search of another record, whose fits would be deleted when this one is done.
+    """
+    data = question_of("data of a search", run.data)
+    search = question_of("search", search_in_words(model, record, run.settings.seed))
+    if not journal.is_empty and not journal.holds(data):
+        raise UserError(
+            f"checkpoint {journal.path}: it holds the unfinished search of another record, or of an older version: "
+            "give another --out, or leave out --resume to delete it and begin anew"
+        )
+    if journal.n_lost:
+        run.say(f"checkpoint {journal.path}: its last {journal.n_lost:,} bytes are damaged or cut off and left out")
+    if journal.holds(search):
+        run.say(f"going on from what is kept in {journal.path}")
+    elif not journal.is_empty:
+        run.say(f"{journal.path} holds a search of this record with another model, seed or version: beginning anew")
+    elif run.settings.resume:
+        run.say(f"nothing is kept in {journal.path}: beginning anew")
+    journal.mark(data, search)
 
 
 def _given(model: Structure, record: Record, journal: Journal | None, run: Run) -> Explanation:

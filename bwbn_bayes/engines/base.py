@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Floats
-from bwbn_bayes.records.noise import MIN_SAMPLES
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.directions import require_one_direction
+from bwbn_bayes.records.noise import require_long_enough
+from bwbn_bayes.records.record import Record, require_measured
 from bwbn_bayes.structures.structure import Structure
 
 OBSERVED_KINDS = (
@@ -277,11 +278,11 @@ def require_usable(model: Structure, record: Record) -> None:
     """Raise :class:`UserError` unless a model can be identified from a record.
 
     It must be of the model's kind of test, excite it, and measure something of it that changes, for long enough that
-    its noise can be told: each of several joined records that measures anything.
+    its noise can be told, a force in the direction of its displacement: each of several joined records that measures
+    anything.
     """
     check_record(model, record)
-    if not record.channels:
-        raise UserError(f"record {record.name!r} measures nothing: it needs a channel such as acceleration_1")
+    require_measured(record)
     for part in record.parts:
         if part.channels:
             _require_telling(model, part)
@@ -290,10 +291,9 @@ def require_usable(model: Structure, record: Record) -> None:
 def _require_telling(model: Structure, record: Record) -> None:
     where = f"record {record.name!r}"
     channel_map(model, tuple(record.channels))
-    if record.n_counted < MIN_SAMPLES:
-        raise UserError(f"{where} has {record.n_counted} samples: at least {MIN_SAMPLES} are needed to tell its noise")
+    require_long_enough(record)
     if not any(np.ptp(signal) > 0.0 for signal in (record.excitation, *record.forces.values())):
-        raise UserError(f"{where} has no excitation: its {record.excitation_kind} never changes")
+        raise UserError(f"{where} has no excitation: its {record.excitation_kind} never changes, give one that moves")
     for name, signal in record.columns.items():
         peak = float(np.max(np.abs(signal)))
         if peak > _MOST or 0.0 < peak < 1.0 / _MOST:
@@ -301,6 +301,7 @@ def _require_telling(model: Structure, record: Record) -> None:
     still = [channel for channel, signal in record.channels.items() if np.ptp(signal[record.kept]) == 0.0]
     if still:
         raise UserError(f"{where}: {', '.join(still)} never changes: leave it out")
+    require_one_direction(record)
     for channel, others, known in _same_by_definition(model, record):
         signal = record.channels[channel]
         if np.allclose(signal, known, rtol=0.0, atol=1e-9 * float(np.max(np.abs(signal)))):

@@ -72,7 +72,8 @@ class Journal:
 
     def __init__(self, path: Path, file: FileIO | BytesIO) -> None:
         self.path, self._file = path, file
-        self._n_before = 0
+        self._n_before = self.n_lost = 0
+        self._marks: list[bytes] = []
         self._places: dict[bytes, tuple[int, int]] = {}
         self._believed: set[str] = set()
         self._lock = threading.Lock()
@@ -100,6 +101,19 @@ class Journal:
             with writing(f"checkpoint {path}", "choose another place"):
                 journal._read()
             yield journal
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it holds no answer."""
+        return not self._places
+
+    def holds(self, question: bytes) -> bool:
+        """Whether it holds the answer to a question, or was marked with it."""
+        return question in self._places
+
+    def mark(self, *questions: bytes) -> None:
+        """Say with the next answer what run it belongs to: hashes as of :func:`question_of`."""
+        self._marks = [question for question in questions if question not in self._places]
 
     @classmethod
     def in_memory(cls, carried: Carried) -> Self:
@@ -188,6 +202,7 @@ class Journal:
             begins = end + _LENGTH.size + 2 * _HASH
             end = self._file.tell()
             self._places[payload[:_HASH]] = (begins, end - begins)
+        self.n_lost = size - end
         self._file.truncate(end)
         self._file.seek(end)
         self._n_before = end
@@ -212,6 +227,8 @@ class Journal:
         self._append_payload(question, stream.getvalue())
 
     def _append_payload(self, question: bytes, payload: bytes) -> None:
+        while self._marks:
+            self._append(self._marks.pop(), (np.zeros(1),))
         head = _LENGTH.pack(len(payload)) + hashlib.sha256(payload).digest()
         with self._lock, writing(f"checkpoint {self.path}", "what was solved before is kept; make room there"):
             begins = self._file.seek(0, os.SEEK_END) + len(head) + _HASH
@@ -373,6 +390,11 @@ def _code() -> str:
     package = Path(__file__).parents[1]
     texts = (path.read_bytes() for path in sorted(package.rglob("*.py")))
     return hashlib.sha256(b"".join(texts)).hexdigest()
+
+
+def search_in_words(model: Structure, record: Record, seed: int) -> str:
+    """All that shapes a search."""
+    return "\n".join((_code(), *model_in_words(model), record.content_hash, str(seed)))
 
 
 def about(engine: Any, model: Structure, record: Record) -> str:

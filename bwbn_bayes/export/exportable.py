@@ -17,7 +17,7 @@ from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.results import ParameterFacts, Result
+from bwbn_bayes.results import POINTS, ParameterFacts, Result
 from bwbn_bayes.structures.structure import Structure
 
 Point = Literal["mean", "map"]
@@ -64,8 +64,8 @@ class Exportable:
         Of the floors, from the ground up; none of a specimen. [kg]
     excitation : (n_times,) array
         Ground acceleration as recorded [m/s^2], or a specimen's displacement [m], linear between samples.
-    time_step : float
-        Between samples. [s]
+    time_step : float or None
+        Between samples [s]; None where a specimen's record has no time.
     notes : tuple of str
         What is left out, in sentences.
     """
@@ -75,7 +75,7 @@ class Exportable:
     links: tuple[Link, ...]
     masses: tuple[float, ...]
     excitation: Floats
-    time_step: float
+    time_step: float | None
     notes: tuple[str, ...] = ()
 
     @property
@@ -127,7 +127,7 @@ def of_model(model: Structure, record: Record, values: Mapping[str, float], *, n
         ),
         masses=tuple(model.masses) if not model.is_driven else (),
         excitation=np.asarray(record.excitation),
-        time_step=record.time_step,
+        time_step=record.time_step if record.has_time else None,
         notes=(_SENSORS_STAY,) if model.sensors.parameters else (),
     )
 
@@ -160,7 +160,7 @@ def of_result(result: Result, at: Point = "mean") -> Exportable:
     kind = next((kind for kind in _TRUSTED_EXCITATIONS if kind in constant), None)
     if kind is None or (kind == "ground_acceleration" and "mass" not in constant):
         raise UserError("the result does not say its masses and its excitation: identify once more with this version")
-    time = np.asarray(constant["time"].values, dtype=np.float64)
+    time = constant["time"]
     parameters, point = _parameters(result, at)
     histories = _mean_histories(result)
     return Exportable(
@@ -172,7 +172,7 @@ def of_result(result: Result, at: Point = "mean") -> Exportable:
         ),
         masses=tuple(map(float, constant["mass"].values)) if kind == "ground_acceleration" else (),
         excitation=np.asarray(constant[kind].values, dtype=np.float64),
-        time_step=float(time[-1] - time[0]) / (len(time) - 1),
+        time_step=None if time.attrs.get("units") == POINTS else float(time[-1] - time[0]) / (time.size - 1),
         notes=(_SENSORS_STAY,) if any(p.symbol in _SENSORS for p in facts.parameters) else (),
     )
 

@@ -17,6 +17,8 @@ from bwbn_bayes.structures.model_source import WIDTH, comment
 
 TAGS = 100
 """Tags of a link's materials: a hundred of its number, and one more for each of its parts."""
+_OF_A_RATE = ("Viscous", "Maxwell")
+"""Materials of OpenSees whose force depends on the rate."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,17 +53,24 @@ class LinkScript:
         return (*(line for sentence in sentences for line in comment(sentence)), *self.materials)
 
 
-def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool) -> LinkScript:
+def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool, has_time: bool) -> LinkScript:
     """Translate a link, or fit a material to what of it has no translation.
 
     Raises
     ------
     UserError
-        If something cannot be translated, or a fit asks for openseespy and it is not installed.
+        If something cannot be translated, depends on a rate where there is no time, or a fit asks for openseespy and it
+        is not installed.
     """
     place = "The specimen" if is_specimen else f"Storey {link.number}"
     missing = without_law(link.parameters, in_analysis=not is_specimen)
     parts = beside(link)
+    rated = [part.material.kind for part in parts if part.material.kind in _OF_A_RATE]
+    if rated and not has_time:
+        raise UserError(
+            f"{place} has a part that depends on the drift rate ({rated[0]}), which a record without time does not "
+            "tell: leave it out of the model, c = 0 say, or identify it from a record with a column time"
+        )
     error = None
     if missing:
         # What has a memory cannot be taken out of the force: the fit has it too.

@@ -10,7 +10,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bwbn_bayes.export.building import Building, building_of
-from bwbn_bayes.export.exportable import Exportable
+from bwbn_bayes.export.exportable import Exportable, Link
 from bwbn_bayes.export.laws import size_of_z
 from bwbn_bayes.export.links import LinkScript, link_script
 from bwbn_bayes.parameters import Floats
@@ -56,7 +56,10 @@ def script_of(structure: Exportable, *, seed: int = 1) -> Script:
         If something cannot be translated, or a fit asks for openseespy and it is not installed.
     """
     rng = np.random.default_rng(seed)
-    links = tuple(link_script(link, rng, is_specimen=structure.is_specimen) for link in structure.links)
+    has_time = structure.time_step is not None
+    links = tuple(
+        link_script(link, rng, is_specimen=structure.is_specimen, has_time=has_time) for link in structure.links
+    )
     building = None if structure.is_specimen else building_of(structure)
     fitted = (f"{link.place}: {' '.join(link.says)}" for link in links if link.error is not None)
     notes = (*structure.notes, *(building.notes if building else ()), *fitted)
@@ -71,7 +74,7 @@ def script_of(structure: Exportable, *, seed: int = 1) -> Script:
     text = environment.get_template("opensees.py.j2").render(
         docstring=_docstring(structure, notes),
         substeps=_substeps(structure),
-        time_step=repr(structure.time_step),
+        time_step=structure.time_step,
         excitation=_listed(structure.excitation),
         materials=(*links, *(building.materials if building else ())),
         building=building,
@@ -97,9 +100,16 @@ def _listed(values: Floats) -> list[str]:
 
 def _substeps(structure: Exportable) -> int:
     """Steps of the analysis for each sample: none moves a link by more than a small share of its z."""
-    rates = (float(np.max(np.abs(link.drift_rate))) / size_of_z(link) for link in structure.links)
-    steps = math.ceil(structure.time_step * max(rates) / _SHARE_OF_Z)
+    ways = (_largest_way(link, structure.time_step) / size_of_z(link) for link in structure.links)
+    steps = math.ceil(max(ways) / _SHARE_OF_Z)
     return min(max(steps, _FEWEST_SUBSTEPS), _MOST_SUBSTEPS)
+
+
+def _largest_way(link: Link, time_step: float | None) -> float:
+    """The farthest [m] that the drift goes between two samples, at its largest rate where there is one."""
+    if time_step is None:
+        return float(np.max(np.abs(np.diff(link.drift))))
+    return time_step * float(np.max(np.abs(link.drift_rate)))
 
 
 def _tolerance(structure: Exportable, building: Building | None) -> float:

@@ -15,6 +15,7 @@ from bwbn_bayes.inference.responses import STATISTICS, Responses, Singles, batch
 from bwbn_bayes.parameters import Floats, FreeParameter
 from bwbn_bayes.records.blocks import counts, labels, measured_or_nan, over_time
 from bwbn_bayes.records.record import Record, si_unit
+from bwbn_bayes.results import POINTS
 from bwbn_bayes.structures.quantities import engineering_quantities, time_points
 from bwbn_bayes.structures.structure import Structure
 
@@ -107,8 +108,8 @@ def posterior_tree(
             {"chain": [0], **whole}
         ),
         "predictive_bands": _predicted(record, responses.predicted_bands, ("statistic",)).assign_coords(_STATISTICS),
-        "response": response_dataset(responses.histories, record.times, storeys).assign_coords(whole),
-        "response_bands": response_dataset(responses.bands, record.times, storeys, over="statistic").assign_coords(
+        "response": response_dataset(responses.histories, record, storeys).assign_coords(whole),
+        "response_bands": response_dataset(responses.bands, record, storeys, over="statistic").assign_coords(
             _STATISTICS
         ),
         "parameters_by_storey": by_storey,
@@ -120,7 +121,7 @@ def posterior_tree(
             known, by_storey, model.masses, model.law, model.heights, model.joints
         )
     if truth is not None:
-        groups["true_response"] = response_dataset(truth, record.times, storeys).isel(draw=0, drop=True)
+        groups["true_response"] = response_dataset(truth, record, storeys).isel(draw=0, drop=True)
     return xr.DataTree.from_dict(groups)
 
 
@@ -143,8 +144,13 @@ def _histories(record: Record, variables: Mapping[str, tuple[Any, Any]]) -> xr.D
     """Variables by channel over the record's time."""
     return xr.Dataset(
         {name: (*variable, {"units": si_unit(name)}) for name, variable in variables.items()},
-        coords={"time": ("time", record.times, {"units": "s"})},
+        coords={"time": _times(record)},
     )
+
+
+def _times(record: Record) -> tuple[str, Floats, dict[str, str]]:
+    """The coordinate: seconds, or of a path a count of points, which has no unit."""
+    return "time", record.times, {"units": "s" if record.has_time else POINTS}
 
 
 def _or_nothing(record: Record, rows: Floats) -> Floats:
@@ -202,7 +208,7 @@ def storey_parameters(model: Structure, values: Floats) -> xr.Dataset:
 
 
 def response_dataset(
-    rows: Mapping[str, Floats] | Mapping[str, Singles], times: Floats, storeys: list[int], *, over: str = "draw"
+    rows: Mapping[str, Floats] | Mapping[str, Singles], record: Record, storeys: list[int], *, over: str = "draw"
 ) -> xr.Dataset:
     """Histories ``(n_draws, n_storeys, n_times)`` by kind, with the names of storeys, floors and times."""
     place = {kind: {"acceleration": "floor", BASE_DISPLACEMENT: "base"}.get(kind, "storey") for kind in rows}
@@ -212,7 +218,7 @@ def response_dataset(
             kind: ((over, place[kind], "time"), values.astype(np.float32, copy=False), {"units": _UNITS[kind]})
             for kind, values in rows.items()
         },
-        coords={"storey": storeys, "floor": floors, "time": ("time", times, {"units": "s"})},
+        coords={"storey": storeys, "floor": floors, "time": _times(record)},
     )
 
 

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import WindowFacts
 from bwbn_bayes.results import StageFacts
@@ -32,18 +34,23 @@ class History:
 
     def tell_window(self, posterior: Posterior, facts: WindowFacts) -> None:
         """Least squares reached the end of a window."""
-        duration = posterior.record.duration
+        record = posterior.record
+        if record.has_time:
+            reached, window = f"{facts.end:.0f} s of {record.duration:.0f} s", f"0 to {facts.end:.1f} s"
+        else:
+            n_points = int(np.searchsorted(record.times, facts.end + 0.5 * record.time_step))
+            reached, window = f"{n_points} of {record.n_times} points", f"the first {n_points} points"
         self.say(
-            f"fitted the first {facts.end:.0f} s of {duration:.0f} s",
+            f"fitted the first {reached}",
             StageFacts(
                 stage=0,
-                tempering_parameter=facts.end / duration,
+                tempering_parameter=facts.end / record.duration,
                 acceptance=float("nan"),
                 effective_sample_size=float("nan"),
                 n_solves=facts.n_solves,
                 log_evidence=float("nan"),
                 elapsed_s=0.0,
-                label=f"least squares on 0 to {facts.end:.1f} s, {facts.n_candidates} candidates",
+                label=f"least squares on {window}, {facts.n_candidates} candidates",
             ),
         )
 

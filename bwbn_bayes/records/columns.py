@@ -13,8 +13,8 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.column_map import Item, Meaning, find_column, parse_columns
 from bwbn_bayes.records.labels import Labels
 from bwbn_bayes.records.record import (
-    CHANNEL_NAMES,
-    MIN_TIMES,
+    COLUMN_NAMES,
+    LEAST_POINTS,
     ExcitationKind,
     Record,
     is_input,
@@ -147,7 +147,7 @@ def _in_si(used: Mapping[str, _Used], kind: str, table: Table) -> dict[str, Floa
     file, values = table.source.file, {}
     n_times = len(_numbers(used[kind].column))
     if n_times < 2:
-        raise UserError(f"{file}: the record has {n_times} points, at least {MIN_TIMES} are needed")
+        raise UserError(f"{file}: the record has {n_times} points: {LEAST_POINTS}")
     for name, (column, meaning) in used.items():
         parts = [(column, meaning)]
         if meaning.minus is not None:
@@ -184,8 +184,8 @@ def excitation_kind_of(names: Sequence[str], header: str, *, has_step: bool = Fa
     for name in names:
         if quantity_of(name) is None:
             raise UserError(
-                f"{header}, column {name}: the name is not known, use time, ground_acceleration, {CHANNEL_NAMES}, "
-                "or displacement and force for a cyclic test, or say by a column map which columns to read"
+                f"{header}, column {name}: the name is not known, use {COLUMN_NAMES}, or say by a column map which "
+                "columns to read"
             )
     forced = any(is_input(name) for name in names)
     if "ground_acceleration" in names and "displacement" in names:
@@ -232,9 +232,8 @@ def _mapped(table: Table, items: Sequence[Item]) -> list[_Used]:
         column = _column(item.label, table, item.meaning.name)
         if item.meaning.name not in STATED and quantity_of(item.meaning.name) is None:
             raise UserError(
-                f"the column map reads {item.label!r} as {item.meaning.name}, which is not known: use time, "
-                f"ground_acceleration, {CHANNEL_NAMES}, displacement and force for a cyclic test, time_step or "
-                "sampling_rate"
+                f"the column map reads {item.label!r} as {item.meaning.name}, which is not known: use "
+                f"{COLUMN_NAMES}, or time_step or sampling_rate"
             )
         own = Meaning(column.label, column.unit, column.minus, column.minus_unit)
         told = item.meaning

@@ -28,7 +28,7 @@ from bwbn_bayes.errors import UserError, replace_file
 from bwbn_bayes.records.column_map import Meaning, header_meaning
 from bwbn_bayes.records.columns import Column, Table, record_of
 from bwbn_bayes.records.labels import Labels
-from bwbn_bayes.records.record import MIN_TIMES, RESERVED_KEYS, Record, si_unit
+from bwbn_bayes.records.record import LEAST_POINTS, MIN_TIMES, RESERVED_KEYS, Record, si_unit
 from bwbn_bayes.records.text import file_text, number
 from bwbn_bayes.records.time_base import Source, printed_quantum
 
@@ -97,7 +97,7 @@ def _table(path: Path, *, has_map: bool) -> Table:
         lines.pop()
     start = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), None)
     if start is None:
-        raise UserError(f"{path}: the file is empty, it needs a header and at least {MIN_TIMES} rows of numbers")
+        raise UserError(f"{path}: the file is empty, it needs a header and rows of numbers: {LEAST_POINTS}")
     labels = _comment_labels(lines[:start], path)
     body = _body(lines, start, path)
     header = f"{path}, line {start + 1}"
@@ -111,7 +111,7 @@ def _table(path: Path, *, has_map: bool) -> Table:
     meanings = [_header_cell(cell, f"{header}, column {i}") for i, cell in enumerate(body.header, start=1)]
     meanings, body = _units_below(meanings, body)
     if len(body.rows) < MIN_TIMES:
-        raise UserError(f"{path}: the record has {len(body.rows)} points, at least {MIN_TIMES} are needed")
+        raise UserError(f"{path}: the record has {len(body.rows)} points: {LEAST_POINTS}")
     source = Source(file=str(path), header=header, place=lambda row: f"line {body.first_line + row}")
     if not any(meaning.name.lower() == "time" for meaning in meanings):
         labels = replace(labels, has_time="time_base" not in labels.provenance)

@@ -13,10 +13,9 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.joined import JoinedRecord, join_records
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import MIN_SAMPLES, Record
 
 MAX_DIFFERENCE_ORDER = 16
-MIN_SAMPLES = 32
 LEAST_NOISE = 1e-3
 """Noise below this share of a channel's rms cannot be told from the error of solving and rounding."""
 
@@ -77,6 +76,15 @@ def add_noise(record: Record, snr_db: float | None, rng: np.random.Generator) ->
         noise_sd=noise_sd,
         provenance={**record.provenance, "noise": f"{earlier}; {added}" if earlier else added},
     )
+
+
+def require_long_enough(record: Record) -> None:
+    """Raise :class:`UserError` unless so many samples of a record count that its noise can be told."""
+    if record.n_counted < MIN_SAMPLES:
+        raise UserError(
+            f"record {record.name!r} has {record.n_counted} samples: at least {MIN_SAMPLES} are needed to tell its "
+            "noise, give a longer one"
+        )
 
 
 def with_least_noise(record: Record, rng: np.random.Generator) -> Record:

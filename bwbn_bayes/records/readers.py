@@ -30,6 +30,12 @@ RECORD_SUFFIXES = tuple(_READERS)
 """Suffixes of the files that hold a record, in lower case."""
 
 
+def suffix_in_words(path: Path | str) -> str:
+    """What is wrong with the suffix of a file that no reader knows."""
+    suffix = Path(path).suffix
+    return f"the suffix {suffix!r} is not known" if suffix else "its name has no suffix"
+
+
 def read_record(path: Path | str, columns: str | None = None) -> Record:
     """Read a record from a file.
 
@@ -51,7 +57,7 @@ def read_record(path: Path | str, columns: str | None = None) -> Record:
     """
     suffix = Path(path).suffix.lower()
     if suffix not in _READERS:
-        raise UserError(f"{path}: the suffix {suffix!r} is not known, use {', '.join(RECORD_SUFFIXES)}")
+        raise UserError(f"{path}: {suffix_in_words(path)}, use {', '.join(RECORD_SUFFIXES)}")
     return _READERS[suffix](Path(path), columns)
 
 

@@ -23,6 +23,10 @@ from bwbn_bayes.parameters import Booleans, Floats
 ExcitationKind = Literal["ground_acceleration", "displacement"]
 
 MIN_TIMES = 8
+"""Points of any record, one that only drives too."""
+MIN_SAMPLES = 32
+"""Points that tell the noise of a channel: fewer are nothing to identify from."""
+LEAST_POINTS = f"at least {MIN_TIMES} are needed, {MIN_SAMPLES} to identify from"
 LEAST_TIME_STEP, MOST_TIME_STEP = 1e-9, 1e6
 """Beyond what any instrument samples, and short of where squares of rates leave the range of doubles. [s]"""
 
@@ -30,6 +34,9 @@ RESERVED_KEYS = ("name", "time_step")
 """Comment keys of the CSV format that provenance may not use; ``true ...`` and ``noise_sd ...`` are reserved too."""
 
 CHANNEL_NAMES = "acceleration_i, relative_acceleration_i, displacement_i, drift_i, force_i (i from 1 to 999)"
+COLUMN_NAMES = (
+    f"time, ground_acceleration, applied_force_i, {CHANNEL_NAMES}, or displacement and force for a cyclic test"
+)
 
 _NUMBERED = re.compile(r"(acceleration|relative_acceleration|displacement|drift|force)_([1-9][0-9]{0,2})", re.ASCII)
 
@@ -174,7 +181,7 @@ class Record:
                 f"excitation_kind is {self.excitation_kind!r}: it must be 'ground_acceleration' or 'displacement'"
             )
         if self.n_times < MIN_TIMES:
-            raise UserError(f"the record has {self.n_times} points: at least {MIN_TIMES} are needed")
+            raise UserError(f"the record has {self.n_times} points: {LEAST_POINTS}")
         if not (self.time_step > 0.0 and np.isfinite(self.time_step * self.n_times)):
             raise UserError(f"time_step is {self.time_step:g} s: it must be a positive number")
         if self.excitation_kind == "ground_acceleration" and not self.has_time:
@@ -511,6 +518,21 @@ class Record:
 
 def _rebuilt(plain_fields: Mapping[str, object]) -> Record:
     return Record(**plain_fields)  # type: ignore[arg-type]
+
+
+def require_measured(record: Record) -> None:
+    """Raise :class:`UserError` unless a record has a channel."""
+    if record.channels:
+        return
+    if record.excitation_kind == "displacement":
+        raise UserError(
+            f"record {record.name!r} has no force beside its displacement: add the column force, or name the one that "
+            'is it with --columns "displacement, LABEL = force [kN]"'
+        )
+    raise UserError(
+        f"record {record.name!r} measures nothing: add a channel such as acceleration_1, or name the column that is "
+        'one with --columns "LABEL = acceleration_1 [g]"'
+    )
 
 
 def require_whole(record: Record) -> None:

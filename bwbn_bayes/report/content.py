@@ -27,7 +27,7 @@ from bwbn_bayes.report.pieces import (
     StoreyLoop,
     strongest_window,
 )
-from bwbn_bayes.results import Facts, ParameterFacts, Result
+from bwbn_bayes.results import POINTS, Facts, ParameterFacts, Result
 from bwbn_bayes.structures.parts import SPECIMEN
 
 Indices = NDArray[np.intp]
@@ -71,6 +71,7 @@ def gather(result: Result) -> Content:
         n_channels=len(_group(tree, "observed_data")),
         loops=_loops(tree),
         histories=_histories(tree),
+        has_time=_group(tree, "observed_data").get("time", xr.DataArray()).attrs.get("units") != POINTS,
         marginals=marginals,
         pairs=_strongest_pairs(marginals),
         places=tuple(place_in_words(tree, storey) for storey in range(1, facts.storeys + 1)),
@@ -151,7 +152,7 @@ def _trace(
         title=f"{where} {place}".strip() if match else SPECIMEN.capitalize(),
         quantity=quantity,
         unit=unit,
-        time=np.asarray(observed["time"].values, dtype=np.float64),
+        time=_times(observed),
         measured=np.asarray(observed[name].values, dtype=np.float64),
         predicted=Band(lower=noisy.lower, middle=middle, upper=noisy.upper),
         noise_sd=facts.noise_sd.get(name, float("nan")),
@@ -159,11 +160,20 @@ def _trace(
     )
 
 
+def _times(histories: xr.Dataset) -> Floats:
+    """Times [s] of histories, or the numbers of the points, from 1, where there is no time."""
+    time = histories["time"]
+    if time.attrs.get("units") == POINTS:
+        return np.arange(1.0, time.size + 1.0)
+    return np.asarray(time.values, dtype=np.float64)
+
+
 def _loops(tree: xr.DataTree) -> tuple[StoreyLoop, ...]:
     response, whole, true = _responses(tree), _group(tree, "response"), _group(tree, "true_response")
     if "restoring_force" not in response:
         return ()
     stretch = _loop_stretch(response)
+    times = _times(response)[stretch]
     response, whole, true = (some.isel(time=stretch) if some else some for some in (response, whole, true))
     if "draw" in whole.dims:
         whole = whole.isel(draw=evenly(whole.sizes["draw"], MAX_LOOP_DRAWS))
@@ -179,7 +189,7 @@ def _loops(tree: xr.DataTree) -> tuple[StoreyLoop, ...]:
             measured_force=_history(measured, storey),
             true_drift=_history(true.get("drift"), storey),
             true_force=_history(true.get("restoring_force"), storey),
-            part=None if stretch == slice(None) else (float(response["time"][0]), float(response["time"][-1])),
+            part=None if stretch == slice(None) else (float(times[0]), float(times[-1])),
         )
         for storey in shown(_labels(response["drift"], "storey"))
     )
@@ -187,7 +197,7 @@ def _loops(tree: xr.DataTree) -> tuple[StoreyLoop, ...]:
 
 def _loop_stretch(response: xr.Dataset) -> slice:
     """The part of a record whose loops are drawn: all of it, or of a long one the strongest."""
-    time = np.asarray(response["time"].values, dtype=np.float64)
+    time = _times(response)
     if len(time) <= MAX_LOOP_POINTS:
         return slice(None)
     drifts = [_stated(_at(response["drift"], "storey", one)).middle for one in _labels(response["drift"], "storey")]
@@ -222,7 +232,7 @@ def _histories(tree: xr.DataTree) -> tuple[StoreyHistory, ...]:
     return tuple(
         StoreyHistory(
             place=place_in_words(tree, storey),
-            time=np.asarray(response["time"].values, dtype=np.float64),
+            time=_times(response),
             drift=_stated(_at(response["drift"], "storey", storey)),
             energy=_stated(_at(response["hysteretic_energy"], "storey", storey)),
             true_drift=_history(true.get("drift"), storey),

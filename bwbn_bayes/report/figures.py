@@ -33,6 +33,8 @@ from bwbn_bayes.report.numbers import Scale, display_scale, math_unit
 from bwbn_bayes.report.pieces import (
     N_FIGURES,
     POSTERIOR,
+    ZOOM_POINTS,
+    ZOOM_S,
     Band,
     ChannelTrace,
     Content,
@@ -80,10 +82,10 @@ def _acceleration(content: Content) -> Drawing | None:
         return None
     predicted = "the posterior mean with its 90 % predictive band" if content.has_bands else "the identified response"
     return finished(
-        _panels(content.traces, _whole_record),
+        _panels(content, _whole_record),
         "acceleration.png",
         f"The whole record: measured, and {predicted}.",
-        f"Measured and predicted response against time, whole record: {_places(content)}.",
+        f"Measured and predicted response against {content.order}, whole record: {_places(content)}.",
     )
 
 
@@ -91,12 +93,14 @@ def _acceleration_zoom(content: Content) -> Drawing | None:
     traces = content.traces
     if not traces:
         return None
-    start, end = strongest_window(traces[0].time, [trace.measured for trace in traces])
+    length = ZOOM_S if content.has_time else ZOOM_POINTS
+    start, end = strongest_window(traces[0].time, [trace.measured for trace in traces], length)
+    stretch = content.stretch_in_words(start, end)
     return finished(
-        _panels(traces, lambda axis, trace: _zoomed(axis, trace, start, end)),
+        _panels(content, lambda axis, trace: _zoomed(axis, trace, start, end)),
         "acceleration_zoom.png",
-        f"The strongest part, {start:.3g} to {end:.3g} s. Dots are samples.",
-        f"Measured samples and predicted response from {start:.3g} to {end:.3g} s: {_places(content)}.",
+        f"The strongest part, {stretch}. Dots are samples.",
+        f"Measured samples and predicted response, {stretch}: {_places(content)}.",
     )
 
 
@@ -105,10 +109,10 @@ def _residuals(content: Content) -> Drawing | None:
         return None
     estimate = "posterior mean" if content.has_bands else "identified"
     return finished(
-        _panels(content.traces, _residual),
+        _panels(content, _residual),
         "residual.png",
         f"Measured minus {estimate}. The band is 1.64 identified noise sd: nine points in ten belong inside.",
-        f"Residuals against time with the band of the noise: {_places(content)}.",
+        f"Residuals against {content.order} with the band of the noise: {_places(content)}.",
     )
 
 
@@ -116,14 +120,15 @@ def _places(content: Content) -> str:
     return ", ".join(trace.title.lower() for trace in content.traces)
 
 
-def _panels(traces: tuple[ChannelTrace, ...], draw: Callable[[Axes, ChannelTrace], None]) -> Figure:
+def _panels(content: Content, draw: Callable[[Axes, ChannelTrace], None]) -> Figure:
+    traces = content.traces
     figure, axes = canvas(len(traces), 0.6 + 1.2 * len(traces))
     for axis, trace in zip(axes, reversed(traces), strict=True):
         draw(axis, trace)
         axis.set_title(f"{trace.title}, {trace.quantity}{math_unit(trace.unit)}")
         axis.yaxis.set_major_locator(MaxNLocator(5))
         axis.margins(x=0.0)
-    axes[-1].set_xlabel("time [s]")
+    axes[-1].set_xlabel(content.order_label)
     legend(figure, axes[0])
     return figure
 
@@ -152,7 +157,8 @@ def _residual(axis: Axes, trace: ChannelTrace) -> None:
     axis.plot(trace.time[index], residual[index], color="#4a4a4a", linewidth=0.7, label="residual")
 
 
-def _hysteresis(loops: tuple[StoreyLoop, ...], *, specimen: bool, with_bands: bool) -> Drawing | None:
+def _hysteresis(content: Content) -> Drawing | None:
+    loops = content.loops
     if not loops:
         return None
     n_columns = 1 if len(loops) == 1 else 2
@@ -165,18 +171,19 @@ def _hysteresis(loops: tuple[StoreyLoop, ...], *, specimen: bool, with_bands: bo
     for axis in axes[len(loops) :]:
         axis.set_axis_off()
     legend(figure, axes[0], axes[-1] if len(axes) > len(loops) else None)
-    by = "" if specimen else " by the floors above (masses times accelerations)"
+    by = "" if content.specimen else " by the floors above (masses times accelerations)"
     measured = f"Grey: the force measured{by}. "
     part = loops[0].part
-    shown = "" if part is None else f" Only the strongest part is drawn, from {part[0]:.4g} to {part[1]:.4g} s."
+    shown = "" if part is None else f" Only the strongest part is drawn, {content.stretch_in_words(*part, digits=4)}."
     return finished(
         figure,
         "hysteresis.png",
         (measured if loops[0].measured_force is not None else "")
-        + ("Blue: the posterior mean, over the loops of single draws. " if with_bands else "Blue: identified. ")
+        + ("Blue: the posterior mean, over the loops of single draws. " if content.has_bands else "Blue: identified. ")
         + "Measured forces stand against the identified drift."
         + shown,
-        ("Force" if specimen else "Storey force") + f" against drift: {', '.join(loop.place for loop in loops)}.",
+        ("Force" if content.specimen else "Storey force")
+        + f" against drift: {', '.join(loop.place for loop in loops)}.",
     )
 
 
@@ -194,7 +201,8 @@ def _loop(axis: Axes, loop: StoreyLoop, length: Scale, strength: Scale) -> None:
     axis.xaxis.set_major_locator(MaxNLocator(4))
 
 
-def _drift(histories: tuple[StoreyHistory, ...], *, with_bands: bool) -> Drawing | None:
+def _drift(content: Content) -> Drawing | None:
+    histories = content.histories
     if not histories:
         return None
     figure, axes = canvas(len(histories), 0.6 + 1.2 * len(histories))
@@ -208,13 +216,13 @@ def _drift(histories: tuple[StoreyHistory, ...], *, with_bands: bool) -> Drawing
             axis.plot(history.time[index], true, color=INK, linewidth=0.8, dashes=DASHES, label="true")
         axis.set_title(f"{history.place.capitalize()}, drift [{length.unit}]")
         axis.margins(x=0.0)
-    axes[-1].set_xlabel("time [s]")
+    axes[-1].set_xlabel(content.order_label)
     legend(figure, axes[0])
     return finished(
         figure,
         "drift.png",
-        f"Drifts as the model sees them{': posterior mean and 90 % band' if with_bands else ''}, without noise.",
-        "Identified drift against time.",
+        f"Drifts as the model sees them{': posterior mean and 90 % band' if content.has_bands else ''}, without noise.",
+        f"Identified drift against {content.order}.",
     )
 
 
@@ -235,13 +243,13 @@ def _quantities(content: Content) -> Drawing | None:
         else:
             _energy(axis, content.histories)
         axis.margins(x=0.0)
-    axes[-1].set_xlabel("time [s]")
+    axes[-1].set_xlabel(content.order_label)
     return finished(
         figure,
         "quantities.png",
         f"Damage as it grows: {' and '.join(_DAMAGE[panel] for panel in panels)}."
         + (" Means with 90 % bands." if content.has_bands else ""),
-        f"{' and '.join(panels).capitalize()} against time.",
+        f"{' and '.join(panels).capitalize()} against {content.order}.",
     )
 
 
@@ -292,8 +300,8 @@ _FIGURES: tuple[Callable[[Content], Drawing | None], ...] = (
     _acceleration,
     _acceleration_zoom,
     _residuals,
-    lambda content: _hysteresis(content.loops, specimen=content.specimen, with_bands=content.has_bands),
-    lambda content: _drift(content.histories, with_bands=content.has_bands),
+    _hysteresis,
+    _drift,
     _quantities,
     _posterior,
     lambda content: draw_learned(content.marginals),

@@ -21,8 +21,8 @@ N_FIGURES, POSTERIOR = 11, 6
 
 MAX_POINTS = 3000
 """Most points of a drawn history; extremes are kept."""
-ZOOM_S = 5.0
-"""Length of the enlarged part: the strongest 5 s."""
+ZOOM_S, ZOOM_POINTS = 5.0, 100.0
+"""Length of the enlarged part: the strongest 5 s, or a cycle or two where there is no time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,10 @@ class Band:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelTrace:
-    """One measured channel against its posterior prediction, ``(n_time,)`` each; units as named."""
+    """One measured channel against its posterior prediction, ``(n_time,)`` each; units as named.
+
+    ``time`` is in s, or counts points where there is no time.
+    """
 
     channel: str
     title: str
@@ -75,12 +78,12 @@ class StoreyLoop:
     true_drift: Floats | None
     true_force: Floats | None
     part: tuple[float, float] | None = None
-    """Beginning and end [s] of what is shown, where it is not the whole record."""
+    """Beginning and end of what is shown, where it is not the whole record: [s], or numbers of points."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StoreyHistory:
-    """Drift [m] and work on the hysteretic spring [J] of a storey against time [s]."""
+    """Drift [m] and work on the hysteretic spring [J] of a storey against time [s], or the numbers of points."""
 
     place: str
     time: Floats
@@ -145,6 +148,24 @@ class Content:
     n_chains: int
     has_bands: bool
     """Whether there are posterior draws; a point estimate has no bands and no intervals."""
+    has_time: bool = True
+    """Whether histories stand against seconds, not against the points of a path."""
+
+    @property
+    def order(self) -> str:
+        """What histories stand against."""
+        return "time" if self.has_time else "the points in order"
+
+    @property
+    def order_label(self) -> str:
+        """The same on an axis."""
+        return "time [s]" if self.has_time else "point"
+
+    def stretch_in_words(self, start: float, end: float, digits: int = 3) -> str:
+        """``3.2 to 8.2 s``, or ``points 120 to 220``."""
+        if self.has_time:
+            return f"{start:.{digits}g} to {end:.{digits}g} s"
+        return f"points {start:.0f} to {end:.0f}"
 
 
 def thinned(values: Floats, n_points: int = MAX_POINTS) -> Indices:

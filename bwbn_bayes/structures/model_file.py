@@ -8,7 +8,9 @@ stands for its starting model.
 
 from __future__ import annotations
 
+import inspect
 import math
+import re
 import runpy
 import signal
 import traceback
@@ -16,11 +18,12 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.column_map import EXAMPLE, parse_columns
 from bwbn_bayes.records.noise import MOST_DECIBELS
-from bwbn_bayes.records.readers import RECORD_SUFFIXES, read_record
+from bwbn_bayes.records.readers import RECORD_SUFFIXES, read_record, suffix_in_words
 from bwbn_bayes.records.record import Record, one_line
 from bwbn_bayes.structures.starting_model import starting_model
 from bwbn_bayes.structures.starting_source import UNIT_MASSES
@@ -80,18 +83,30 @@ def load_model_file(path: Path | str, columns: str | None = None) -> ModelFile:
     Raises
     ------
     UserError
-        If the file is missing, fails, does not define ``model``, or defines one of the other names wrongly.
+        If the file is missing or of another kind, fails, does not define ``model``, or defines one of the other names
+        wrongly.
     """
     path = Path(path)
     if path.suffix.lower() in RECORD_SUFFIXES:
         return _of_record(path, columns)
-    if not path.is_file():
-        raise UserError(f"model file {path} does not exist: give the path of a Python file that defines `model`")
+    _require_python(path)
     with _of_the_user(path):
         names = runpy.run_path(str(path), run_name=path.stem)
     # What stands under these names may be of a class of the user's, too, and fail when it is asked what it is.
     with _of_the_user(path, passing=UserError):
         return _checked(names, columns, path)
+
+
+def _require_python(path: Path) -> None:
+    """Nothing runs but what its name says is Python: data of an unknown suffix may hold anything."""
+    if not path.is_file():
+        what = "is a directory" if path.is_dir() else "is no plain file" if path.exists() else "does not exist"
+        raise UserError(f"model file {path} {what}: give the path of a Python file that defines `model`")
+    if path.suffix.lower() != ".py":
+        raise UserError(
+            f"{path}: {suffix_in_words(path)}: a model file ends in .py, a record in {', '.join(RECORD_SUFFIXES)}; "
+            "rename it, or save a table as .csv"
+        )
 
 
 def _checked(names: Mapping[str, object], columns: str | None, path: Path) -> ModelFile:
@@ -146,7 +161,7 @@ def _of_the_user(path: Path, *, passing: type[UserError] | tuple[()] = ()) -> It
             raise  # a mistake of ours
         where = f"{path}, line {line}" if line is not None else f"{path}"
         said = (str(error),) if isinstance(error, UserError) else (type(error).__name__, _words(error))
-        what = ": ".join(filter(None, said))
+        what = _unknown_keyword(error, path) or ": ".join(filter(None, said))
         raise UserError(f"{where}: {what}") from error
 
 
@@ -156,6 +171,23 @@ def _words(error: BaseException) -> str:
         return str(error)
     except Exception:
         return "its text cannot be read"
+
+
+_UNKNOWN_KEYWORD = re.compile(r"([\w.]+?)(?:\.__init__)?\(\) got an unexpected keyword argument '(\w+)'")
+
+
+def _unknown_keyword(error: BaseException, path: Path) -> str:
+    """A keyword that what the file calls does not know, and those that it does; empty for any other mistake."""
+    match = _UNKNOWN_KEYWORD.match(_words(error)) if type(error) is TypeError else None
+    if match is None:
+        return ""
+    name, keyword = match.groups()
+    frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
+    own = next((frame.f_globals for frame in frames if frame.f_code.co_filename == str(path)), {})
+    modules = (getattr(one, name, None) for one in own.values() if isinstance(one, ModuleType))
+    called = next(filter(callable, (own.get(name), *modules)), None)
+    known = f": it knows {', '.join(inspect.signature(called).parameters)}" if callable(called) else ""
+    return f"{name} does not know {keyword}{known}"
 
 
 def _measured(names: Mapping[str, object], name: str, path: Path) -> Record | None:

@@ -11,7 +11,9 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, PerStorey, Prior, Uniform
 from bwbn_bayes.records.cycles import half_cycles
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.directions import require_one_direction
+from bwbn_bayes.records.noise import require_long_enough
+from bwbn_bayes.records.record import Record, require_measured
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 from bwbn_bayes.structures.structure import Structure
@@ -69,10 +71,13 @@ def starting_model(record: Record, masses: Sequence[float] | None = None) -> Str
     Raises
     ------
     UserError
-        If the record measures nothing, is driven by forces or nothing in it moves, or masses are given for a specimen.
+        If the record measures nothing, is too short, is driven by forces or nothing in it moves, a specimen's force is
+        counted against its displacement, or masses are given for one.
     """
-    if not record.channels:
-        raise UserError(f"record {record.name!r} measures nothing: a model to start from needs a measured channel")
+    require_measured(record)
+    for part in record.parts:
+        if part.channels:
+            require_long_enough(part)
     if record.forces:
         raise UserError(
             f"record {record.name!r} is driven by {', '.join(record.forces)}: stiffness is read off ground motions "
@@ -82,10 +87,15 @@ def starting_model(record: Record, masses: Sequence[float] | None = None) -> Str
         name for name, y in [(record.excitation_kind, record.excitation), *record.channels.items()] if not np.ptp(y)
     ]
     if still:
-        raise UserError(f"record {record.name!r}: {still[0]} never changes, so that no size can be read off it")
+        raise UserError(
+            f"record {record.name!r}: {still[0]} never changes, so that no size can be read off it: mend the column, "
+            "or say with --columns which one it is"
+        )
     if record.excitation_kind == "displacement":
         if masses is not None:
             raise UserError("masses belong to a building: a cyclic test has none")
+        for part in record.parts:
+            require_one_direction(part)
         return _specimen(record)
     return _building(record, masses)
 

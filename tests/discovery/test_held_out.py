@@ -218,6 +218,13 @@ def test_no_end_to_hold_out_is_told(force: Floats, reached: int | None) -> None:
         parting_time(SPECIMEN, cyclic(force))
 
 
+def test_a_path_without_time_is_parted_between_points() -> None:
+    """It was said to be parted between seconds."""
+    path = replace(cyclic(waves(lambda t: np.where(t < 4.0, 1.0, 0.3))), has_time=False)
+    with pytest.raises(UserError, match=r"no end to hold out: wherever it is parted between points 501 and 851, one"):
+        parting_time(SPECIMEN, path)
+
+
 def test_a_building_is_judged_by_its_base_shear_where_that_is_measured() -> None:
     """The base shear is that of a steady motion, though both floors' own accelerations come to rest."""
     building = ShearBuilding(masses=[2.0, 1.0], storey=STOREY)
@@ -257,7 +264,7 @@ def test_what_comes_after_changes_nothing_but_the_held_out_figures() -> None:
     ]
     figures = [one["gap"].pop("held_out") for one in facts]
     for one in facts:
-        del one["best_model"]["held_out"]
+        del one["best_model"]["held_out"], one["data_sha256"]  # that of the whole record as given
         one["sentences"] = [sentence for sentence in one["sentences"] if "held-out" not in sentence]
         one["elapsed_s"] = [step.pop("elapsed_s") for step in one["steps"]] and None
     assert facts[0] == facts[1]
@@ -318,8 +325,11 @@ def test_the_first_cycle_at_each_amplitude_is_fitted_and_the_others_are_held_out
     ("record", "sentence"),
     [
         (cyclic(STEADY), "'test 3' has no repeat cycles to hold out: 18 of its 21 half cycles repeat .* 4 must not"),
-        (cyclic(waves(np.ceil)), "0 of its 21 half cycles repeat an amplitude, at least 2 must .* --held-out end"),
-        (shaken(acceleration_1=STEADY), "'run 3' is a ground motion, which repeats no cycles: .* --held-out end"),
+        (cyclic(waves(np.ceil)), "0 of its 21 half cycles repeat an amplitude, at least 2 must .* --held-out end$"),
+        (shaken(acceleration_1=STEADY), "'run 3' is a ground motion, which repeats no cycles: .* --held-out end$"),
+        # The end was advised where there is none either.
+        (cyclic(waves(lambda t: np.exp(-t))), "0 of its .*; hold out another .* --held-out FILE$"),
+        (shaken(acceleration_1=waves(lambda t: np.exp(-t))), "no cycles: hold out another .* --held-out FILE$"),
     ],
 )
 def test_no_repeat_cycles_to_hold_out_are_told(record: Record, sentence: str) -> None:
@@ -348,7 +358,7 @@ def test_repeat_cycles_change_nothing_but_the_held_out_figures() -> None:
     facts = [one.as_json() for one in found]
     figures = [one["gap"].pop("held_out") for one in facts]
     for one in facts:
-        del one["best_model"]["held_out"]
+        del one["best_model"]["held_out"], one["data_sha256"]  # that of the whole record as given
         one["sentences"] = [sentence for sentence in one["sentences"] if "held-out" not in sentence]
         one["elapsed_s"] = [step.pop("elapsed_s") for step in one["steps"]] and None
     assert facts[0] == facts[1]
@@ -376,7 +386,7 @@ def test_the_command_refuses_the_repeat_cycles_of_a_building(
         main(["discover", str(inputs / "one_storey.py"), *options])
     assert leaving.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("error: record 'run 3' is a ground motion, which repeats no cycles: hold out its end")
+    assert line.startswith("error: record 'run 3' is a ground motion, which repeats no cycles: hold out another")
 
 
 def test_repeat_cycles_of_a_test_with_more_points_than_are_fitted_are_thinned_alike(

@@ -17,7 +17,7 @@ from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.effects import CubicStiffness, SensorGain
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference import modes
-from bwbn_bayes.records.readers import read_record
+from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.structures.model_file import load_model_file
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -146,6 +146,70 @@ def test_what_is_refused_forgets_no_unfinished_search(
     assert leaving.value.code == 2
     assert sentence in capsys.readouterr().err
     assert kept.read_bytes() == b"bwbn"
+
+
+def _refused(command: Command, *options: str) -> None:
+    """Another record, of the same name, into the same directory."""
+    record = read_record(command.inputs / "record.csv")
+    other = command.directory.parent / "record.csv"
+    write_record(record.with_channels({name: 1.01 * y for name, y in record.channels.items()}), other)
+    arguments = [str(command.inputs / "one_storey.py"), "--record", str(other), "--out", str(command.directory)]
+    with pytest.raises(SystemExit) as leaving:
+        main(["discover", *arguments, "--particles", "300", *options])
+    assert leaving.value.code == 2
+
+
+def test_resume_does_not_write_over_another_record(command: Command, capsys: pytest.CaptureFixture[str]) -> None:
+    """It began anew without a word, and the unfinished search and then the results of the other record were lost."""
+    command(killed=True)
+    kept = command.directory / ".unfinished.solves"
+    before = kept.read_bytes()
+    _refused(command, "--resume")
+    assert "it holds the unfinished search of another record, or of an older version: give" in capsys.readouterr().err
+    assert kept.read_bytes() == before
+    known = (command.directory / "discovery.json").read_bytes()
+    kept.unlink()
+    _refused(command, "--resume")
+    assert (
+        "holds results of another record, 'El Centro, record', or of an older version: give another --out"
+        in capsys.readouterr().err
+    )
+    (command.directory / "discovery.json").write_bytes(known[:100])
+    _refused(command, "--resume")
+    assert "discovery.json is damaged and does not say whose results it holds" in capsys.readouterr().err
+    assert (command.directory / "discovery.json").read_bytes() == known[:100]
+
+
+def test_it_is_said_whether_a_search_goes_on(command: Command) -> None:
+    """Nothing was said, whatever was kept."""
+    kept = command.directory / ".unfinished"
+    told = {
+        "nothing": f"nothing is kept in {kept}: beginning anew",
+        "kept": f"going on from what is kept in {kept}",
+        "another": f"{kept} holds a search of this record with another model, seed or version: beginning anew",
+        "damaged": f"checkpoint {kept}: its last 12 bytes are damaged or cut off and left out",
+    }
+
+    def heard(*options: str) -> set[str]:
+        command.heard.clear()
+        command(*options, killed=True)
+        return {name for name, sentence in told.items() if sentence in command.heard}
+
+    assert heard() == set()
+    assert heard("--resume") == {"kept"}
+    assert heard("--resume", "--seed", "2") == {"another"}
+    with kept.with_suffix(".solves").open("ab") as file:
+        file.write(b"twelve bytes")
+    assert heard("--resume") == {"kept", "damaged"}
+    kept.with_suffix(".solves").unlink()
+    assert heard("--resume") == {"nothing"}
+
+
+def test_what_is_no_checkpoint_is_told(command: Command, capsys: pytest.CaptureFixture[str]) -> None:
+    command.directory.mkdir()
+    (command.directory / ".unfinished.solves").write_bytes(b"something else altogether")
+    _refused(command, "--resume")
+    assert ".unfinished.solves is no checkpoint of this version: delete it, or give another" in capsys.readouterr().err
 
 
 def test_how_far_it_is_is_heard(command: Command) -> None:

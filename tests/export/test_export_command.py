@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -78,3 +80,43 @@ def test_a_mistake_is_one_sentence(
     assert export("opensees", *arguments) == 2
     assert sentence in capsys.readouterr().err
     assert export() == 2
+
+
+PINCHED = """
+import numpy as np
+
+from bwbn_bayes import BoucWen, Record, SlipLock, Specimen
+
+storey = BoucWen(k=8e7, c=0.0, alpha=0.05, u_y=0.008, rho=0.6, n=1.7)
+model = Specimen(storey=storey).with_effect(SlipLock(delta_s=3e-8, sigma=0.003))
+cycles = np.linspace(0.0, 1.0, 25)
+path = 0.02 * np.sin(2.0 * np.pi * cycles) * cycles
+excitation = Record(name="path", time_step=1.0, has_time=False, excitation=path, excitation_kind="displacement")
+"""
+
+
+def test_a_place_that_takes_no_file_is_told_before_the_work(
+    model: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was told after minutes of fitting."""
+    monkeypatch.setattr("bwbn_bayes.export.script_of", lambda *_, **__: pytest.fail("the work was done first"))
+    assert export("opensees", model, "--out", "nowhere/x.py") == 2
+    assert "--out nowhere/x.py cannot be written (No such file or directory)" in capsys.readouterr().err
+
+
+def test_a_place_that_was_tried_is_left_empty(model: Path) -> None:
+    """Where the work is refused, nothing is written."""
+    model.write_text(MODEL.replace("c=0.4", "c=0.4, A=PerStorey([1.0])") + KNOWN, encoding="utf-8")
+    assert export("opensees", model, "--out", "x.py") == 2
+    assert not Path("x.py").exists()
+
+
+def test_opensees_says_no_farewell(model: Path) -> None:
+    """``Process 0 Terminating`` stood on stderr after every fit."""
+    pytest.importorskip("openseespy.opensees")
+    model.write_text(PINCHED, encoding="utf-8")
+    command = "from bwbn_bayes.cli import main; main(['export', 'opensees', 'one.py'])"
+    done = subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, timeout=300, check=False)
+    assert (done.returncode, done.stdout) == (0, "one_opensees.py\n"), done.stderr
+    assert "is fitted and misses" in done.stderr
+    assert "Terminating" not in done.stderr

@@ -169,9 +169,12 @@ CHANNELS = (
 )
 BAD_FILES = [
     ("\n \n", "{path}: the file is empty, get it anew"),
-    ("# name: x\n", "{path}: the file is empty, it needs a header and at least 8 rows of numbers"),
-    (HEADER, "{path}: the record has 0 points, at least 8 are needed"),
-    (lines(rows=ROWS[:7]), "{path}: the record has 7 points, at least 8 are needed"),
+    (
+        "# name: x\n",
+        "{path}: the file is empty, it needs a header and rows of numbers: at least 8 are needed, 32 to identify from",
+    ),
+    (HEADER, "{path}: the record has 0 points: at least 8 are needed, 32 to identify from"),
+    (lines(rows=ROWS[:7]), "{path}: the record has 7 points: at least 8 are needed, 32 to identify from"),
     (
         changed(3, "0.06,nan,0.1"),
         "{path}, line 5, column ground_acceleration: the value is nan, every value must be a finite number",
@@ -226,7 +229,7 @@ BAD_FILES = [
     ),
     (
         lines(header=HEADER.replace("acceleration_1", "velocity_1")),
-        "{path}, line 1, column velocity_1: the name is not known, use time, ground_acceleration, "
+        "{path}, line 1, column velocity_1: the name is not known, use time, ground_acceleration, applied_force_i, "
         + CHANNELS
         + ", or say by a column map which columns to read",
     ),

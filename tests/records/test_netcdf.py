@@ -100,8 +100,8 @@ def in_newton(dataset: xr.Dataset) -> xr.Dataset:
         (lambda d: d.drop_vars("time"), "{path}: column time is missing, add it"),
         (lambda d: d.drop_vars("ground_acceleration"), "{path}: column ground_acceleration is missing"),
         (lambda d: d.isel(time=slice(5)), "{path}: the record has 5 points: at least 8 are needed"),
-        (lambda d: d.isel(time=slice(1)), "{path}: the record has 1 points, at least 8 are needed"),
-        (lambda d: d.isel(time=slice(0)), "{path}: the record has 0 points, at least 8 are needed"),
+        (lambda d: d.isel(time=slice(1)), "{path}: the record has 1 points: at least 8 are needed"),
+        (lambda d: d.isel(time=slice(0)), "{path}: the record has 0 points: at least 8 are needed"),
         (lambda d: d.assign_attrs(record="{"), "{path}: the attribute 'record' is damaged"),
         (lambda d: d.assign_attrs(record='{"truth": {"k": "many"}}'), "{path}: the attribute 'record' is damaged"),
         (

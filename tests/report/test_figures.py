@@ -1,5 +1,6 @@
 """Figures show something, stay small and leave Matplotlib as it was."""
 
+import re
 from dataclasses import replace
 from io import BytesIO
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from bwbn_bayes.report import content as content_module
 from bwbn_bayes.report import figures
 from bwbn_bayes.report.content import gather
 from bwbn_bayes.report.figures import draw_all
+from bwbn_bayes.results import POINTS
 
 NAMES = {"acceleration.png", "acceleration_zoom.png", "residual.png", "hysteresis.png", "drift.png", "quantities.png",
          "posterior.png", "learned.png", "pairs.png", "stages.png"}  # fmt: skip
@@ -86,3 +89,34 @@ def test_settings_of_matplotlib_are_restored(result):
 @pytest.mark.usefixtures("drawings")
 def test_no_figure_stays_open():
     assert plt.get_fignums() == []
+
+
+def test_a_path_without_time_is_drawn_against_its_points(make_result, monkeypatch):
+    """They stood against seconds, one to a point, and the strongest 5 s were five points."""
+    told = []
+
+    def noted(figure, name, *words):
+        told.append((name, figure.axes[-1].get_xlabel(), *words))
+        return finished(figure, name, *words)
+
+    finished = figures.finished
+    monkeypatch.setattr(figures, "finished", noted)
+    monkeypatch.setattr(content_module, "MAX_LOOP_POINTS", 300)
+    path = make_result(n_storeys=1, n_draws=20, dt=1.0)
+    for group in path.tree.children.values():
+        if "time" in group.coords:
+            group.coords["time"].attrs["units"] = POINTS
+    content = gather(path)
+    assert (content.has_time, content.traces[0].time[0], content.traces[0].time[-1]) == (False, 1.0, 400.0)
+    draw_all(replace(content, period=None))
+    histories = {"acceleration.png", "acceleration_zoom.png", "residual.png", "drift.png", "quantities.png"}
+    assert {name for name, label, *_ in told if label == "point"} == histories
+    words = " ".join(" ".join(one) for one in told)
+    assert "against time" not in words and "time [s]" not in words and not re.search(r"\d s\b", words)
+    assert re.search(r"The strongest part, points (\d+) to (\d+)\. Dots", words)
+    assert re.search(r"Only the strongest part is drawn, points \d+ to \d+\.", words)
+
+
+def test_a_record_with_time_is_drawn_against_seconds(result):
+    content = gather(result)
+    assert (content.has_time, content.order_label, content.stretch_in_words(1.0, 6.0)) == (True, "time [s]", "1 to 6 s")

@@ -186,9 +186,10 @@ def test_storeys_reach_up_to_the_highest_measured_floor():
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"channels": {}}, "measures nothing"),
-        ({"channels": {"force": np.full(320, 3.0)}}, "force never changes"),
-        ({"excitation": np.zeros(320)}, "displacement never changes"),
+        ({"channels": {}}, 'has no force beside its displacement: add .* --columns "displacement, LABEL = force'),
+        ({"channels": {"force": np.full(320, 3.0)}}, "force never changes, .*: mend the column, or say with --columns"),
+        ({"excitation": np.zeros(320)}, "displacement never changes, .*: mend the column, or say with --columns"),
+        ({"excitation": np.arange(19.0), "channels": {"force": np.arange(19.0)}}, "19 samples: at least 32 are needed"),
     ],
 )
 def test_a_record_without_sizes_is_refused(change: dict[str, object], sentence: str):

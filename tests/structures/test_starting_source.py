@@ -97,5 +97,5 @@ def test_a_record_s_file_stands_for_its_starting_model(tmp_path: Path):
 
 def test_a_record_without_channels_has_no_starting_model(tmp_path: Path):
     write_record(replace(CYCLIC, channels={}), tmp_path / "path.csv")
-    with pytest.raises(UserError, match="measures nothing"):
+    with pytest.raises(UserError, match="has no force beside its displacement"):
         load_model_file(tmp_path / "path.csv")

@@ -79,6 +79,11 @@ def identified(simulated: Path, tmp_path_factory: pytest.TempPathFactory) -> tup
     return directory, done.stdout, done.stderr
 
 
+def test_the_package_runs_as_a_module() -> None:
+    done = subprocess.run([sys.executable, "-m", "bwbn_bayes", "--version"], capture_output=True, text=True, check=True)
+    assert version("bwbn-bayes") in done.stdout
+
+
 def test_identify_writes_every_file_and_nothing_else(identified: tuple[Path, str, str]) -> None:
     names = {path.name for path in identified[0].iterdir()}
     assert names >= {"result.json", "result.nc", "report.html", "acceleration.png", "hysteresis.png", "posterior.png"}

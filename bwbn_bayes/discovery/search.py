@@ -83,15 +83,9 @@ def search(given: Explanation, run: Run) -> Pool:
             _exchange(pool, run)
         if not run.stopped:
             _change_forms(pool, run)
-        build_alone(pool, run)
-        if pool.has_force:
-            pool.weigh(last=True)
-            _tell("Built laws by themselves", pool.ranked()[0].label, pool, run)
-        elif not given.is_specimen:
-            if not pool.laws.best.is_noise:
-                follow(pool, run)
-            weigh_to_first_order(pool, run, REACH)
-            _tell("Asked for an unnamed force", pool.ranked()[0].label, pool, run)
+        done = _beside_a_force(given, pool, run)
+        if done and not run.stopped:
+            _tell(done, pool.ranked()[0].label, pool, run)
     if run.stopped:
         sentence = (
             f"The search was stopped by the time limit of {run.settings.time_limit_s:g} s, "
@@ -101,6 +95,20 @@ def search(given: Explanation, run: Run) -> Pool:
         run.cut_short = (sentence,)
         run.say(sentence)
     return pool
+
+
+def _beside_a_force(given: Explanation, pool: Pool, run: Run) -> str:
+    """What is asked at the end of a force of no known law, in words; nothing of several tests of a specimen."""
+    build_alone(pool, run)
+    if pool.has_force:
+        pool.weigh(last=True)
+        return "Built laws by themselves"
+    if given.is_specimen:
+        return ""
+    if not pool.laws.best.is_noise:
+        follow(pool, run)
+    weigh_to_first_order(pool, run, REACH)
+    return "Asked for an unnamed force"
 
 
 def _when_stopped(n_begun: int, n_whole: int) -> str:

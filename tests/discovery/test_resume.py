@@ -233,6 +233,7 @@ def test_a_time_limit_concludes_what_was_found(inputs: Path, monkeypatch: pytest
     found = discover(file.model, read_record(inputs / "record.csv"), settings=settings)
     assert len(fitted) == 1
     assert found.stopped
+    assert not any(step.sentence.startswith("Asked") for step in found.steps)  # nobody had the time to
     (told,) = [sentence for sentence in found.sentences if "time limit" in sentence]
     assert told.startswith("The search was stopped by the time limit of 60 s, in its first round: ")
     facts = json.loads(json.dumps(found.as_json(), allow_nan=False))

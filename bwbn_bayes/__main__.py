@@ -1,0 +1,5 @@
+"""``python -m bwbn_bayes``: the command line where its script is not on the path."""
+
+from bwbn_bayes.cli import main
+
+main()

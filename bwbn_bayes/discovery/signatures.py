@@ -139,11 +139,18 @@ def _measured_loop(record: Record) -> tuple[Floats, Floats] | None:
 
 
 def _deserved(signature: Signature, told: _Told) -> float:
-    """Share of the responses in which an effect has its size; none where the loop that a test measured has it not."""
+    """Share of the responses in which an effect has its size, and changes the loop of a test so that it can be read.
+
+    None where the loop that a test measured has it not: a law may take up what is left of a loop, and not shape it.
+    """
     loop = _measured_loop(told.record)
-    if loop is not None and not signature.is_in_loop(*loop):
+    if loop is None:
+        return _of_size(signature, told.responses)
+    if not signature.is_in_loop(*loop):
         return 0.0
-    return _of_size(signature, told.responses)
+    # Where nothing can be solved without it there is no loop that it could leave as it was.
+    shown = [one for one in told.responses if not abs(signature.of_response(one) - told.without) < signature.readable]
+    return _of_size(signature, shown) * len(shown) / len(told.responses)
 
 
 def _of_size(signature: Signature, responses: list[PlaceResponse]) -> float:

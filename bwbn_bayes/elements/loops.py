@@ -21,6 +21,14 @@ FULL_BULGE = 0.2
 """Of a reloading branch above its chord: half way between pinched columns and fat ones."""
 
 
+READABLE_INDEX = 0.013
+"""Of the pinching index: by so much, in the median, do two readings of one of 24 measured columns differ."""
+READABLE_LOSS = 0.005
+"""Of strength or stiffness lost per cycle: half a per cent a cycle is what repeated tests differ by."""
+READABLE_ASYMMETRY = 0.01
+"""Of the asymmetry of the peaks: strengths that differ by a fiftieth, as of specimens built alike on both sides."""
+
+
 def pinching_index(drift: Floats, force: Floats) -> float:
     """Force at zero drift over the half cycle's peak, median over the large half cycles: 0 pinched, 1 plastic.
 

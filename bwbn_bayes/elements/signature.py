@@ -100,6 +100,9 @@ class Signature:
         which no record shows without a model.
     needs : str
         What a loop must have for that measure to be read off it, in words.
+    readable : float
+        Of that measure, what a reading of a test tells: an effect that changes a test's loop by less does not do there
+        what its name says.
     is_genuine : callable, optional
         What else the response must show.
     is_shown : callable, optional
@@ -115,6 +118,7 @@ class Signature:
     least: float = 0.0
     of_loop: Callable[[Floats, Floats], float] | None = None
     needs: str = ""
+    readable: float = 0.0
     is_genuine: Callable[[PlaceResponse], bool] | None = None
     is_shown: Callable[[Floats, Floats], bool] | None = None
 

@@ -105,6 +105,24 @@ def test_a_name_is_not_deserved_where_the_measured_loop_does_not_show_it(present
     assert signature_of(hypothesis, other, spread(present)).deserved == 0.0  # type: ignore[union-attr]
 
 
+def test_a_law_that_leaves_the_loop_as_it_was_does_not_deserve_the_name(present: Explanation) -> None:
+    """A blind test's stop had "pinching" named beside it, index 0.442 with that law and 0.442 without."""
+    (hypothesis,) = present.added
+    told = signature_of(hypothesis, present, spread(present))
+    assert told is not None
+    changed = told.without - told.mean
+    for readable, deserved in ((0.9 * changed, 1.0), (1.1 * changed, 0.0)):
+        signature = replace(SlipLock.signature, readable=readable)
+        own: Any = SimpleNamespace(
+            effect=SimpleNamespace(signature=signature),
+            storeys=(1,),
+            scales=NOMINAL,
+            amplitudes=hypothesis.amplitudes,
+            neutral=hypothesis.neutral,
+        )
+        assert signature_of(own, present, spread(present)).deserved == deserved  # type: ignore[union-attr]
+
+
 def test_an_effect_that_measures_nothing_has_no_signature(present: Explanation) -> None:
     nameless: Any = SimpleNamespace(effect=SimpleNamespace(signature=NO_SIGNATURE))
     assert signature_of(nameless, present, np.empty((0, 2))) is None

@@ -18,7 +18,7 @@ from bwbn_bayes.elements.law import (
     Slots,
     symbol,
 )
-from bwbn_bayes.elements.loops import peak_asymmetry
+from bwbn_bayes.elements.loops import READABLE_ASYMMETRY, peak_asymmetry
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
@@ -106,7 +106,8 @@ class Asymmetry(Effect):
             least=0.01,
             of_loop=peak_asymmetry,
             needs="a motion to both sides",
-            is_shown=lambda drift, force: abs(peak_asymmetry(drift, force)) >= 0.01,
+            readable=READABLE_ASYMMETRY,
+            is_shown=lambda drift, force: abs(peak_asymmetry(drift, force)) >= READABLE_ASYMMETRY,
         )
 
     @cached_property

@@ -21,7 +21,7 @@ from bwbn_bayes.elements.law import (
     step,
     symbol,
 )
-from bwbn_bayes.elements.loops import is_full, pinching_index
+from bwbn_bayes.elements.loops import READABLE_INDEX, is_full, pinching_index
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
@@ -106,6 +106,7 @@ class FolientePinching(Effect):
         least=0.1,
         of_loop=pinching_index,
         needs="a motion that comes back through zero",
+        readable=READABLE_INDEX,
         is_genuine=lambda at: _is_open_to_a_pinch(*at.loop),
         is_shown=_is_open_to_a_pinch,
     )

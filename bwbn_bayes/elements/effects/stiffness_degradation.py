@@ -22,7 +22,7 @@ from bwbn_bayes.elements.degradation import (
     starts_of,
 )
 from bwbn_bayes.elements.law import Effect, Slots
-from bwbn_bayes.elements.loops import stiffness_lost_per_cycle
+from bwbn_bayes.elements.loops import READABLE_LOSS, stiffness_lost_per_cycle
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
@@ -137,8 +137,8 @@ class StiffnessDegradation(Effect):
             least=0.001,
             of_loop=stiffness_lost_per_cycle,
             needs="two large half cycles of one direction",
-            # Half a per cent a cycle is what repeated tests differ by.
-            is_shown=lambda drift, force: stiffness_lost_per_cycle(drift, force) >= 0.005,
+            readable=READABLE_LOSS,
+            is_shown=lambda drift, force: stiffness_lost_per_cycle(drift, force) >= READABLE_LOSS,
         )
 
     @property

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from bwbn_bayes.inference.doubts import LARGEST_GAIN
 from bwbn_bayes.inference.identifiability import open_combinations
 from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.parameters import Floats, FreeParameter, Prior, Truncated, Uniform
+from bwbn_bayes.inference.modes import Mode, held_back
+from bwbn_bayes.parameters import Constraint, Floats, FreeParameter, Prior, Truncated, Uniform
+from bwbn_bayes.structures.hardening import free_of
 from bwbn_bayes.structures.structure import Structure
 
 _AT_A_BOUND = 1e-3
@@ -37,23 +39,35 @@ def binding_sentences(given: Posterior, best: Mode) -> tuple[str, ...]:
         else:
             text = f"The prior of {name}, {prior}, binds: the best fit of the model as given lies at its {end} end."
         told.append(f"{text} The prior was widened to {wider[name]}." if name in wider else text)
+    condition = _binding_condition(given, best)
+    if condition is not None:
+        text = f"The priors bind where {condition.text} cuts them: the best fit of the model as given lies there."
+        freed = free_of(given.model, condition) is not None
+        told.append(f"{text} They were widened to loops that harden (hardens=True)." if freed else text)
     return tuple(told)
 
 
-def with_wider_priors(given: Posterior, best: Floats) -> Structure | None:
-    """The model with each uniform prior that binds widened by its own width at that end; None where none is uniform.
+def with_wider_priors(given: Posterior, best: Mode) -> Structure | None:
+    """The model with each uniform prior that binds widened by its own width at that end; None where nothing is wider.
 
-    No further than the law admits.
+    No further than the law admits. Where the condition binds that a loop must not harden, it may.
 
     Parameters
     ----------
     given : Posterior
         Of the model as given.
-    best : (n_dim,) array
-        Its best fit, in the unit cube.
+    best : Mode
+        Its best fit.
     """
-    wider = _wider(given, best)
-    return given.model.with_values(wider) if wider else None
+    wider, condition = _wider(given, best.point), _binding_condition(given, best)
+    freed = None if condition is None else free_of(given.model, condition)
+    return (freed or given.model).with_values(wider) if wider or freed else None
+
+
+def _binding_condition(given: Posterior, best: Mode) -> Constraint | None:
+    """The joint condition beyond which lies a fit that chance alone would not make so much better."""
+    held = held_back(given, best)
+    return held[0] if held is not None and held[1] > LARGEST_GAIN else None
 
 
 def _wider(given: Posterior, best: Floats) -> dict[str, Prior]:

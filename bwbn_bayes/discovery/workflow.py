@@ -150,7 +150,7 @@ def _given(model: Structure, record: Record, journal: Journal | None, run: Run) 
     compiling = _compile_ahead(model, record, run)
     posterior, modes = _fit_given(model, record, journal, run)
     run.binding = binding_sentences(posterior, modes[0])
-    wider = with_wider_priors(posterior, modes[0].point) if run.binding else None
+    wider = with_wider_priors(posterior, modes[0]) if run.binding else None
     if wider is not None:
         run.say("a prior of the model binds: fitting with a wider one")
         posterior, modes = _refitted(posterior, modes, wider, run)

@@ -42,6 +42,8 @@ _YIELD = (
     Parameter(symbol="u_y", unit="m", neutral=1.0, lower=1e-9, description="yield displacement", source=_NORMALISED),
     Parameter(symbol="rho", unit="", neutral=0.5, lower=0.0, description="beta over beta + gamma", source=_NORMALISED),
 )
+BOUNDLESS = {"beta": 0, "gamma": 0, "u_y": 10**15, "rho": 1}
+"""The shape, in both of its forms, of a hysteretic displacement without a bound: 1e15 m is far beyond any drift."""
 _SHARPNESS = (Parameter(symbol="n", unit="", neutral=1.0, lower=1.0, description="sharpness of yield", source=_WEN),)
 
 

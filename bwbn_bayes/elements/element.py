@@ -71,9 +71,9 @@ def common_element(elements: Sequence[Element]) -> Element:
     for element in elements:
         symbols = {parameter.symbol for parameter in element.parameters} - added
         known = {one.subject.name for one in element.derived if one.expression.is_number}
-        if element.derived != most.derived and symbols | known != own:
+        if element.derived != most.derived and not symbols <= own <= symbols | known:
             raise UserError(
                 f"a {element.name} link with {', '.join(sorted(symbols))} does not go with a {most.name} link with "
-                f"{', '.join(sorted(own))}: give the Bouc-Wen links beta and gamma in the place of u_y and rho"
+                f"{', '.join(sorted(own))}: give all Bouc-Wen links beta and gamma, or all of them u_y and rho"
             )
     return most

@@ -8,7 +8,7 @@ from typing import ClassVar, override
 
 import sympy as sp
 
-from bwbn_bayes.elements.bouc_wen import SPRING_AND_DASHPOT
+from bwbn_bayes.elements.bouc_wen import BOUNDLESS, SPRING_AND_DASHPOT
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Addition, Definition, SharpFeature, Slots, symbol
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Parameter, Value
@@ -27,7 +27,7 @@ _SPEED = (
         symbol="a_mu", unit="s/m", neutral=0.0, lower=0.0, description="growth of friction with speed", source=_SOURCE
     ),
 )
-_KNOWN = {"k": 0, "alpha": 0, "A": 1, "beta": 0, "gamma": 0, "n": 2}
+_KNOWN = {"k": 0, "alpha": 0, "A": 1, **BOUNDLESS, "n": 2}
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import sympy as sp
 
-from bwbn_bayes.elements.bouc_wen import SPRING_AND_DASHPOT
+from bwbn_bayes.elements.bouc_wen import BOUNDLESS, SPRING_AND_DASHPOT
 from bwbn_bayes.elements.law import Addition, Definition, symbol
 from bwbn_bayes.parameters import Parameter, Value
 
-_KNOWN = {"alpha": 1, "A": 1, "beta": 0, "gamma": 0, "n": 1}
+_KNOWN = {"alpha": 1, "A": 1, **BOUNDLESS, "n": 1}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -277,9 +277,9 @@ def require_parameters(model: Structure, name: str) -> None:
 def require_usable(model: Structure, record: Record) -> None:
     """Raise :class:`UserError` unless a model can be identified from a record.
 
-    It must be of the model's kind of test, excite it, and measure something of it that changes, for long enough that
-    its noise can be told, a force in the direction of its displacement: each of several joined records that measures
-    anything.
+    It must be of the model's kind of test, excite it unless it starts in an initial state, and measure something of it
+    that changes, for long enough that its noise can be told, a force in the direction of its displacement: each of
+    several joined records that measures anything.
     """
     check_record(model, record)
     require_measured(record)
@@ -292,8 +292,12 @@ def _require_telling(model: Structure, record: Record) -> None:
     where = f"record {record.name!r}"
     channel_map(model, tuple(record.channels))
     require_long_enough(record)
-    if not any(np.ptp(signal) > 0.0 for signal in (record.excitation, *record.forces.values())):
-        raise UserError(f"{where} has no excitation: its {record.excitation_kind} never changes, give one that moves")
+    moves = any(np.ptp(signal) > 0.0 for signal in (record.excitation, *record.forces.values()))
+    if not moves and not model.law.initial:
+        raise UserError(
+            f"{where} has no excitation: its {record.excitation_kind} never changes, give one that moves; or for a "
+            "structure that was released a model with InitialState"
+        )
     for name, signal in record.columns.items():
         peak = float(np.max(np.abs(signal)))
         if peak > _MOST or 0.0 < peak < 1.0 / _MOST:

@@ -170,7 +170,7 @@ def hysteretic_spring(link: Link) -> Material:
         pinch = tuple(p[symbol] for symbol in ("q", "zeta_s", "p", "psi_0", "delta_psi", "lambda_"))
         return Material(kind="BWBN", arguments=(*first, *pinch, *newton), says=BWBN)
     loss = (p.get("delta_nu", 0.0), p.get("delta_eta", 0.0))
-    if beta == gamma == loss[1] == 0.0:
+    if alpha == 1.0 or beta == gamma == loss[1] == 0.0:
         return Material(kind="Elastic", arguments=(k * (alpha + (1.0 - alpha) * A),), says="stiffness [N/m]")
     return Material(kind="BoucWen", arguments=(*first, 0.0, *loss, *newton), says=BOUC_WEN)
 
@@ -181,11 +181,12 @@ def shape(parameters: Mapping[str, float]) -> dict[str, float]:
     A friction pendulum is the spring that it is at rest: k is that of dish and contact, alpha the share of the dish.
     """
     p = dict(parameters)
-    if p.get("W", 0.0) > 0.0:
+    slides = p.get("W", 0.0) > 0.0
+    if slides:
         p |= _slider(p["W"], p["R"], p["mu_slow"], p["Y"], p["n"])
     for symbol in ("alpha", "n"):
         p[symbol] += p.get(f"{symbol}_offset", 0.0)
-    if "u_y" in p:
+    if "u_y" in p and not slides:
         bound = p["A"] * (p["A"] * p["u_y"]) ** -p["n"]
         p |= {"beta": p["rho"] * bound, "gamma": (1.0 - p["rho"]) * bound}
     for symbol in ("beta", "gamma"):

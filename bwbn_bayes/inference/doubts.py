@@ -11,9 +11,12 @@ import numpy as np
 
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.inference.modes import Mode, held_back
 from bwbn_bayes.inference.residuals import QUIET_PROBABILITY, heard_rests, steadiness, whiteness_probability
+from bwbn_bayes.parameters import Constraint
 from bwbn_bayes.results import DOUBTS, Check
+from bwbn_bayes.structures.hardening import free_of
+from bwbn_bayes.structures.structure import Structure
 
 QUIET, WITHIN = DOUBTS[:2]
 LARGEST_GAIN = 4.5
@@ -51,17 +54,19 @@ def _within_check(posterior: Posterior, mode: Mode) -> Check:
         gains[i] = mode.gradient[i] ** 2 / (2.0 * max(float(left), PRIOR_PRECISION))
     worst = int(np.argmax(gains))
     parameter, end = posterior.space.parameters[worst], int(at_high[worst])
+    gain, where = float(gains[worst]), f"the {('lower', 'upper')[end]} end of the prior of {parameter.name}, "
+    where += f"{parameter.prior.support[end]:.4g}"
+    joint = held_back(posterior, mode)
+    if joint is not None and joint[1] > gain:
+        gain, where = joint[1], f"the edge of what {joint[0].text} admits{_remedy(posterior.model, joint[0])}"
     sentence = (
-        f"The best fit lies at the {('lower', 'upper')[end]} end of the prior of {parameter.name}, "
-        f"{parameter.prior.support[end]:.4g}: beyond it lies a fit better by {gains[worst]:.1f} nats, and "
-        "perhaps the truth."
-        if gains[worst] > 0.0
+        f"The best fit lies at {where}: beyond it lies a fit better by {gain:.1f} nats, and perhaps the truth."
+        if gain > 0.0
         else "The best fit presses on no bound of its prior."
     )
-    return Check(
-        name=WITHIN,
-        value=float(gains[worst]),
-        limit=LARGEST_GAIN,
-        passed=bool(gains[worst] <= LARGEST_GAIN),
-        sentence=sentence,
-    )
+    return Check(name=WITHIN, value=gain, limit=LARGEST_GAIN, passed=gain <= LARGEST_GAIN, sentence=sentence)
+
+
+def _remedy(model: Structure, condition: Constraint) -> str:
+    """How a model is freed of a joint condition, where it can be."""
+    return " (hardens=True is without it)" if free_of(model, condition) is not None else ""

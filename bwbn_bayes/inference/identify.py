@@ -26,7 +26,7 @@ from bwbn_bayes.inference.doubts import doubts
 from bwbn_bayes.inference.history import History, Listener
 from bwbn_bayes.inference.likelihood import Posterior, default_noise, require_noise
 from bwbn_bayes.inference.method import Beside, Task
-from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish
+from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish, turned_inwards
 from bwbn_bayes.inference.registry import method
 from bwbn_bayes.inference.residuals import residual_checks
 from bwbn_bayes.inference.sampled import Given, Sampled
@@ -156,6 +156,7 @@ def _result(sampling: Sampling, fitted: _Fitted, history: History, task: Task) -
         target, at, explains = force.posterior, force.modes, True
         assumptions = (*assumptions, force.sentence)
         posterior = _accompanied(posterior, section, force)
+    at = tuple(turned_inwards(target, mode) for mode in at)
     found = sampling.sample(Given(target, at, settings, rng, seeds, history, explains))
     noise_sd, draws = noise_scales(target, found.draws.points, rng), found.draws
     if section is not None:

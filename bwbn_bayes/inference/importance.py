@@ -85,8 +85,8 @@ class WeightedDraws:
 
     @property
     def effective_sample_size(self) -> float:
-        """Kish's effective number of draws."""
-        return float(np.exp(-logsumexp(2.0 * self.log_weights)))
+        """Kish's effective number of draws; zero where none has any weight."""
+        return effective_draws(self.log_weights)
 
     def resampled(self, rng: np.random.Generator, n: int) -> tuple[Floats, Floats]:
         """Equally weighted points and their log likelihoods by systematic resampling."""

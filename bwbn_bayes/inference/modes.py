@@ -9,15 +9,16 @@ are kept throughout.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.kept import kept_fit
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
+from bwbn_bayes.inference.tmcmc.target import Target
 from bwbn_bayes.inference.truncated import TruncatedStudent
-from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.parameters import Booleans, Constraint, Floats
 
 N_CANDIDATES = 16
 N_CLOUD = 128
@@ -314,6 +315,29 @@ def outlook(view: Posterior, points: Floats, local: Linearisation) -> Floats:
     step = steps(points, local, np.full(len(points), _DAMPINGS[0]), None) - points
     promised = np.einsum("np,np->n", step, local.gradient - 0.5 * np.einsum("npq,nq->np", local.information, step))
     return np.asarray(local.log_likelihood + view.most(np.maximum(promised, 0.0)))
+
+
+def turned_inwards(target: Target, mode: Mode) -> Mode:
+    """The expansion at a best fit as a proposal can use it where a joint condition of the prior holds the fit back.
+
+    Its Newton step leads out of the admissible region, and a normal distribution about its end has no draw inside. From
+    the condition inwards the posterior falls by one nat over ``1 / |gradient|``: so much more is known, and no step is
+    made.
+    """
+    aim = steps(mode.point[None], expansion_of((mode,)), np.full(1, _DAMPINGS[0]), None)
+    if np.isfinite(target.log_prior(aim)[0]):
+        return mode
+    outwards = np.where(_pressing(mode.point, mode.gradient), 0.0, mode.gradient)
+    return replace(mode, gradient=mode.gradient - outwards, information=mode.information + np.outer(outwards, outwards))
+
+
+def held_back(view: Posterior, mode: Mode) -> tuple[Constraint, float] | None:
+    """The joint condition that a step from a best fit would break, and the nats that it promises; None where none."""
+    local, point = expansion_of((mode,)), mode.point[None]
+    values = view.space.from_unit(steps(point, local, np.full(1, _DAMPINGS[0]), None))
+    broken = [condition for condition in view.space.constraints if not condition.holds(values)[0]]
+    gain = float(outlook(view, point, local)[0]) - mode.log_likelihood
+    return (broken[0], gain) if broken else None
 
 
 def _pressing(point: Floats, gradient: Floats) -> Booleans:

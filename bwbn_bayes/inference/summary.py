@@ -299,7 +299,8 @@ def _verdict(
     )
     road = title_of(method)
     if method != asked:
-        second = _taken_over(checks, road)
+        beyond = [check.sentence for check in failed if check.name == DOUBTS[1]]
+        second = " ".join([_taken_over(checks, road), *beyond])
     elif failed:
         second = f"Read it with care: {' '.join(check.sentence for check in failed)}"
     elif doubted:

@@ -3,7 +3,8 @@
 An anti-aliasing filter leaves no noise near half the sampling rate: an estimate taken there is far too low, and
 successive samples of the noise are correlated. Below the filter's corner the noise shows as a flat stretch of the
 spectrum that is as strong in quiet times as in strong motion; what a structure does comes and goes, and falls with
-frequency. A logger has one corner for all of its channels.
+frequency. Under a broad excitation that never comes and goes, motion is as steady and as flat as noise: nothing is told
+there. A logger has one corner for all of its channels.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _LEAST_SEGMENT, _MOST_SEGMENT = 64, 512
 _SEGMENTS = 16
 """Segments that a channel is cut into, at least, but for the overlap."""
 _WIDTH, _LEAST_BINS = 0.1, 8
-"""Width of the flat stretch, as a share of half the sampling rate, and in bins."""
+"""Width of the flat stretch, as a share of half the sampling rate, and in bins; an excitation so wide is broad."""
 _SLOPE = 1.0
 """Change of its level from end to end that counts as flat, beyond one and a half standard errors. [dB]"""
 _DROP = 10.0
@@ -78,7 +79,8 @@ def noise_band(record: Record) -> NoiseBand | None:
     Parameters
     ----------
     record : Record
-        With channels; too short to tell below some 500 samples, and with gaps where not all samples count: none then.
+        With channels; too short to tell below some 500 samples, with gaps where not all samples count, and without
+        quiet times where a broad excitation is steady, as multisines and sweeps are: none then.
 
     References
     ----------
@@ -90,11 +92,10 @@ def noise_band(record: Record) -> NoiseBand | None:
     n = _segment(record.n_times)
     if n == 0 or record.counted is not None:
         return None
-    powers = [
-        spectrogram(signal, nperseg=n, noverlap=n // 2, window="hann", detrend="linear")[2]
-        for signal in record.channels.values()
-    ]
+    powers = [_power(signal, n) for signal in record.channels.values()]
     if not all(np.all(power[1:-1] > 0.0) for power in powers):
+        return None
+    if any(_is_broad_and_steady(_power(drive, n)) for drive in record.drivers.values()):
         return None
     bands = [_band_of(power) for power in powers]
     shares = np.array([band[0] for band in bands if band is not None])
@@ -137,6 +138,13 @@ def _quiet_sd(power: Floats, share: float) -> float:
     return float(np.sqrt(0.5 * share * np.exp(quiet)))
 
 
+def _power(signal: Floats, n_segment: int) -> Floats:
+    """Power of a signal ``(n_bins, n_segments)``, by frequency and time."""
+    return np.asarray(
+        spectrogram(signal, nperseg=n_segment, noverlap=n_segment // 2, window="hann", detrend="linear")[2]
+    )
+
+
 def _width(n_bins: int) -> int:
     return max(round(_WIDTH * n_bins), _LEAST_BINS)
 
@@ -166,11 +174,25 @@ def _is_flat(level: Floats, n_segments: int) -> bool:
 
 
 def _is_steady(power: Floats) -> bool:
-    """Whether power ``(n_bins, n_segments)`` summed over the bins scatters from segment to segment as noise does.
+    """Whether power ``(n_bins, n_segments)`` summed over the bins scatters from segment to segment as noise does."""
+    return _scatters_as_noise(np.sum(power, axis=0), len(power))
+
+
+def _is_broad_and_steady(power: Floats) -> bool:
+    """Whether what drives ``(n_bins, n_segments)`` is spread over many bins and as steady as a flat stretch must be."""
+    density = np.mean(power, axis=1)
+    if not np.any(density):
+        return False
+    spread = float(np.sum(density) ** 2 / np.sum(np.square(density)))
+    steady = _scatters_as_noise(np.sum(power, axis=0), min(spread, _width(len(power) - 1)))
+    return steady and spread >= _LEAST_BINS
+
+
+def _scatters_as_noise(power: Floats, n_bins: float) -> bool:
+    """Whether the power of ``n_bins`` bins ``(n_segments,)`` scatters from segment to segment no more than noise does.
 
     The logarithm of such a sum scatters by one over the square root of the independent bins.
     """
-    n_bins, n_segments = power.shape
-    first, ninth = np.log(np.quantile(np.sum(power, axis=0), (0.1, 0.9)))
+    first, ninth = np.quantile(power, (0.1, 0.9))
     expected = 2.0 * norm.ppf(0.9) * np.sqrt(_CORRELATION / n_bins)
-    return bool(ninth - first < expected * (1.0 + 2.5 / np.sqrt(n_segments)))
+    return bool(first > 0.0 and np.log(ninth / first) < expected * (1.0 + 2.5 / np.sqrt(len(power))))

@@ -3,8 +3,19 @@
 import numpy as np
 import pytest
 
+from bwbn_bayes import (
+    CubicStiffness,
+    DiscoverySettings,
+    Oscillator,
+    as_force,
+    discover,
+    multisine,
+    simulate,
+)
 from bwbn_bayes.discovery.binding import binding_sentences, with_wider_priors
 from bwbn_bayes.elements.bouc_wen import BoucWen
+from bwbn_bayes.elements.effects import Asymmetry
+from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.modes import Mode
@@ -36,8 +47,7 @@ def fitted(*, unseen: str = "", **at: float) -> Fitted:
 
 
 def widened(given: Fitted) -> Structure | None:
-    posterior, best = given
-    return with_wider_priors(posterior, best.point)
+    return with_wider_priors(*given)
 
 
 def priors_of(given: Fitted) -> dict[str, Prior]:
@@ -99,3 +109,61 @@ def test_of_what_the_record_says_little_about_no_prior_is_said_to_bind() -> None
         "The best fit of the model as given lies at the upper end of the prior of n, Uniform(1, 3), though the record "
         "says little about it. The prior was widened to Uniform(1, 5)."
     )
+
+
+def held_by_no_hardening(gradient: float, *, effects: tuple[Effect, ...] = ()) -> Fitted:
+    """A storey whose best fit lies where ``beta + gamma`` is all but zero, and would go on along gamma."""
+    storey = BoucWen(k=Uniform(20, 60), c=0.5, alpha=0.1, beta=2.0, gamma=Uniform(-8, 8), n=1.0)
+    model = ShearBuilding(masses=[1.0, 1.0], storey=storey)
+    for effect in effects:
+        model = model.with_effect(effect)
+    posterior = Posterior(model=model, record=RECORD, engine=Lanes(), noise=KnownNoise(sd=(1.0,)))
+    mode = Mode(
+        point=np.array([0.5, 0.3751]), log_likelihood=0.0, gradient=np.array([0.0, gradient]),
+        information=np.diag([1e4, 1e4]),
+    )  # fmt: skip
+    return posterior, mode
+
+
+def test_priors_without_loops_that_harden_bind_and_are_widened() -> None:
+    """Cubic stiffness was named in their place, with certainty."""
+    given = held_by_no_hardening(-1e3)
+    (sentence,) = binding_sentences(*given)
+    assert sentence == (
+        "The priors bind where beta + gamma >= 0 cuts them: the best fit of the model as given lies there. They were "
+        "widened to loops that harden (hardens=True)."
+    )
+    wider = widened(given)
+    assert wider is not None
+    assert wider.space.constraints == ()
+    assert wider.space.names == given[0].space.names
+
+
+def test_where_an_effect_needs_the_bound_it_is_told_and_kept() -> None:
+    given = held_by_no_hardening(-1e3, effects=(Asymmetry(phi=0.01),))
+    (sentence,) = binding_sentences(*given)
+    assert "binds" not in sentence and sentence.endswith("the best fit of the model as given lies there.")
+    assert widened(given) is None
+
+
+@pytest.mark.parametrize("gradient", [-100.0, 1e3])
+def test_a_fit_that_gains_little_or_inwards_is_not_held_back(gradient: float) -> None:
+    """Half a nat is chance."""
+    given = held_by_no_hardening(gradient)
+    assert binding_sentences(*given) == ()
+    assert widened(given) is None
+
+
+def test_a_loop_kept_from_hardening_is_not_answered_with_cubic_stiffness() -> None:
+    """The model as given explains all once it may harden."""
+    spring = BoucWen(k=80.0, c=0.5, alpha=0.5, beta=8.0, gamma=-11.0, hardens=True)
+    force = as_force(multisine(np.random.default_rng(1), (0.3, 4.0), 600, 0.01, rms=20.0))
+    record = simulate(Oscillator(mass=2.0, spring=spring), force, {}, channels=["displacement_1"], snr_db=50.0)
+    given = BoucWen(
+        k=Uniform(20, 200), c=Uniform(0, 5), alpha=Uniform(0, 1), beta=Uniform(-20, 60), gamma=Uniform(-80, 60)
+    )
+    settings = DiscoverySettings(effects=(CubicStiffness,), most_rounds=1, particles=200, n_workers=1)
+    found = discover(Oscillator(mass=2.0, spring=given), record, settings=settings)
+    assert found.verdict == "no_missing_effect"
+    assert found.added == ()
+    assert "The priors bind where beta + gamma >= 0 cuts them" in " ".join(found.sentences)

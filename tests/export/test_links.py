@@ -36,7 +36,7 @@ from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.elements.search_guide import guide_of, is_sought
 from bwbn_bayes.export import of_model, script_of
-from bwbn_bayes.export.laws import is_known
+from bwbn_bayes.export.laws import Link, hysteretic_spring, is_known, shape
 from bwbn_bayes.structures.structure import Structure
 
 YIELD = 0.008
@@ -118,6 +118,17 @@ def test_of_friction_that_depends_on_speed_a_fit_says_what_it_misses() -> None:
     assert link.error is not None
     assert 0.01 < link.error < 0.3
     assert "friction that depends on speed" in " ".join(link.says)
+
+
+def test_links_beside_storeys_of_given_yield_displacement_are_exported_alike() -> None:
+    """A slider took the storeys' boundless shape for its own, and a linear link was a Bouc-Wen material."""
+    boundless, motion = {"u_y": 1e15, "rho": 1.0}, np.linspace(-0.01, 0.01, 5)
+    slider = {"W": 2e5, "R": 1.5, "mu_slow": 0.05, "Y": 0.001, "k": 0.0, "alpha": 0.0, "A": 1.0, "n": 2.0}
+    by_shape = shape({**slider, "beta": 0.0, "gamma": 0.0})
+    assert {symbol: shape({**slider, **boundless})[symbol] for symbol in by_shape} == by_shape
+    linear = {"k": 3e7, "alpha": 1.0, "A": 1.0, "n": 1.0, **boundless}
+    link = Link(number=1, parameters=linear, drift=motion, drift_rate=motion, force=3e7 * motion)
+    assert (hysteretic_spring(link).kind, hysteretic_spring(link).arguments) == ("Elastic", (3e7,))
 
 
 def test_a_linear_link_is_elastic() -> None:

@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 from inference_cases import SDOF, posterior_of, recorded, sdof_model, true_point
 
-from bwbn_bayes import CubicStiffness, SensorLag, Settings, Uniform, identify, simulate
+from bwbn_bayes import (
+    BoucWen,
+    CubicStiffness,
+    Oscillator,
+    SensorLag,
+    Settings,
+    Uniform,
+    as_force,
+    identify,
+    multisine,
+    simulate,
+)
 from bwbn_bayes.discovery.alternatives import alternatives_check
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.scalar import ScalarRk4
@@ -100,3 +111,22 @@ def test_a_bound_is_worth_what_the_likelihood_gains_beyond_it() -> None:
     assert gained > LARGEST_GAIN
     assert within.value == pytest.approx(gained, rel=0.34)
     assert np.isfinite(within.value)
+
+
+def test_priors_that_exclude_loops_that_harden_are_said() -> None:
+    """No draw of the proposal was admissible: the fit ended in a traceback, or its draws were worth "inf"."""
+    shape = {"k": 80.0, "c": 0.5, "alpha": 0.5, "beta": 8.0, "gamma": -11.0}
+    force = as_force(multisine(np.random.default_rng(1), (0.3, 4.0), 600, 0.01, rms=20.0))
+    truth = Oscillator(mass=2.0, spring=BoucWen(**shape, hardens=True))
+    record = simulate(truth, force, {}, channels=["displacement_1"], snr_db=50.0)
+    spring = BoucWen(
+        k=Uniform(20, 200), c=Uniform(0, 5), alpha=Uniform(0, 1), beta=Uniform(-20, 60), gamma=Uniform(-80, 60)
+    )
+    facts = identify(
+        Oscillator(mass=2.0, spring=spring), record, settings=Settings(particles=200, alternatives=False)
+    ).facts
+    checks = {check.name: check for check in facts.checks}
+    assert not checks["within the prior"].passed
+    told = "The best fit lies at the edge of what beta + gamma >= 0 admits (hardens=True is without it): beyond it lies"
+    assert told in " ".join(facts.verdict)
+    assert 0.0 < facts.effective_sample_size < np.inf

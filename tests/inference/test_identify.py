@@ -12,15 +12,21 @@ from pymc_cases import TRUTH, small_model, small_record
 from bwbn_bayes import (
     BoucWen,
     HalfNormal,
+    InitialState,
     IntegratedNoise,
     KnownNoise,
+    Linear,
+    Normal,
+    Oscillator,
     Record,
     Result,
     SampledNoise,
     Settings,
     ShearBuilding,
+    Uniform,
     UserError,
     identify,
+    simulate,
 )
 from bwbn_bayes.engines.base import require_usable
 from bwbn_bayes.inference.identify import identify_from
@@ -295,6 +301,21 @@ def test_a_sensor_given_twice_is_a_user_error(record: Record) -> None:
     double = {"drift_1": signal, "displacement_1": signal}
     with pytest.raises(UserError, match="drift_1 says the same as displacement_1 "):
         require_usable(sdof_model(), record.with_channels(double))
+
+
+def test_a_released_structure_is_identified_without_excitation() -> None:
+    """A free vibration was refused, though the model's initial state moves it."""
+    spring = Linear(k=Uniform(20.0, 100.0), c=Uniform(0.0, 2.0))
+    released = Oscillator(mass=2.0, spring=spring).with_effect(InitialState(u_0=Normal(0.0, 0.05)))
+    still = Record(name="free", time_step=0.02, excitation=np.zeros(400))
+    truth = {"k": 60.0, "c": 0.5, "u_0": 0.03}
+    record = simulate(released, still, truth, channels=["displacement_1"], snr_db=30.0)
+    found = identify(released, record, settings=Settings(particles=200, alternatives=False)).facts
+    assert found.grade == "explains"
+    for parameter in found.parameters:
+        assert abs(parameter.mean - truth[parameter.name]) < 4.0 * parameter.sd
+    with pytest.raises(UserError, match=r"'free' has no excitation.*a model with InitialState"):
+        identify(Oscillator(mass=2.0, spring=spring), record)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from bwbn_bayes import simulate
+from bwbn_bayes import CubicStiffness, Linear, Oscillator, as_force, multisine, simulate, sine, sweep
 from bwbn_bayes.parameters import Floats, Uniform
 from bwbn_bayes.records import Envelope, Record, filtered_noise, noise_band, noise_sds
 from bwbn_bayes.structures.model_file import load_model_file
@@ -126,3 +127,54 @@ def test_thinned_noise_is_white() -> None:
     times = band.at_thinned(record.times)
     assert times.shape == (thinned.shape[1],)
     assert np.max(np.abs(np.diff(times) - record.time_step / band.share)) < record.time_step
+
+
+def multisine_force(seed: int) -> Record:
+    """Random phases, from 5 to 100 Hz, on a mass."""
+    return as_force(multisine(np.random.default_rng(seed), (5.0, 100.0), 2048, 1.0 / 750.0, rms=50.0))
+
+
+def white_force(seed: int) -> Record:
+    """Random, up to 100 Hz, on a mass."""
+    noise = signal.sosfilt(signal.butter(8, 100.0 / 375.0, output="sos"), np.random.default_rng(seed).normal(size=4096))
+    return as_force(Record(name="white", time_step=1.0 / 750.0, excitation=50.0 * noise))
+
+
+def swept_force(seed: int) -> Record:
+    """A sine that goes from 5 to 100 Hz, on a mass."""
+    return as_force(sweep(50.0 * (seed + 1), (5.0, 100.0), 5.0, 1.0 / 750.0))
+
+
+def sine_force(seed: int) -> Record:
+    """One sine on a mass."""
+    return as_force(sine(50.0, 12.0 + seed, 5.0, 1.0 / 750.0))
+
+
+@pytest.mark.parametrize("spring", [0.0, 6e9], ids=["linear", "cubic"])
+@pytest.mark.parametrize("force", [multisine_force, white_force, swept_force, sine_force])
+def test_the_response_to_a_steady_force_is_no_noise(force: Callable[[int], Record], spring: float) -> None:
+    """It is as steady as noise, about as flat, and ends where the force does: its level was taken for the noise's."""
+    model = Oscillator(mass=2.0, spring=Linear(k=8e4, c=12.0)).with_effect(CubicStiffness(k3=spring))
+    for seed in range(3):
+        record = simulate(model, force(seed), {}, channels=["acceleration_1", "displacement_1"])
+        for snr_db in (20.0, 40.0, 60.0):
+            noisy, sds = with_noise(record, snr_db, None, seed)
+            assert noise_band(noisy) is None
+            one = noisy.with_channels({"acceleration_1": noisy.channels["acceleration_1"]})
+            assert noise_band(one) is None
+            if spring == 0.0:
+                assert np.all(noise_sds(noisy) < 1.3 * sds)
+
+
+def test_filtered_noise_shows_once_a_steady_force_has_stopped() -> None:
+    force = multisine_force(1)
+    stopped = force.forces["applied_force_1"].copy()
+    stopped[1200:] = 0.0
+    driven = replace(force, forces={"applied_force_1": stopped})
+    model = Oscillator(mass=2.0, spring=Linear(k=8e4, c=12.0))
+    record, sds = with_noise(
+        simulate(model, driven, {}, channels=["displacement_1"]), 30.0, FILTERS["Butterworth of order 8"](0.6), seed=2
+    )
+    band = noise_band(record)
+    assert band is not None
+    assert band.sds == pytest.approx(sds, rel=0.25)

@@ -241,12 +241,6 @@ def test_an_isolated_building_is_written_as_a_person_would_write_it():
         (lambda: FrictionPendulum(W=1.0, R=1.0, mu_slow=0.1, a_mu=3.0), "a_mu without mu_fast: give both"),
         (lambda: FrictionPendulum(W=1.0, R=1.0, mu_slow=0.1, mu_fast=0.2), "mu_fast without a_mu"),
         (lambda: Oscillator(mass=1.0, spring=FrictionPendulum(W=1.0, R=0.0, mu_slow=0.1)), "R = 0 lies outside"),
-        (
-            lambda: ShearBuilding(masses=[1.0], storey=BoucWen(k=1.0, u_y=1.0, rho=0.5)).with_link(
-                FrictionPendulum(W=1.0, R=1.0, mu_slow=0.1), joins=(0, 1)
-            ),
-            "beta and gamma in the place of u_y and rho",
-        ),
     ],
 )
 def test_mistakes_end_in_one_sentence(make, sentence):

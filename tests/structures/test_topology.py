@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 import bwbn_bayes
 from bwbn_bayes import (
     BoucWen,
+    FrictionPendulum,
     Linear,
     Oscillator,
     Record,
@@ -35,6 +36,7 @@ from bwbn_bayes.elements.effects import (
     StoreyCoupling,
     StrengthDegradation,
 )
+from bwbn_bayes.elements.element import Element
 from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
@@ -226,6 +228,25 @@ def test_modes_of_a_braced_frame():
     np.testing.assert_allclose(periods, np.sort(2.0 * np.pi / np.sqrt(squares))[::-1])
 
 
+@pytest.mark.parametrize("beside", [Linear(k=30.0, c=0.1), FrictionPendulum(W=20.0, R=1.0, mu_slow=0.1)])
+@pytest.mark.parametrize("engine", ["lanes", "reference"])
+def test_storeys_of_given_yield_displacement_stand_beside_other_elements(beside: Element, engine: str):
+    """They were refused, although where n is identified the shape is best given so."""
+    n, u_y, rho = 1.5, 0.01, 0.7
+    shape = {"beta": rho * u_y**-n, "gamma": (1.0 - rho) * u_y**-n}
+    by_shape, by_yield = (
+        ShearBuilding(masses=MASSES, storey=BoucWen(k=50.0, c=0.2, alpha=0.1, n=n, **form)).with_link(
+            beside, joins=(0, 2)
+        )
+        for form in (shape, {"u_y": u_y, "rho": rho})
+    )
+    expected, found = (
+        ENGINES[engine].simulate(model, np.zeros((1, 0)), driven(), ["drift_1", "force_4"]).values[0]
+        for model in (by_shape, by_yield)
+    )
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7 * np.max(np.abs(expected)))
+
+
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
@@ -244,9 +265,9 @@ def test_modes_of_a_braced_frame():
         (lambda: BRACED.with_effect(MassError(e_m=0.1), storeys=[4]), "numbers from 1 to 3"),
         (
             lambda: ShearBuilding(masses=[1.0], storey=BoucWen(k=1.0, u_y=1.0, rho=0.5)).with_link(
-                Linear(k=1.0), joins=(0, 1)
+                BoucWen(k=1.0, beta=1.0, gamma=0.0), joins=(0, 1)
             ),
-            "beta and gamma in the place of u_y and rho",
+            "give all Bouc-Wen links beta and gamma, or all of them u_y and rho",
         ),
         (lambda: ENGINES["lanes"].simulate(BRACED, np.zeros((1, 0)), driven(4)), "applied_force_4 acts on a floor"),
         (lambda: as_force(driven().with_channels({"drift_1": np.ones(301)})), "not a bare ground motion"),

@@ -269,15 +269,18 @@ class Pool:
     def settled(self, key: Key) -> Explanation:
         """An explanation without an unnamed force, to predict by; a specimen's after a search all over its priors.
 
-        It was found beside the force, from where the best fit without it may lie far.
+        It was found beside the force, from where the best fit without it may lie far, and laws that are built by
+        themselves are solved as coarsely as those beside it: a fit may make use of the step.
         """
         one = self.plain[key]
         if self.has_force and key:
+            one = finely_solved(one)
             anew = find_modes(one.posterior, self.run.rng, n_starts=_N_STARTS, reach=FAR)
             found = (*one.modes[:_N_SETTLED], *anew)
             modes = settled(one.posterior, found[:N_CANDIDATES], self.run.rng)
             if modes[0].log_likelihood > one.modes[0].log_likelihood:
-                self.plain[key] = one = replace(one, modes=modes)
+                one = replace(one, modes=modes)
+            self.plain[key] = one
         return one
 
     def _sample(self) -> None:

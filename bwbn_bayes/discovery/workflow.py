@@ -176,7 +176,10 @@ def _thinned(record: Record, run: Run) -> Record:
     step = int(np.ceil(max(part.n_times for part in record.parts) / MOST_POINTS))
     if record.excitation_kind != "displacement" or step == 1:
         return record
-    run.note(f"Of the {record.n_times:,} points one in {step} was fitted: no feature of a loop is as short as that.")
+    turns = "" if record.has_time else ", and those where it turns"
+    run.note(
+        f"Of the {record.n_times:,} points one in {step} was fitted{turns}: no feature of a loop is as short as that."
+    )
     return record.every(step)
 
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Floats
+from bwbn_bayes.records.cycles import TURNING_SHARE, turning_points
 
 ExcitationKind = Literal["ground_acceleration", "displacement"]
 
@@ -379,17 +380,24 @@ class Record:
         return self.between(0.0, time)
 
     def every(self, step: int) -> Record:
-        """The record with every so-manieth point, from the first on."""
+        """The record with every so-manieth point, from the first on; without time those where it turns, too.
+
+        Points of a path need not lie evenly, and between them it is straight: a peak that is left out is cut off.
+        """
         if step == 1:
             return self
+        kept, told = np.arange(0, self.n_times, step), f"one in {step}"
+        if not self.has_time:
+            turns = turning_points(self.excitation, TURNING_SHARE * float(np.max(np.abs(self.excitation))))
+            kept, told = np.union1d(kept, turns).astype(np.int64), f"{told}, and where it turns"
         return replace(
             self,
             time_step=step * self.time_step,
-            excitation=self.excitation[::step],
-            forces={key: values[::step] for key, values in self.forces.items()},
-            channels={key: values[::step] for key, values in self.channels.items()},
-            counted=None if self.counted is None else self.counted[::step],
-            provenance={**self.provenance, "points kept": f"one in {step}"},
+            excitation=self.excitation[kept],
+            forces={key: values[kept] for key, values in self.forces.items()},
+            channels={key: values[kept] for key, values in self.channels.items()},
+            counted=None if self.counted is None else self.counted[kept],
+            provenance={**self.provenance, "points kept": told},
         )
 
     def between(self, start: float, end: float) -> Record:

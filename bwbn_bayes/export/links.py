@@ -59,7 +59,7 @@ def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool) -> L
     UserError
         If something cannot be translated, or a fit asks for openseespy and it is not installed.
     """
-    place = "The specimen" if is_specimen else f"Storey {link.number}"
+    place = link.place[0].upper() + link.place[1:]
     missing = without_law(link.parameters, in_analysis=not is_specimen)
     parts = beside(link)
     error = None

@@ -69,9 +69,11 @@ if TYPE_CHECKING:
     from bwbn_bayes.report import write_discovery, write_report
     from bwbn_bayes.results import Result
     from bwbn_bayes.structures.oscillator import Oscillator
+    from bwbn_bayes.structures.parts import Links
     from bwbn_bayes.structures.shear_building import ShearBuilding
     from bwbn_bayes.structures.specimen import Specimen
     from bwbn_bayes.structures.starting_model import starting_model
+    from bwbn_bayes.structures.structure import Structure
 
 __all__ = [
     "Appendage",
@@ -99,6 +101,7 @@ __all__ = [
     "IntegratedNoise",
     "KnownNoise",
     "Linear",
+    "Links",
     "LogNormal",
     "MassDamping",
     "MassError",
@@ -127,6 +130,7 @@ __all__ = [
     "StoreyCoupling",
     "StoreyParameter",
     "StrengthDegradation",
+    "Structure",
     "SuddenDamage",
     "Uniform",
     "UserError",
@@ -218,9 +222,11 @@ _on_first_use = importer(
         "bwbn_bayes.report": ("write_discovery", "write_report"),
         "bwbn_bayes.results": ("Result",),
         "bwbn_bayes.structures.oscillator": ("Oscillator",),
+        "bwbn_bayes.structures.parts": ("Links",),
         "bwbn_bayes.structures.shear_building": ("ShearBuilding",),
         "bwbn_bayes.structures.specimen": ("Specimen",),
         "bwbn_bayes.structures.starting_model": ("starting_model",),
+        "bwbn_bayes.structures.structure": ("Structure",),
     }
 )
 

@@ -16,7 +16,8 @@ where a group holds a part of them):
 ``observed_data``
     one variable per measured channel ``(time)``
 ``constant_data``
-    the excitation ``(time)``; a building's ``mass (floor)`` and, where given, ``height (storey)``;
+    the excitation ``(time)``; a building's ``mass (floor)``, the nodes that its links join, ``joins (link, end)``, and,
+    where given, ``height (storey)``;
     ``measured_storey_force (storey, time)`` where masses and sensors allow
 ``response_bands``
     ``drift, drift_rate, restoring_force, hysteretic_displacement, hysteretic_energy (statistic, storey, time)`` and

@@ -172,3 +172,20 @@ def test_a_record_that_finds_no_room_does_not_hold_up_the_others(fleet: Path) ->
     said: list[str] = []
     run_batch(_jobs(fleet)[1:2], fleet / "out", 1, said.append)
     assert said[-1].startswith(f"1 of 1: r1: --out {fleet / 'out' / 'r1'} cannot be written (File exists): ")
+
+
+def test_a_law_under_its_plain_name_is_listed_by_that_name(tmp_path: Path) -> None:
+    """The table named an effect which the discovery's own report did not."""
+    job = Job(
+        name="r", record=tmp_path, directory=tmp_path, arguments=(), finished_file="discovery.json", key="of the same"
+    )
+    effect = {
+        "name": "slip_lock",
+        "title": "the shape of the reloading branch in storey 2",
+        "storeys": [2],
+        "parameters": {"delta_s[2]": {"mean": 0.1, "sd": 0.01}},
+    }
+    facts = {"verdict": "explained", "effects": [effect], "gap": {"fit": {"after": 0.03}}}
+    row = batch._discovered(job, facts)
+    assert row.sentence == "explained: the shape of the reloading branch in storey 2"
+    assert row.parameters == {"slip_lock.delta_s[2]": (0.1, 0.01)}

@@ -293,6 +293,7 @@ BAD_OPTIONS = [
     (("discover", SDOF, "--held-out", "End"), "--held-out End is neither `end` nor `repeats` nor the file of a record"),
     (("identify", SDOF, "--sequence"), "--sequence is the order of several records: give --record more than once"),
     (("identify", PLAIN), "give one with --record FILE"),
+    (("simulate", SDOF, "--sequence"), "--sequence is the order of several records: give --record more than once"),
     (("simulate", PLAIN), "give it with --record FILE"),
     (("dance",), "No such command 'dance'"),
     # Each of these ended in a traceback, or in a refusal only when the work was done.
@@ -611,3 +612,20 @@ def _is_one_sentence(outcome: Outcome, *parts: str, after_steps: bool = False) -
     for part in parts:
         assert part in said
     assert after_steps or not before
+
+
+def test_several_given_excitations_are_all_simulated(run: Run, tmp_path: Path) -> None:
+    """Of several --record one was used, and nothing was said."""
+    several = []
+    for i in (1, 2):
+        ground = sine(amplitude=3.0 * i, frequency_hz=1.0, duration=4.0, time_step=0.02)
+        write_record(replace(ground, name=f"shock {i}"), tmp_path / f"r{i}.csv")
+        several += ["--record", tmp_path / f"r{i}.csv"]
+    second = []
+    for order in ((), ("--sequence",)):
+        out = tmp_path / f"out{len(order)}"
+        done = run("simulate", SDOF, *several, *order, "--engine", "lanes", "--out", out)
+        assert done.out.split() == [str(out / f"sdof_{number}.csv") for number in (1, 2)]
+        second.append(read_record(out / "sdof_2.csv").channels["acceleration_1"])
+    virgin, damaged = second
+    assert np.std(damaged - virgin) > 0.2 * np.std(virgin)

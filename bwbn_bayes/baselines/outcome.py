@@ -100,7 +100,7 @@ def genetic_result(
         verdict=_genetic_verdict(fit, checks),
         checks=checks,
         stages=stages,
-        equations=tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model)),
+        equations=tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model, record)),
         assumptions=(*assumptions, *model.warnings, _genetic_words(settings), *conventions(model)),
         discretisation={"scheme": posterior.engine.scheme},
         restoring_force=force_agreement(rows["restoring_force"][0], truth),

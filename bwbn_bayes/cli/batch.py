@@ -256,14 +256,11 @@ def _identified(job: Job, facts: dict[str, Any]) -> BatchRow:
 
 
 def _discovered(job: Job, facts: dict[str, Any]) -> BatchRow:
-    effects = []
-    for one in facts["effects"]:
-        places = ", ".join(map(str, one["storeys"]))
-        effects.append(f"{one['name']}, storey {places}" if places else one["name"])
+    effects = "; ".join(effect["title"] for effect in facts["effects"])
     return BatchRow(
         record=one_line(job.name),
         status="done",
-        sentence=": ".join(part for part in (facts["verdict"], "; ".join(effects)) if part),
+        sentence=": ".join(part for part in (facts["verdict"], effects) if part),
         report=_address(job),
         nrmse=facts["gap"]["fit"]["after"],
         parameters={

@@ -23,6 +23,7 @@ from rich.text import Text
 
 from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
+from bwbn_bayes.cli.given import ColumnsOption, ExcitationsOption, SequenceOption, loaded, record_of
 from bwbn_bayes.cli.interruption import EXIT_CODE, UNFINISHED_SEARCH, stopped_with
 from bwbn_bayes.cli.refusal import refuse, refuse_what_the_system_refuses
 from bwbn_bayes.errors import UserError, require_installed
@@ -61,27 +62,12 @@ OutOption = Annotated[Path, typer.Option("--out", help="Directory to write to.")
 SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Of the random numbers: the same seed, the same result.")
 ]
-ColumnsOption = Annotated[
-    str | None,
-    typer.Option(
-        "--columns",
-        metavar="MAP",
-        help=escape(
-            'What the columns of the record stand for: "ag = ground_acceleration [g], roof = acceleration_3 [g]".'
-        ),
-        show_default=False,
-    ),
-]
 RecordsOption = Annotated[
     list[Path] | None,
     typer.Option(
         "--record",
         help="Measured record: CSV, netCDF, MATLAB ...; several of one structure allowed; the model file's by default.",
     ),
-]
-SequenceOption = Annotated[
-    bool,
-    typer.Option("--sequence", help="The structure comes to each record as the one before left it, not virgin."),
 ]
 WorkersOption = Annotated[
     int, typer.Option("--workers", min=1, max=1024, help="Processes that solve; with one, threads of this process.")
@@ -173,7 +159,7 @@ def identify(
     require_possible(method, unnamed_force=unnamed_force, checkpoint=checkpoint)
     if scheduler is not None:
         require_installed("distributed", "--scheduler")
-    file = _loaded(model, columns, *(record or ()))
+    file = loaded(model, columns, *(record or ()))
     engine_by_name(engine)
     directory = writable(out or Path("reports") / f"{file.name}_{method}")
     notes = Console(stderr=True)
@@ -261,7 +247,7 @@ def discover(
 
     if scheduler is not None:
         require_installed("distributed", "--scheduler")
-    file = _loaded(model, columns, *(record or ()), None if held_out in ("end", "repeats") else held_out)
+    file = loaded(model, columns, *(record or ()), None if held_out in ("end", "repeats") else held_out)
     directory = writable(out or Path("reports") / f"{file.name}_discovery")
     settings = DiscoverySettings(
         seed=seed,
@@ -378,11 +364,9 @@ def simulate(
     model: Annotated[
         Path, typer.Argument(help="Python file that defines `model` and its `truth`.", show_default=False)
     ],
-    record: Annotated[
-        Path | None,
-        typer.Option("--record", help="Excitation: CSV, PEER AT2, COSMOS ...; the model file's by default."),
-    ] = None,
+    record: ExcitationsOption = None,
     columns: ColumnsOption = None,
+    sequence: SequenceOption = False,
     out: OutOption = Path("reports"),
     seed: SeedOption = 1,
     engine: EngineOption = "reference",
@@ -391,10 +375,9 @@ def simulate(
     from bwbn_bayes.cli.files import replacing, writable, write_parts
     from bwbn_bayes.engines.available import engine as engine_by_name
     from bwbn_bayes.engines.simulation import simulate as simulate_record
-    from bwbn_bayes.records.readers import read_record
 
-    file = _loaded(model, columns, record)
-    excitation = read_record(record, file.columns) if record is not None else file.excitation
+    file = loaded(model, columns, *(record or ()))
+    excitation = record_of(record or (), file, in_sequence=sequence) or file.excitation
     if excitation is None:
         raise UserError(f"{model} defines no `excitation`: add one, or give it with --record FILE")
     if not file.truth:
@@ -586,30 +569,15 @@ def _warn(model: Structure, notes: Console) -> None:
         notes.print(warning, markup=False, highlight=False, soft_wrap=True)
 
 
-def _loaded(model: Path, columns: str | None, *records: Path | str | None) -> ModelFile:
-    from bwbn_bayes.records.readers import RECORD_SUFFIXES
-    from bwbn_bayes.structures.model_file import load_model_file
-
-    if columns is not None and model.suffix.lower() not in RECORD_SUFFIXES and not any(records):
-        raise UserError("--columns says what the columns of a record are, and no record is given: add --record FILE")
-    return load_model_file(model, columns)
-
-
 def _record(
     file: ModelFile, paths: Sequence[Path], seed: int, listener: Listener, *, in_sequence: bool = False
 ) -> Record:
     from bwbn_bayes.engines.simulation import simulate as simulate_record
-    from bwbn_bayes.records.joined import join_records
-    from bwbn_bayes.records.readers import read_record
 
-    if in_sequence and len(paths) < 2:
-        raise UserError("--sequence is the order of several records: give --record more than once")
-    if len(paths) > 1:
-        records = [read_record(path, file.columns) for path in paths]
-        _require_different(records, paths)
-        return join_records(records, in_sequence=in_sequence)
-    if paths:
-        return read_record(paths[0], file.columns)
+    given = record_of(paths, file, in_sequence=in_sequence)
+    if given is not None:
+        _require_different(given.parts, paths)
+        return given
     if file.record is not None:
         return file.record
     if file.excitation is None or not file.truth:

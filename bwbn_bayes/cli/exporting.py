@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import atexit
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.console import Console
 
+from bwbn_bayes.cli.given import ColumnsOption, ExcitationsOption, SequenceOption, loaded, record_of
 from bwbn_bayes.cli.refusal import drop
 from bwbn_bayes.errors import UserError
 
@@ -34,10 +36,9 @@ def opensees(
             help="A result.nc, or the directory of a report; or a model file, at its `truth`.", show_default=False
         ),
     ],
-    record: Annotated[
-        Path | None,
-        typer.Option("--record", help="Excitation of a model: CSV, netCDF or PEER AT2; its own by default."),
-    ] = None,
+    record: ExcitationsOption = None,
+    columns: ColumnsOption = None,
+    sequence: SequenceOption = False,
     at: Annotated[Point, typer.Option("--at", help="Point of a result's posterior.")] = "mean",
     out: Annotated[
         Path | None, typer.Option("--out", help="File to write, a new one; MODEL_opensees.py, here, by default.")
@@ -49,7 +50,15 @@ def opensees(
     from bwbn_bayes.export import script_of
 
     atexit.register(_without_farewell)
-    structure = _of_result(source, record, at) if _is_result(source) else _of_model(source, record)
+    if not _is_result(source):
+        structure = _of_model(source, record or (), columns, in_sequence=sequence)
+    elif record or columns or sequence:
+        raise UserError(
+            "--record, --columns and --sequence belong to a model: a result goes through the excitation that it was "
+            "identified from"
+        )
+    else:
+        structure = _of_result(source, at)
     path = out or Path(f"{Path(structure.name).name}_opensees.py")
     require_new(path)
     script = script_of(structure, seed=seed)
@@ -70,9 +79,7 @@ def _is_result(source: Path) -> bool:
     return source.is_dir() or source.suffix.lower() == ".nc"
 
 
-def _of_result(source: Path, record: Path | None, at: Point) -> Exportable:
-    if record is not None:
-        raise UserError("--record belongs to a model: a result goes through the excitation that it was identified from")
+def _of_result(source: Path, at: Point) -> Exportable:
     from bwbn_bayes.export import of_result
     from bwbn_bayes.results import Result
 
@@ -87,13 +94,11 @@ def _result_file(source: Path) -> Path:
     return discovered if discovered.is_file() else source / "result.nc"
 
 
-def _of_model(source: Path, record: Path | None) -> Exportable:
+def _of_model(source: Path, records: Sequence[Path], columns: str | None, *, in_sequence: bool) -> Exportable:
     from bwbn_bayes.export import of_model
-    from bwbn_bayes.records.readers import read_record
-    from bwbn_bayes.structures.model_file import load_model_file
 
-    file = load_model_file(source)
-    excitation = read_record(record, file.columns) if record is not None else file.excitation or file.record
+    file = loaded(source, columns, *records)
+    excitation = record_of(records, file, in_sequence=in_sequence) or file.excitation or file.record
     if excitation is None:
         raise UserError(f"{source} defines no `excitation`: add one, or give it with --record FILE")
     missing = [name for name in file.model.space.names if name not in file.truth]

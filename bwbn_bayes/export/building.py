@@ -47,8 +47,8 @@ class Building:
     nodes: tuple[Node, ...]
     elements: tuple[Element, ...]
     materials: tuple[LinkScript, ...]
-    below: tuple[int, ...]
-    """The node that each storey stands on."""
+    joints: tuple[tuple[int, int], ...]
+    """The nodes that each link of the structure joins."""
     ground_factor: float
     notes: tuple[str, ...]
 
@@ -56,17 +56,18 @@ class Building:
 def building_of(structure: Exportable) -> Building:
     """Lay out a building."""
     first, n = structure.links[0].parameters, len(structure.masses)
+    storeys = structure.links[:n]
     masses = [
-        mass * (1.0 + link.parameters.get("e_m", 0.0))
-        for mass, link in zip(structure.masses, structure.links, strict=True)
+        mass * (1.0 + storey.parameters.get("e_m", 0.0)) for mass, storey in zip(structure.masses, storeys, strict=True)
     ]
     moves, notes = _moves(structure.links[0])
     slides = first.get("inv_mu", 0.0) > 0.0
-    below = (n + 1 if moves or slides else 0, *range(1, n))
+    ground = n + 1 if moves or slides else 0
+    joints = tuple((link.joins[0] or ground, link.joins[1]) for link in structure.links)
     nodes = [Node(number=i + 1, mass=mass) for i, mass in enumerate(masses)]
     elements = [
-        Element(number=i + 1, below=below[i], above=i + 1, material=TAGS * link.number)
-        for i, link in enumerate(structure.links)
+        Element(number=link.number, below=low, above=high, material=TAGS * link.number)
+        for link, (low, high) in zip(structure.links, joints, strict=True)
     ]
     further: list[LinkScript] = []
 
@@ -91,16 +92,16 @@ def building_of(structure: Exportable) -> Building:
         materials = in_parallel(TAGS * number, [sliding_base(first)])
         further.append(LinkScript(place="Sliders between ground and slab", tag=TAGS * number, materials=materials))
         elements.append(Element(number=number, below=0, above=n + 1, material=TAGS * number))
-    bends = n > 1 and first.get("k_bend", 0.0) > 0.0
-    if bends:
+    runs_on = [storey.joins for storey in storeys if storey.joins[0] and first.get("k_bend", 0.0) > 0.0]
+    if runs_on:
         notes = (*notes, "Storey forces in the script are without bending, which has springs of its own.")
-    for i in range(1, n) if bends else ():
-        place, stiffness = f"Bending at floor {i}", first["k_bend"]
-        joined(place, (below[i - 1], i), 2.0 * stiffness, 0.0)
-        joined(place, (i, i + 1), 2.0 * stiffness, 0.0)
-        joined(f"{place}, past it", (below[i - 1], i + 1), -stiffness, 0.0)
-    for i, (link, mass) in enumerate(zip(structure.links, masses, strict=True)):
-        p = link.parameters
+    for floor, above in runs_on:
+        place, stiffness, below = f"Bending at floor {floor}", first["k_bend"], joints[floor - 1][0]
+        joined(place, (below, floor), 2.0 * stiffness, 0.0)
+        joined(place, (floor, above), 2.0 * stiffness, 0.0)
+        joined(f"{place}, past it", (below, above), -stiffness, 0.0)
+    for i, (storey, mass) in enumerate(zip(storeys, masses, strict=True)):
+        p = storey.parameters
         if p.get("c_m", 0.0) > 0.0:
             joined(f"Damping of floor {i + 1} in proportion to its mass", (0, i + 1), 0.0, p["c_m"] * mass)
         if p.get("mu_t", 0.0) > 0.0:
@@ -112,7 +113,7 @@ def building_of(structure: Exportable) -> Building:
         nodes=tuple(nodes),
         elements=tuple(elements),
         materials=tuple(further),
-        below=below,
+        joints=joints,
         ground_factor=first.get("s_g", 1.0),
         notes=notes,
     )

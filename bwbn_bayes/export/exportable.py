@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -16,8 +16,9 @@ from bwbn_bayes.engines.base import Status
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Record, is_input
 from bwbn_bayes.results import POINTS, ParameterFacts, Result
+from bwbn_bayes.structures.parts import SPECIMEN
 from bwbn_bayes.structures.structure import Structure
 
 Point = Literal["mean", "map"]
@@ -25,17 +26,21 @@ Point = Literal["mean", "map"]
 _HISTORIES = ("drift", "drift_rate", "restoring_force")
 _SENSORS = ("gain", "bias", "lag")
 _SENSORS_STAY = "The sensors' gain, bias or lag belongs to the record, not to the structure, and is not exported."
-_TRUSTED_EXCITATIONS = ("ground_acceleration", "displacement")
+_AT_FIRST = ("u_0", "v_0", "z_0")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """One storey, or the specimen.
+    """One storey, a link beside the storeys, or the specimen.
 
     Attributes
     ----------
     number : int
-        From 1, the ground up.
+        From 1: storeys from the ground up, then the others.
+    place : str
+        Which it is, in words.
+    joins : (int, int)
+        The nodes that it stands on and ends at; 0 is the ground, or the base.
     parameters : mapping of str to float
         Every parameter of the law by symbol, in its own unit; neutral where an effect does not act.
     drift, drift_rate, force : (n_times,) array
@@ -43,6 +48,8 @@ class Link:
     """
 
     number: int
+    place: str
+    joins: tuple[int, int]
     parameters: Mapping[str, float]
     drift: Floats
     drift_rate: Floats
@@ -64,8 +71,10 @@ class Exportable:
         Of the floors, from the ground up; none of a specimen. [kg]
     excitation : (n_times,) array
         Ground acceleration as recorded [m/s^2], or a specimen's displacement [m], linear between samples.
-    time_step : float or None
-        Between samples [s]; None where a specimen's record has no time.
+    time_steps : (n_times - 1,) array or None
+        Between samples, several in a sequence of records [s]; None where a specimen's record has no time.
+    forces : mapping of int to (n_times,) array
+        From outside, by the floor that they act on. [N]
     notes : tuple of str
         What is left out, in sentences.
     """
@@ -75,19 +84,14 @@ class Exportable:
     links: tuple[Link, ...]
     masses: tuple[float, ...]
     excitation: Floats
-    time_step: float | None
+    time_steps: Floats | None
+    forces: Mapping[int, Floats] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     @property
     def is_specimen(self) -> bool:
         """Whether the displacement is given, rather than the motion of the ground."""
         return not self.masses
-
-
-_STOREYS_ALONE = (
-    "only storeys under a moving ground are exported to OpenSees: leave out links that carry no floor, and applied "
-    "forces"
-)
 
 
 def of_model(model: Structure, record: Record, values: Mapping[str, float], *, name: str) -> Exportable:
@@ -106,10 +110,9 @@ def of_model(model: Structure, record: Record, values: Mapping[str, float], *, n
     Raises
     ------
     UserError
-        If a value is missing or wrong, or the model cannot be solved there.
+        If a value is missing or wrong, the model cannot be solved there, or it begins anew in each of several records.
     """
-    if not (model.is_chain or model.is_driven) or record.forces:
-        raise UserError(_STOREYS_ALONE)
+    _check_one_go(len(record.runs))
     draws = model.draws(values)
     channels = [f"{kind}_{storey}" for storey in range(1, model.n_links + 1) for kind in _HISTORIES]
     response = Reference().simulate(model, draws, record, channels)
@@ -122,12 +125,19 @@ def of_model(model: Structure, record: Record, values: Mapping[str, float], *, n
         name=name,
         origin="those of the model's `truth`" if values else "the known ones of the model",
         links=tuple(
-            _link(i + 1, dict(zip(symbols, map(float, local[i]), strict=False)), histories[i])
-            for i in range(model.n_links)
+            _link(
+                i,
+                model.link_in_words(i),
+                joins,
+                dict(zip(symbols, map(float, local[i - 1]), strict=False)),
+                histories[i - 1],
+            )
+            for i, joins in enumerate(model.joints, 1)
         ),
         masses=tuple(model.masses) if not model.is_driven else (),
         excitation=np.asarray(record.excitation),
-        time_step=record.time_step if record.has_time else None,
+        time_steps=np.diff(record.times) if record.has_time else None,
+        forces=dict(zip(record.forced_floors, record.forces.values(), strict=True)),
         notes=(_SENSORS_STAY,) if model.sensors.parameters else (),
     )
 
@@ -145,7 +155,8 @@ def of_result(result: Result, at: Point = "mean") -> Exportable:
     Raises
     ------
     UserError
-        If the result lacks parameters, masses or the excitation.
+        If the result lacks parameters, masses, links or the excitation, or is one of several records that each find the
+        structure as built.
     """
     tree, facts = result.tree, result.facts
     for group in ("parameters_by_storey", "response", "constant_data"):
@@ -155,26 +166,49 @@ def of_result(result: Result, at: Point = "mean") -> Exportable:
                 "export one of a method that identifies parameters, such as importance"
             )
     constant = tree["constant_data"].to_dataset()
-    if "mass" in constant and constant.sizes.get("floor") != tree["parameters_by_storey"].sizes["storey"]:
-        raise UserError(_STOREYS_ALONE)
-    kind = next((kind for kind in _TRUSTED_EXCITATIONS if kind in constant), None)
-    if kind is None or (kind == "ground_acceleration" and "mass" not in constant):
-        raise UserError("the result does not say its masses and its excitation: identify once more with this version")
+    is_specimen = "displacement" in constant
+    forces = {int(n.rpartition("_")[2]): np.asarray(constant[n].values) for n in map(str, constant) if is_input(n)}
+    if not is_specimen and not ({"mass", "joins"} <= {*constant} and ("ground_acceleration" in constant or forces)):
+        raise UserError(
+            "the result does not say its masses, its links and its excitation: identify once more with this version"
+        )
+    _check_one_go(int(constant.attrs.get("n_runs", 1)))
     time = constant["time"]
     parameters, point = _parameters(result, at)
-    histories = _mean_histories(result)
+    drift, drift_rate, force = _mean_histories(result)
+    joins = [(0, 1)] if is_specimen else [(int(low), int(high)) for low, high in constant["joins"].values]
+    words = list(map(str, np.atleast_1d(constant.attrs.get("links", []))))
+    words = words or [SPECIMEN if is_specimen else f"storey {i + 1}" for i in range(len(joins))]
+    still = np.zeros(constant.sizes["time"])
+    kind = "displacement" if is_specimen else "ground_acceleration"
     return Exportable(
         name=facts.model,
         origin=f"the {point}, identified from {facts.record}",
         links=tuple(
-            _link(i + 1, {symbol: float(values[i]) for symbol, values in parameters.items()}, [h[i] for h in histories])
-            for i in range(len(histories[0]))
+            _link(
+                i + 1,
+                words[i],
+                ends,
+                {symbol: float(values[i]) for symbol, values in parameters.items()},
+                (drift[i], drift_rate[i], force[i]),
+            )
+            for i, ends in enumerate(joins)
         ),
-        masses=tuple(map(float, constant["mass"].values)) if kind == "ground_acceleration" else (),
-        excitation=np.asarray(constant[kind].values, dtype=np.float64),
-        time_step=None if time.attrs.get("units") == POINTS else float(time[-1] - time[0]) / (time.size - 1),
+        masses=() if is_specimen else tuple(map(float, constant["mass"].values)),
+        excitation=np.asarray(constant[kind].values, dtype=np.float64) if kind in constant else still,
+        time_steps=None if time.attrs.get("units") == POINTS else np.diff(np.asarray(time.values, dtype=np.float64)),
+        forces=forces,
         notes=(_SENSORS_STAY,) if any(p.symbol in _SENSORS for p in facts.parameters) else (),
     )
+
+
+def _check_one_go(n_runs: int) -> None:
+    """A script goes once through its excitation, from rest."""
+    if n_runs > 1:
+        raise UserError(
+            f"{n_runs} records that each find the structure as built are not exported together, since a script runs "
+            "once: export the model file with --record FILE, one record at a time"
+        )
 
 
 def _mean_histories(result: Result) -> list[Floats]:
@@ -186,14 +220,34 @@ def _mean_histories(result: Result) -> list[Floats]:
     return [np.asarray(response[name].values, dtype=np.float64) for name in _HISTORIES]
 
 
-def _link(number: int, parameters: Mapping[str, float], histories: Sequence[Floats] | Floats) -> Link:
+def _link(
+    number: int,
+    place: str,
+    joins: tuple[int, int],
+    parameters: Mapping[str, float],
+    histories: Sequence[Floats] | Floats,
+) -> Link:
     wrong = [symbol for symbol, value in parameters.items() if not math.isfinite(value)]
     if wrong:
-        raise UserError(f"storey {number}: {', '.join(wrong)} is not finite, which no script can hold")
+        raise UserError(f"{place}: {', '.join(wrong)} is not finite, which no script can hold")
+    moved = [f"{symbol} = {parameters[symbol]:g}" for symbol in _AT_FIRST if parameters.get(symbol, 0.0) != 0.0]
+    if moved:
+        raise UserError(
+            f"{place} begins with {', '.join(moved)}, but OpenSees' materials begin at rest: leave InitialState out, "
+            "or give it zeros"
+        )
     drift, drift_rate, force = histories
     if "alpha" not in parameters:
         parameters = {**parameters, **{one.subject.name: float(one.expression) for one in Linear.derived}}
-    return Link(number=number, parameters=parameters, drift=drift, drift_rate=drift_rate, force=force)
+    return Link(
+        number=number,
+        place=place,
+        joins=joins,
+        parameters={symbol: value for symbol, value in parameters.items() if symbol not in _AT_FIRST},
+        drift=drift,
+        drift_rate=drift_rate,
+        force=force,
+    )
 
 
 def _parameters(result: Result, at: Point) -> tuple[dict[str, Floats], str]:

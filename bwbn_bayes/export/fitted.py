@@ -28,8 +28,9 @@ from bwbn_bayes.parameters import Floats
 
 _Arguments = tuple[float | str, ...]
 
-_MOST_POINTS = 1500
-"""Of the path that a fit follows: turning points, and points spread evenly between."""
+_MOST_POINTS, _MOST_STEPS = 1500, 10_000
+"""Of the path that a fit follows: turning points, and points spread evenly between; and steps along it, however small z
+is beside the drift, as a slider's is."""
 _NEAR = 0.05
 """Error of a smooth material up to which Pinching4 is not tried."""
 _COARSE, _FINE = 0.05, 0.01
@@ -93,7 +94,8 @@ def fitted_material(link: Link, force: Floats, rng: np.random.Generator, *, plac
         raise UserError(f"{place} does not move under the excitation, so that nothing can be fitted to its loop")
     ops = _opensees(place)
     chosen, step = _thinned(link.drift), size_of_z(link)
-    coarse = _in_steps(link.drift[chosen], force[chosen], _COARSE * step)
+    largest = max(_COARSE * step, float(np.sum(np.abs(np.diff(link.drift[chosen])))) / _MOST_STEPS)
+    coarse = _in_steps(link.drift[chosen], force[chosen], largest)
     fine = _in_steps(link.drift, force, _FINE * step)
     fits = [Fit(material=one, error=_error(ops, one, fine)) for one in _smooth(ops, link, coarse)]
     if min(fit.error for fit in fits) > _NEAR:

@@ -166,7 +166,7 @@ def hysteretic_spring(link: Link) -> Material:
     newton = (NEWTON_TOLERANCE * size_of_z(link), NEWTON_ITERATIONS)
     if p.get("zeta_s", 0.0) != 0.0:
         if not beta + gamma > 0.0:
-            raise UserError(f"storey {link.number}: beta + gamma = {beta + gamma:g} bounds no z, which BWBN asks for")
+            raise UserError(f"{link.place}: beta + gamma = {beta + gamma:g} bounds no z, which BWBN asks for")
         pinch = tuple(p[symbol] for symbol in ("q", "zeta_s", "p", "psi_0", "delta_psi", "lambda_"))
         return Material(kind="BWBN", arguments=(*first, *pinch, *newton), says=BWBN)
     loss = (p.get("delta_nu", 0.0), p.get("delta_eta", 0.0))

@@ -62,7 +62,7 @@ def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool, has_
         If something cannot be translated, depends on a rate where there is no time, or a fit asks for openseespy and it
         is not installed.
     """
-    place = "The specimen" if is_specimen else f"Storey {link.number}"
+    place = link.place[0].upper() + link.place[1:]
     missing = without_law(link.parameters, in_analysis=not is_specimen)
     parts = beside(link)
     rated = [part.material.kind for part in parts if part.material.kind in _OF_A_RATE]

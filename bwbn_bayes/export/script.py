@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -20,7 +21,7 @@ _SHARE_OF_Z = 0.01
 """Drift that a step of the analysis covers at the largest drift rate, in the size of z: the error is of first order."""
 _FEWEST_SUBSTEPS, _MOST_SUBSTEPS = 8, 200
 _UNBALANCE = 1e-9
-"""Force left out of balance, in the inertial force of all floors under the largest ground acceleration."""
+"""Force left out of balance, in the inertial force of all floors and the largest forces from outside."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +57,7 @@ def script_of(structure: Exportable, *, seed: int = 1) -> Script:
         If something cannot be translated, or a fit asks for openseespy and it is not installed.
     """
     rng = np.random.default_rng(seed)
-    has_time = structure.time_step is not None
+    has_time = structure.time_steps is not None
     links = tuple(
         link_script(link, rng, is_specimen=structure.is_specimen, has_time=has_time) for link in structure.links
     )
@@ -74,10 +75,12 @@ def script_of(structure: Exportable, *, seed: int = 1) -> Script:
     text = environment.get_template("opensees.py.j2").render(
         docstring=_docstring(structure, notes),
         substeps=_substeps(structure),
-        time_step=structure.time_step,
+        time_steps=None if structure.time_steps is None else _repeated(structure.time_steps),
         excitation=_listed(structure.excitation),
+        forces={floor: _listed(force) for floor, force in structure.forces.items()},
         materials=(*links, *(building.materials if building else ())),
         building=building,
+        n_floors=len(structure.masses),
         tolerance=repr(_tolerance(structure, building)),
     )
     return Script(text=text, links=links, notes=notes)
@@ -94,24 +97,35 @@ def _docstring(structure: Exportable, notes: tuple[str, ...]) -> str:
     return docstring(first, *lines)
 
 
+def _repeated(time_steps: Floats) -> str:
+    """``[0.02] * 400``, one for each run of equal steps [s]; equal but for rounding."""
+    runs = [(step, len(list(run))) for step, run in groupby(float(f"{step:.9g}") for step in time_steps)]
+    return " + ".join(f"[{step!r}] * {times}" for step, times in runs)
+
+
 def _listed(values: Floats) -> list[str]:
+    if not np.any(values):
+        return [f"*[0.0] * {len(values)},"]
     return textwrap.wrap(", ".join(repr(float(value)) for value in values) + ",", WIDTH - 4)
 
 
 def _substeps(structure: Exportable) -> int:
     """Steps of the analysis for each sample: none moves a link by more than a small share of its z."""
-    ways = (_largest_way(link, structure.time_step) / size_of_z(link) for link in structure.links)
+    ways = (_largest_way(link, structure.time_steps) / size_of_z(link) for link in structure.links)
     steps = math.ceil(max(ways) / _SHARE_OF_Z)
     return min(max(steps, _FEWEST_SUBSTEPS), _MOST_SUBSTEPS)
 
 
-def _largest_way(link: Link, time_step: float | None) -> float:
+def _largest_way(link: Link, time_steps: Floats | None) -> float:
     """The farthest [m] that the drift goes between two samples, at its largest rate where there is one."""
-    if time_step is None:
+    if time_steps is None:
         return float(np.max(np.abs(np.diff(link.drift))))
-    return time_step * float(np.max(np.abs(link.drift_rate)))
+    return float(np.max(time_steps)) * float(np.max(np.abs(link.drift_rate)))
 
 
 def _tolerance(structure: Exportable, building: Building | None) -> float:
     """Force [N] that may stay out of balance."""
-    return _UNBALANCE * sum(structure.masses) * float(np.max(np.abs(structure.excitation))) if building else 0.0
+    if building is None:
+        return 0.0
+    pushed = sum(float(np.max(np.abs(force))) for force in structure.forces.values())
+    return _UNBALANCE * (sum(structure.masses) * float(np.max(np.abs(structure.excitation))) + pushed)

@@ -247,10 +247,12 @@ def constant_dataset(model: Structure, record: Record) -> xr.Dataset:
     """What drives, masses and heights; where sensors allow, the measured storey forces; a specimen's own force."""
     dataset = _histories(record, {name: ("time", np.array(signal)) for name, signal in record.drivers.items()})
     floors = list(range(1, model.n_floors + 1))
+    dataset.attrs["n_runs"] = len(record.runs)
     if not model.is_driven:
         own = {"mass": ("floor", list(model.masses), {"units": "kg"})}
         own |= {"height": ("storey", list(model.heights), {"units": "m"})} if model.heights is not None else {}
-        dataset = dataset.assign(own).assign_coords(floor=floors)
+        joins = (("link", "end"), np.array(model.joints))
+        dataset = dataset.assign(own).assign(joins=joins).assign_coords(floor=floors)
         if model.n_links > model.n_floors:
             dataset.attrs["links"] = [model.link_in_words(link) for link in range(1, model.n_links + 1)]
     if model.is_chain and floors and set(floors) <= set(record.floors):

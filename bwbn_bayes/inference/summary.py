@@ -153,7 +153,7 @@ def build_result(
         ),
         checks=checks,
         stages=stages,
-        equations=tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model)),
+        equations=tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model, record)),
         assumptions=(*assumptions, *model.warnings, posterior.noise.describe(), *conventions(model)),
         discretisation=discretisation.as_mapping() if discretisation else {"scheme": posterior.engine.scheme},
         restoring_force=force_agreement(responses.bands["restoring_force"][0], truth),

@@ -150,7 +150,7 @@ def gather_discovery(discovery: Discovery) -> DiscoveryContent:
     DiscoveryContent
     """
     brought = {name for one in discovery.added for name in one.moments}
-    before, after = _equations(discovery.model), _equations(discovery.improved)
+    before, after = (_equations(one, discovery.record) for one in (discovery.model, discovery.improved))
     final = gather(discovery.result)
     stages = [("Model as given", discovery.before)]
     stages += [("Improved model", discovery.after)] if discovery.added else []
@@ -259,5 +259,5 @@ def _explanations(step: Step, added: Sequence[Added]) -> tuple[ExplanationBar, .
     )
 
 
-def _equations(model: Structure) -> tuple[Equation, ...]:
-    return tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model))
+def _equations(model: Structure, record: Record) -> tuple[Equation, ...]:
+    return tuple(Equation(caption=e.caption, mathml=e.mathml) for e in structure_equations(model, record))

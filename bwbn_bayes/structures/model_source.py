@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from bwbn_bayes.elements.element import Element
 from bwbn_bayes.elements.law import Effect
@@ -66,39 +67,52 @@ class ModelWriter:
         """
         remarks, written = remarks or {}, written or {}
         chain = tuple((i, i + 1) for i in range(max(model.n_floors, 1)))
-        storeys, others = model.links[0], model.links[1:]
-        isolator = None
-        if storeys.joins == chain[:1] and others and others[0].joins == chain[1:]:
-            isolator, storeys, others = storeys.element, others[0], others[1:]
-        if storeys.joins != (chain if isolator is None else chain[1:]) or any(len(group.joins) > 1 for group in others):
-            raise UserError(
-                "only storeys of one element, isolators below them, and single links beside them can be written as a "
-                "model file"
-            )
-        braces = [(group.element, pair) for group in others for pair in group.joins]
+        is_isolated = tuple(group.joins for group in model.links[:2]) == (chain[:1], chain[1:])
+        isolator, (storeys, *others) = model.links[:is_isolated], model.links[is_isolated:]
+        if not (is_isolated or storeys.joins == chain) or any(len(group.joins) > 1 for group in others):
+            return self._of_links(model)
         lines = [f"model = {self._named('Specimen' if model.is_driven else 'ShearBuilding')}("]
-        if not model.is_driven:
-            lines.append(f"    masses={written.get('masses', _listed(model.masses))},  # kg")
-            lines += [f"    heights={_listed(model.heights)},  # m"] if model.heights is not None else []
-        if isolator is not None:
-            lines += [f"    isolator={self._class(type(isolator))}(", *self._fields(isolator, {}, {}), "    ),"]
-        lines += [f"    storey={self._class(type(storeys.element))}(", *self._fields(storeys.element, remarks, written)]
-        lines += ["    ),", ")"]
-        for element, pair in braces:
-            lines += ["model = model.with_link(", f"    {self._class(type(element))}("]
-            lines += [*self._fields(element, {}, {}), "    ),", f"    joins={pair},", ")"]
+        lines += self._floors(model, written)
+        lines += [line for group in isolator for line in self._element("isolator=", group.element)]
+        lines += [*self._element("storey=", storeys.element, remarks, written), ")"]
+        for group in others:
+            lines += [
+                "model = model.with_link(",
+                *self._element("", group.element),
+                f"    joins={group.joins[0]},",
+                ")",
+            ]
         return "\n".join(lines)
 
-    def _fields(self, element: Element, remarks: Mapping[str, str], written: Mapping[str, str]) -> list[str]:
-        """Values of an element, each with its unit, below remarks."""
-        lines: list[str] = []
+    def _of_links(self, model: Structure) -> str:
+        """A structure that no constructor makes, link by link."""
+        lines = [f"model = {self._named('Structure')}(", *self._floors(model, {}), "    links=("]
+        for group in model.links:
+            own = [f"{self._named('Links')}(", *self._element("element=", group.element), f"    joins={group.joins},"]
+            lines += [f"        {line}" for line in (*own, "),")]
+        return "\n".join([*lines, "    ),", ")"])
+
+    def _floors(self, model: Structure, written: Mapping[str, str]) -> list[str]:
+        """Masses and heights, as keywords."""
+        lines = [] if model.is_driven else [f"    masses={written.get('masses', _listed(model.masses))},  # kg"]
+        return lines + ([f"    heights={_listed(model.heights)},  # m"] if model.heights is not None else [])
+
+    def _element(
+        self,
+        keyword: str,
+        element: Element,
+        remarks: Mapping[str, str] = MappingProxyType({}),
+        written: Mapping[str, str] = MappingProxyType({}),
+    ) -> list[str]:
+        """An element as an argument: its values, each with its unit, below remarks."""
+        lines = [f"    {keyword}{self._class(type(element))}("]
         units = {parameter.symbol: parameter.unit for parameter in element.parameters}
         for symbol, value in element.values.items():
             unit = f"  # {units[symbol]}" if units[symbol] else ""
             lines += comment(remarks.get(symbol, ""), indent=8)
             own = self._value(value, _number)
             lines.append(f"        {symbol}={written.get(symbol, own)},{unit}")
-        return lines + (["        hardens=True,"] if getattr(element, "hardens", False) else [])
+        return lines + (["        hardens=True,"] if getattr(element, "hardens", False) else []) + ["    ),"]
 
     def placed(self, one: PlacedEffect, *, remarks: Sequence[str] = (), rounded: bool = False) -> str:
         """One effect joining the model, below remarks; its numbers exact, or rounded to what priors are worth."""

@@ -290,6 +290,21 @@ class Structure:
         added = tuple(dict.fromkeys(more for group in self.links for more in group.element.adds))
         return combine(self.element.parameters, self.element.constraints, (*added, *kinds), self.element.derived)
 
+    @property
+    def kinds_of_links(self) -> tuple[tuple[int, ...], ...]:
+        """Links (from 1) of one kind of element each, whatever their values."""
+        kinds: dict[tuple[object, ...], list[int]] = {}
+        for link, one in enumerate(self.elements, 1):
+            kinds.setdefault((one.parameters, one.derived, *map(kind_of, one.adds)), []).append(link)
+        return tuple(map(tuple, kinds.values()))
+
+    def law_of(self, links: Sequence[int]) -> StoreyLaw:
+        """The law of links of one kind, in their element's own parameters, with the effects that act on any of them."""
+        element = self.elements[links[0] - 1]
+        placed = (one for one in self.effects if one.effect.level != "link" or set(links) & set(one.storeys))
+        kinds = self._kinds(tuple(one.effect for one in placed), of_sensors=False)
+        return combine(element.parameters, element.constraints, (*element.adds, *kinds), element.derived)
+
     @cached_property
     def bare(self) -> tuple[bool, ...]:
         """Of each link, whether nothing acts on it but its element: what other links have is neutral there."""

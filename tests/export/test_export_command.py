@@ -57,6 +57,13 @@ def test_a_record_is_read_by_the_column_map_of_the_model_file(tmp_path: Path, mo
     assert export("opensees", "mapped.py", "--record", "q.csv", "--out", "x.py") == 0
 
 
+def test_a_record_is_read_by_a_column_map_of_the_command(model: Path) -> None:
+    rows = "\n".join(f"{0.02 * i:.2f},{0.1 * (i % 5)}" for i in range(100))
+    Path("q.csv").write_text(f"t,ag\n{rows}\n")
+    told = ("--columns", "t = time [s], ag = ground_acceleration [m/s^2]")
+    assert export("opensees", model, "--record", "q.csv", *told, "--out", "x.py") == 0
+
+
 def _written(model: Path) -> str:
     assert export("opensees", model, "--out", "longer.py") == 0
     return Path("longer.py").read_text(encoding="utf-8")
@@ -70,13 +77,16 @@ def _written(model: Path) -> str:
         (MODEL, ("one.py",), "one.py defines no `excitation`"),
         (MODEL, ("none.nc",), "none.nc does not exist"),
         (MODEL, (".",), "result.nc does not exist"),
-        (MODEL, ("none.nc", "--record", "one.csv"), "--record belongs to a model"),
+        (MODEL, ("none.nc", "--record", "one.csv"), "belong to a model: a result"),
+        (MODEL + KNOWN, ("one.py", "--columns", "t = time [s]"), "no record is given: add --record FILE"),
+        (MODEL + KNOWN, ("one.py", "--record", "r.csv", "--record", "r.csv"), "one record at a time"),
     ],
 )
 def test_a_mistake_is_one_sentence(
     model: Path, source: str, arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     model.write_text(source, encoding="utf-8")
+    write_record(el_centro("chopra", duration=1.0), Path("r.csv"))
     assert export("opensees", *arguments) == 2
     assert sentence in capsys.readouterr().err
     assert export() == 2

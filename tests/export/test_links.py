@@ -127,7 +127,15 @@ def test_links_beside_storeys_of_given_yield_displacement_are_exported_alike() -
     by_shape = shape({**slider, "beta": 0.0, "gamma": 0.0})
     assert {symbol: shape({**slider, **boundless})[symbol] for symbol in by_shape} == by_shape
     linear = {"k": 3e7, "alpha": 1.0, "A": 1.0, "n": 1.0, **boundless}
-    link = Link(number=1, parameters=linear, drift=motion, drift_rate=motion, force=3e7 * motion)
+    link = Link(
+        number=1,
+        place="storey 1",
+        joins=(0, 1),
+        parameters=linear,
+        drift=motion,
+        drift_rate=motion,
+        force=3e7 * motion,
+    )
     assert (hysteretic_spring(link).kind, hysteretic_spring(link).arguments) == ("Elastic", (3e7,))
 
 

@@ -81,7 +81,7 @@ def test_other_units(tmp_path: Path) -> None:
         ),
         (
             HEAD + UNIT + COUNT.replace("12", "3") + NUMBERS[:46],
-            "{path}: the record has 3 points: at least 8 are needed",
+            "{path}: the record has 3 points: at least 8 are needed, 32 to identify from",
         ),
     ],
 )

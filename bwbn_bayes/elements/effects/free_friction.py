@@ -238,7 +238,7 @@ class FreeFrictionSearch(SearchGuide[FreeFriction]):
             r_d=LogNormal(1.0, 0.5).truncated(0.3, 3.0),
             g_d=Normal(0.0, 0.5).truncated(-0.95, 5.0),
             u_d=scales.drift,
-            c_d=HalfNormal(1.0),
+            c_d=HalfNormal(1.0).truncated(0.0, 5.0),
             U_d=scales.path,
         )
         return (one,)

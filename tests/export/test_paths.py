@@ -38,7 +38,9 @@ def test_the_script_of_a_path_knows_no_seconds(tmp_path: Path) -> None:
 def test_a_record_with_time_keeps_it() -> None:
     timed = replace(PATH, has_time=True, time_step=0.05)
     script = script_of(of_model(Specimen(storey=BoucWen(c=1e3, **SPRING)), timed, {}, name="specimen"))
-    assert "TIME_STEP = 0.05  # s, between samples" in script.text and '"time [s],displacement [m]' in script.text
+    assert (
+        f"TIME_STEPS = [0.05] * {timed.n_times - 1}  # s" in script.text and '"time [s],displacement [m]' in script.text
+    )
 
 
 def test_a_rate_needs_time() -> None:

@@ -5,7 +5,7 @@ Groups of the tree (dimensions in brackets; ``floor`` and ``storey`` count from 
 where a group holds a part of them):
 
 ``posterior``, ``prior``
-    one variable per parameter symbol: ``alpha (chain, draw)``, ``k (chain, draw, storey)``; the posterior's
+    one variable per parameter symbol: ``alpha (chain, draw)``, ``k (chain, draw, storey)``; and
     ``noise_sd (chain, draw, channel)``, drawn for each draw where the likelihood integrates it out
 ``sample_stats``
     ``lp (chain, draw)``: log likelihood and log prior density

@@ -95,9 +95,12 @@ def posterior_tree(
     density = sum((p.prior.log_density(values[:, i]) for i, p in enumerate(space.parameters)), np.zeros(len(points)))
     lp = log_likelihood + density - model.space.log_admissible_mass
     pointwise, replicates = _by_sample(posterior, points, noise_sd, rng)
+    # Of no samples the posterior of the noise scales is their prior.
+    nothing = np.zeros((_N_PRIOR, noise_sd.shape[1]))
+    prior_sd = posterior.noise.draw_sd(rng, nothing, 0.0, prior[:, n_own:])
     groups = {
         "posterior": _draws(model, record, values[:, :n_own], noise_sd),
-        "prior": _draws(model, record, prior[:, :n_own], prior[:, n_own:]),
+        "prior": _draws(model, record, prior[:, :n_own], prior_sd),
         "sample_stats": _numbered(xr.Dataset({"lp": (("chain", "draw"), lp[None])})),
         "log_likelihood": pointwise,
         "observed_data": observed_dataset(record),
@@ -122,13 +125,10 @@ def posterior_tree(
 
 
 def _draws(model: Structure, record: Record, values: Floats, noise_sd: Floats) -> xr.Dataset:
-    """Parameters ``(n, n_parameters)`` and, unless they have no columns, noise scales ``(n, n_blocks)``."""
+    """Parameters ``(n, n_parameters)`` and noise scales ``(n, n_blocks)``."""
     dataset = parameter_dataset(model.space.parameters, values, model.n_links)
-    if noise_sd.size:
-        own = list(labels(record))
-        dataset = dataset.assign(noise_sd=(("chain", "draw", "channel"), noise_sd[None], _units(record)))
-        dataset = dataset.assign_coords(channel=own)
-    return _numbered(dataset)
+    dataset = dataset.assign(noise_sd=(("chain", "draw", "channel"), noise_sd[None], units_of(record)))
+    return _numbered(dataset.assign_coords(channel=list(labels(record))))
 
 
 def _numbered(dataset: xr.Dataset) -> xr.Dataset:
@@ -143,6 +143,11 @@ def _histories(record: Record, variables: Mapping[str, tuple[Any, Any]]) -> xr.D
     )
 
 
+def units_of(record: Record) -> dict[str, str]:
+    """The attribute of what holds all channels: their units, each once."""
+    return {"units": ", ".join(dict.fromkeys(si_unit(name) for name in record.channels))}
+
+
 def observed_dataset(record: Record) -> xr.Dataset:
     """Measured channels under the name that densities and replicates of their samples have."""
     return _measured(record, ("channel", "time"), measured_or_nan(record))
@@ -150,14 +155,9 @@ def observed_dataset(record: Record) -> xr.Dataset:
 
 def _measured(record: Record, dims: tuple[str, ...], values: Floats | Singles) -> xr.Dataset:
     return xr.Dataset(
-        {"measured": (dims, values, _units(record))},
+        {"measured": (dims, values, units_of(record))},
         coords={"channel": list(record.channels), "time": _times(record)},
     )
-
-
-def _units(record: Record) -> dict[str, str]:
-    """Those of the channels, each once."""
-    return {"units": ", ".join(dict.fromkeys(si_unit(name) for name in record.channels))}
 
 
 def _times(record: Record) -> tuple[str, Floats, dict[str, str]]:

@@ -338,6 +338,20 @@ def test_a_posterior_with_a_free_is_that_of_its_orbits(seed: int) -> None:
         assert np.max(np.abs(np.array(shares) - asked)) < 0.05, name
 
 
+@pytest.mark.parametrize("snr_db", [50.0, 60.0, 80.0])
+def test_the_noise_level_of_a_quiet_record(snr_db: float) -> None:
+    """501 samples tell a level with standard error 1 / sqrt(1,002); what the solver leaves would add to it.
+
+    Seen by another: 1.010, 1.010 and 1.026 times the truth.
+    """
+    assert SDOF.excitation is not None
+    record = simulate(SDOF.model, SDOF.excitation.until(10.0), SDOF.truth, snr_db=snr_db, seed=1)
+    found = identify(SDOF.model, record, settings=Settings(seed=1)).facts.noise_sd["acceleration_1"]
+    ratio = found / record.noise_sd["acceleration_1"]
+    print(snr_db, record.n_times, ratio)
+    assert abs(ratio - 1.0) < 4.0 / np.sqrt(2.0 * record.n_times)
+
+
 def by_tmcmc(snr_db: float, seed: int) -> Result:
     name = "three_storey_el_centro"
     settings = Settings(method="tmcmc", particles=N_PARTICLES, seed=seed)

@@ -340,16 +340,18 @@ def test_a_posterior_with_a_free_is_that_of_its_orbits(seed: int) -> None:
 
 @pytest.mark.parametrize("snr_db", [50.0, 60.0, 80.0])
 def test_the_noise_level_of_a_quiet_record(snr_db: float) -> None:
-    """501 samples tell a level with standard error 1 / sqrt(1,002); what the solver leaves would add to it.
+    """Against the noise that was added: what eight parameters fit of it, a chi-square of them, moves the level by .004.
 
-    Seen by another: 1.010, 1.010 and 1.026 times the truth.
+    Four of that are .016. At 80 dB what the solver leaves adds one or two per cent, which the posterior can bear.
     """
     assert SDOF.excitation is not None
-    record = simulate(SDOF.model, SDOF.excitation.until(10.0), SDOF.truth, snr_db=snr_db, seed=1)
-    found = identify(SDOF.model, record, settings=Settings(seed=1)).facts.noise_sd["acceleration_1"]
-    ratio = found / record.noise_sd["acceleration_1"]
-    print(snr_db, record.n_times, ratio)
-    assert abs(ratio - 1.0) < 4.0 / np.sqrt(2.0 * record.n_times)
+    ground = SDOF.excitation.until(10.0)
+    record = simulate(SDOF.model, ground, SDOF.truth, snr_db=snr_db, seed=1)
+    clean = simulate(SDOF.model, ground, SDOF.truth, snr_db=None, seed=1)
+    added = float(np.sqrt(np.mean(np.square(record.measured - clean.measured))))
+    ratio = identify(SDOF.model, record, settings=Settings(seed=1)).facts.noise_sd["acceleration_1"] / added
+    print(snr_db, ratio)
+    assert abs(ratio - 1.0) < (0.03 if snr_db == 80.0 else 0.016)
 
 
 def by_tmcmc(snr_db: float, seed: int) -> Result:

@@ -377,7 +377,7 @@ def complete(tree: xr.DataTree, twin: pm.Model, *, rng: np.random.Generator, mos
         pointwise = pointwise.assign({name: (dims, density.reshape(shape))}).assign_coords(coords)
         units = units_of(observation.problem.record)
         replicates = replicates.assign({name: (dims, replicate.reshape(shape), units)}).assign_coords(coords)
-        _state_units(thinned["posterior"], name, observation)
+        _state_units(thinned.children["posterior"], name, observation)
     posterior = thinned["posterior"].dataset
     kept = {dimension: posterior[dimension] for dimension in ("chain", "draw")}
     thinned["log_likelihood"] = xr.DataTree(pointwise.assign_coords(kept))

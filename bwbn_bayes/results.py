@@ -5,16 +5,19 @@ Groups of the tree (dimensions in brackets; ``floor`` and ``storey`` count from 
 where a group holds a part of them):
 
 ``posterior``, ``prior``
-    one variable per parameter symbol: ``alpha (chain, draw)``, ``k (chain, draw, storey)``; the posterior's
+    one variable per parameter symbol: ``alpha (chain, draw)``, ``k (chain, draw, storey)``; and
     ``noise_sd (chain, draw, channel)``, drawn for each draw where the likelihood integrates it out
 ``sample_stats``
     ``lp (chain, draw)``: log likelihood and log prior density
 ``log_likelihood``
-    ``measured (chain, draw, channel, time)``: of every sample given draw and noise scale, for a subset of the draws;
-    of a long record, of every stretch of samples, at the time of its first. ``az.loo`` reads it. Behind a filter
-    samples are not independent: the sum then exceeds what the likelihood counts
+    ``measured (chain, draw, channel, time)``: of every sample that counts given draw and noise scale, for a subset of
+    the draws; of a long record, of every stretch of samples, at the time of its first. ``az.loo`` reads it,
+    ``az.loo_pit`` reads it with the next two where it is of every sample. Behind a filter samples are not independent:
+    the sum then exceeds what the likelihood counts
 ``observed_data``
-    one variable per measured channel ``(time)``
+    ``measured (channel, time)``
+``posterior_predictive``
+    ``measured (chain, draw, channel, time)``: noise included, for the same draws; of a long record a few of them
 ``constant_data``
     the excitation ``(time)``; a building's ``mass (floor)``, the nodes that its links join, ``joins (link, end)``, and,
     where given, ``height (storey)``;
@@ -26,9 +29,8 @@ where a group holds a part of them):
 ``response``
     the same variables with ``draw`` in the place of ``statistic``: a few draws of that subset, 25 or, of a long record,
     down to 2
-``predictive_bands``, ``posterior_predictive``
-    one variable per measured channel, noise included: ``(statistic, time)`` over the subset, ``(chain, draw, time)`` of
-    the few
+``predictive_bands``
+    one variable per measured channel, noise included: ``(statistic, time)`` over the subset
 ``parameters_by_storey``
     ``k, c, alpha, ... (draw, storey)`` every parameter of the storey law for the subset
 ``quantities``

@@ -10,7 +10,13 @@ import xarray as xr
 from bwbn_bayes.baselines.genetic import GeneticFit, GeneticSettings
 from bwbn_bayes.baselines.ipv import HIGH_PASS_HZ, ForceFit, force_noise_sd, kinematics
 from bwbn_bayes.engines.base import masses
-from bwbn_bayes.inference.arrays import constant_dataset, parameter_dataset, response_dataset, storey_parameters
+from bwbn_bayes.inference.arrays import (
+    constant_dataset,
+    observed_dataset,
+    parameter_dataset,
+    response_dataset,
+    storey_parameters,
+)
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import residual_checks
 from bwbn_bayes.inference.summary import (
@@ -205,10 +211,9 @@ def _measurement(
     model: Structure, record: Record, storeys: list[int], signals: Floats, truth: Mapping[str, Floats] | None
 ) -> dict[str, xr.Dataset]:
     time = {"time": record.times}
-    measured = {channel: ("time", np.array(signal)) for channel, signal in record.channels.items()}
     predicted = {channel: ("time", signals[i]) for i, channel in enumerate(record.channels)}
     groups = {
-        "observed_data": xr.Dataset(measured, coords=time),
+        "observed_data": observed_dataset(record),
         "prediction": xr.Dataset(predicted, coords=time),
         "constant_data": constant_dataset(model, record),
     }

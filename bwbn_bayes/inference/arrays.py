@@ -21,9 +21,9 @@ from bwbn_bayes.structures.structure import Structure
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _N_PRIOR = 2000
-_MOST_POINTWISE, _FEWEST_POINTWISE = 1000, 100
-_POINTWISE_NUMBERS = 4_000_000
-"""Pointwise log likelihoods kept at most, for as many draws between these as that allows: 16 MB."""
+_MOST_POINTWISE, _FEWEST_POINTWISE, _FEWEST_REPLICATES = 1000, 100, 2
+_POINTWISE_NUMBERS = 2_000_000
+"""Pointwise log likelihoods kept at most, for as many draws between these as that allows, and replicates: 8 MB each."""
 _STATISTICS = {"statistic": list(STATISTICS)}
 _UNITS = {
     "drift": "m",
@@ -94,19 +94,18 @@ def posterior_tree(
     by_storey = storey_parameters(model, responses.values).assign_coords(draw)
     density = sum((p.prior.log_density(values[:, i]) for i, p in enumerate(space.parameters)), np.zeros(len(points)))
     lp = log_likelihood + density - model.space.log_admissible_mass
+    pointwise, replicates = _by_sample(posterior, points, noise_sd, rng)
+    # Of no samples the posterior of the noise scales is their prior.
+    nothing = np.zeros((_N_PRIOR, noise_sd.shape[1]))
+    prior_sd = posterior.noise.draw_sd(rng, nothing, 0.0, prior[:, n_own:])
     groups = {
         "posterior": _draws(model, record, values[:, :n_own], noise_sd),
-        "prior": _draws(model, record, prior[:, :n_own], prior[:, n_own:]),
+        "prior": _draws(model, record, prior[:, :n_own], prior_sd),
         "sample_stats": _numbered(xr.Dataset({"lp": (("chain", "draw"), lp[None])})),
-        "log_likelihood": _pointwise(posterior, points, noise_sd),
-        "observed_data": _histories(
-            record,
-            {name: ("time", row) for name, row in zip(record.channels, measured_or_nan(record), strict=True)},
-        ),
+        "log_likelihood": pointwise,
+        "observed_data": observed_dataset(record),
         "constant_data": constant_dataset(model, record),
-        "posterior_predictive": _predicted(record, responses.predicted[None], ("chain", "draw")).assign_coords(
-            {"chain": [0], **whole}
-        ),
+        "posterior_predictive": replicates,
         "predictive_bands": _predicted(record, responses.predicted_bands, ("statistic",)).assign_coords(_STATISTICS),
         "response": response_dataset(responses.histories, record, storeys).assign_coords(whole),
         "response_bands": response_dataset(responses.bands, record, storeys, over="statistic").assign_coords(
@@ -126,14 +125,10 @@ def posterior_tree(
 
 
 def _draws(model: Structure, record: Record, values: Floats, noise_sd: Floats) -> xr.Dataset:
-    """Parameters ``(n, n_parameters)`` and, unless they have no columns, noise scales ``(n, n_blocks)``."""
+    """Parameters ``(n, n_parameters)`` and noise scales ``(n, n_blocks)``."""
     dataset = parameter_dataset(model.space.parameters, values, model.n_links)
-    if noise_sd.size:
-        units = {"units": ", ".join(dict.fromkeys(si_unit(name) for name in record.channels))}
-        own = list(labels(record))
-        dataset = dataset.assign(noise_sd=(("chain", "draw", "channel"), noise_sd[None], units))
-        dataset = dataset.assign_coords(channel=own)
-    return _numbered(dataset)
+    dataset = dataset.assign(noise_sd=(("chain", "draw", "channel"), noise_sd[None], units_of(record)))
+    return _numbered(dataset.assign_coords(channel=list(labels(record))))
 
 
 def _numbered(dataset: xr.Dataset) -> xr.Dataset:
@@ -145,6 +140,23 @@ def _histories(record: Record, variables: Mapping[str, tuple[Any, Any]]) -> xr.D
     return xr.Dataset(
         {name: (*variable, {"units": si_unit(name)}) for name, variable in variables.items()},
         coords={"time": _times(record)},
+    )
+
+
+def units_of(record: Record) -> dict[str, str]:
+    """The attribute of what holds all channels: their units, each once."""
+    return {"units": ", ".join(dict.fromkeys(si_unit(name) for name in record.channels))}
+
+
+def observed_dataset(record: Record) -> xr.Dataset:
+    """Measured channels under the name that densities and replicates of their samples have."""
+    return _measured(record, ("channel", "time"), measured_or_nan(record))
+
+
+def _measured(record: Record, dims: tuple[str, ...], values: Floats | Singles) -> xr.Dataset:
+    return xr.Dataset(
+        {"measured": (dims, values, units_of(record))},
+        coords={"channel": list(record.channels), "time": _times(record)},
     )
 
 
@@ -163,10 +175,13 @@ def _predicted(record: Record, values: Singles, dims: tuple[str, ...]) -> xr.Dat
     return _histories(record, {name: ((*dims, "time"), values[..., i, :]) for i, name in enumerate(record.channels)})
 
 
-def _pointwise(posterior: Posterior, points: Floats, noise_sd: Floats) -> xr.Dataset:
-    """Log density of every measured sample given draw and noise scales: white noise makes them independent.
+def _by_sample(
+    posterior: Posterior, points: Floats, noise_sd: Floats, rng: np.random.Generator
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Log density of every measured sample given draw and noise scales, and replicates, noise included, of those draws.
 
-    Where a record is too long for that, of every stretch of so many samples, by the time at which it begins.
+    White noise makes samples independent. Where a record is too long for all, densities are of every stretch of so many
+    samples, by the time at which it begins, and replicates of a few of the draws.
     """
     record = posterior.record
     # With a force beside the model every draw is solved by itself, three times over.
@@ -178,8 +193,15 @@ def _pointwise(posterior: Posterior, points: Floats, noise_sd: Floats) -> xr.Dat
     values, _ = posterior.split(points[chosen])
     posterior.solves.add(len(chosen))
     density = np.empty((len(chosen), len(record.channels), len(begins)), dtype=np.float32)
+    whole = evenly(len(chosen), max(_POINTWISE_NUMBERS // record.measured.size, _FEWEST_REPLICATES))
+    replicates = np.empty((len(whole), *record.measured.shape), dtype=np.float32)
     for rows in batches(len(chosen), record.measured.size):
-        residual = posterior.engine.simulate(posterior.model, values[rows], record).values[..., record.kept]
+        response = posterior.engine.simulate(posterior.model, values[rows], record).values
+        for place in np.flatnonzero((whole >= rows.start) & (whole < rows.stop)):
+            noise = rng.standard_normal(record.measured.shape, dtype=np.float32)
+            own_sd = over_time(record, noise_sd[chosen[whole[place]]])
+            replicates[place] = response[whole[place] - rows.start] + own_sd * noise
+        residual = response[..., record.kept]
         residual -= record.measured[:, record.kept]
         sd = noise_sd[chosen[rows]][:, :, None]
         if len(record.parts) > 1:
@@ -191,11 +213,13 @@ def _pointwise(posterior: Posterior, points: Floats, noise_sd: Floats) -> xr.Dat
         residual *= -0.5
         residual -= np.where(sd < np.inf, np.log(sd) + 0.5 * _LOG_2PI, 0.0)
         density[rows] = np.add.reduceat(residual, begins, axis=2)
-        del residual  # before the next is made
-    return xr.Dataset(
-        {"measured": (("chain", "draw", "channel", "time"), density[None])},
+        del response, residual  # before the next is made
+    dims = ("chain", "draw", "channel", "time")
+    pointwise = xr.Dataset(
+        {"measured": (dims, density[None])},
         coords={"chain": [0], "draw": chosen, "channel": list(record.channels), "time": times[begins]},
     )
+    return pointwise, _measured(record, dims, replicates[None]).assign_coords(chain=[0], draw=chosen[whole])
 
 
 def storey_parameters(model: Structure, values: Floats) -> xr.Dataset:

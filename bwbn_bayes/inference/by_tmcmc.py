@@ -1,8 +1,9 @@
 """The posterior by transitional MCMC from two starts that do not know of each other.
 
 The first start is the inflated approximation at the modes, the second a mixture of the prior and of wide components at
-the modes: what the first leaves out has density there. Where both come to the same evidence and the same means, and
-the particles are worth enough, the sampler has forgotten where it began; if not, more particles are sent out.
+the modes: what the first leaves out has density there. Where both come to the same evidence, means and spreads, their
+chains were long enough, and the particles are worth enough, the sampler has forgotten where it began; if not, more
+particles are sent out.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import Draws
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, require_particles, sample
-from bwbn_bayes.inference.tmcmc.stages import fewest_particles
+from bwbn_bayes.inference.tmcmc.stages import LEAST_CORRELATION_TIMES, fewest_particles
 from bwbn_bayes.inference.tmcmc.target import DefensiveMixture
 from bwbn_bayes.results import Check
 
@@ -37,6 +38,8 @@ _N_ATTEMPTS = 3
 """Each with twice the particles of the one before."""
 _LEAST_WORTH = 200.0
 """Independent draws that a cloud must be worth: a mean is then known to 7 % of the posterior's sd."""
+_LEAST_KURTOSIS = 1.8
+"""Of a uniform distribution; two equal lumps have 1, and their spread no error."""
 _NATS, _ERRORS = 0.5, 4.0
 """Evidences agree within half a nat, which changes no conclusion, or within so many of their standard errors."""
 
@@ -47,7 +50,13 @@ class _Starts(NamedTuple):
 
     @property
     def checks(self) -> tuple[Check, ...]:
-        return (_worth_check(self.first), _evidence_check(*self), _means_check(*self))
+        return (
+            _worth_check(self.first),
+            *_length_checks(*self),
+            _evidence_check(*self),
+            _means_check(*self),
+            _spreads_check(*self),
+        )
 
 
 class ByTmcmc(Sampling):
@@ -149,6 +158,23 @@ def _worth_check(cloud: TmcmcResult) -> Check:
     )
 
 
+def _length_checks(first: TmcmcResult, second: TmcmcResult) -> tuple[Check, ...]:
+    """Of the starts together; the plain variant does not measure it."""
+    least = float(np.minimum(first.correlation_times, second.correlation_times))
+    if np.isnan(least):
+        return ()
+    return (
+        Check(
+            name="length of chains",
+            value=least,
+            limit=LEAST_CORRELATION_TIMES,
+            passed=least >= LEAST_CORRELATION_TIMES,
+            sentence=f"Their chains are at least {least:.1f} autocorrelation times long at every stage, "
+            f"{LEAST_CORRELATION_TIMES:g} are wanted.",
+        ),
+    )
+
+
 def _evidence_check(first: TmcmcResult, second: TmcmcResult) -> Check:
     gap = abs(first.log_evidence - second.log_evidence)
     limit = max(_NATS, _ERRORS * float(np.hypot(first.log_evidence_se, second.log_evidence_se)))
@@ -171,4 +197,22 @@ def _means_check(first: TmcmcResult, second: TmcmcResult) -> Check:
         limit=limit,
         passed=gap <= limit,
         sentence=f"Their means lie up to {gap:.2f} posterior standard deviations apart, {limit:.2f} at most by chance.",
+    )
+
+
+def _spreads_check(first: TmcmcResult, second: TmcmcResult) -> Check:
+    """By the log of the standard deviation: of n independent draws its variance is (kurtosis - 1) / 4 n."""
+    centred = first.particles - np.mean(first.particles, axis=0)
+    variance = np.maximum(np.mean(np.square(centred), axis=0), 1e-300)
+    kurtosis = np.maximum(np.mean(centred**4, axis=0) / np.square(variance), _LEAST_KURTOSIS)
+    error = np.sqrt(0.25 * (kurtosis - 1.0) * (1.0 / _worth(first) + 1.0 / _worth(second)))
+    gap = np.abs(np.log(np.maximum(np.std(second.particles, axis=0), 1e-150)) - 0.5 * np.log(variance))
+    worst = int(np.argmax(gap / error))
+    return Check(
+        name="starts agree on the spreads",
+        value=float(gap[worst] / error[worst]),
+        limit=_ERRORS,
+        passed=bool(gap[worst] <= _ERRORS * error[worst]),
+        sentence=f"Their standard deviations differ by up to {100.0 * np.expm1(gap[worst]):.0f} %, "
+        f"{100.0 * np.expm1(_ERRORS * error[worst]):.0f} % at most by chance.",
     )

@@ -226,13 +226,14 @@ def _level(residual: Floats) -> float:
 
 def noise_floors(record: Record) -> Floats:
     """Model-free noise level of each block ``(n_blocks,)``; at least a thousandth of its rms."""
-    return np.concatenate(
-        [
-            np.maximum(noise_sds(part), LEAST_NOISE * np.std(part.measured[:, part.kept], axis=1))
-            for part in record.parts
-            if part.channels
-        ]
-    )
+    return np.maximum(*_levels(record))
+
+
+def _levels(record: Record) -> tuple[Floats, Floats]:
+    """Model-free noise level of each block ``(n_blocks,)``, and the least that counts."""
+    parts = [part for part in record.parts if part.channels]
+    least = [LEAST_NOISE * np.std(part.measured[:, part.kept], axis=1) for part in parts]
+    return np.concatenate([noise_sds(part) for part in parts]), np.concatenate(least)
 
 
 def _rests(record: Record, residual: Floats) -> list[Floats]:
@@ -256,6 +257,16 @@ def _heard(record: Record, residual: Floats) -> dict[str, Floats]:
     return {name: rest for name, rest, signal in rests if _level(rest) > LEAST_NOISE * np.std(signal)}
 
 
+def _level_in_words(name: str, ratio: float, *, is_model_free: bool) -> str:
+    """Below one it passes: a small residual is no sign against a model, but may say that the yardstick is too long."""
+    if not is_model_free:
+        return f"The residual of {name} is {ratio:.2f} thousandths of its rms, of which one counts as noise."
+    said = f"The residual of {name} is {ratio:.2f} times its model-free noise level."
+    if ratio * LARGEST_RATIO >= 1.0:
+        return said
+    return f"{said} That level holds motion, too: an effect below it is not heard here."
+
+
 def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     """Noise level and whiteness of the residual at a point ``(n_dim,)`` of the unit cube, worst block of each.
 
@@ -267,6 +278,8 @@ def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
     residual = residual_of(posterior, point)
     ratios = dict(zip(labels(record), _to_noise(record, residual), strict=True))
     heard = _heard(record, residual)
+    found, least = _levels(record)
+    is_model_free = dict(zip(labels(record), (found > least).tolist(), strict=True))
     white = {name: whiteness_probability(heard[name]) if name in heard else 1.0 for name in ratios}
     loudest, reddest = max(ratios, key=lambda name: ratios[name]), min(white, key=lambda name: white[name])
     is_white = white[reddest] > LEAST_PROBABILITY
@@ -279,7 +292,7 @@ def residual_checks(posterior: Posterior, point: Floats) -> tuple[Check, ...]:
             value=ratios[loudest],
             limit=LARGEST_RATIO,
             passed=ratios[loudest] < LARGEST_RATIO,
-            sentence=f"The residual of {loudest} is {ratios[loudest]:.2f} times its model-free noise level.",
+            sentence=_level_in_words(loudest, ratios[loudest], is_model_free=is_model_free[loudest]),
         ),
         Check(
             name="residual whiteness",

@@ -52,8 +52,8 @@ class Responses(NamedTuple):
         Positions of those that are kept whole.
     bands, histories : mapping of str to (3, n_places, n_times) and (m, n_places, n_times) array
         Of every kind that can be observed, without noise: :data:`STATISTICS` over the draws; whole ones.
-    predicted_bands, predicted : (3, n_channels, n_times) and (m, n_channels, n_times) array
-        The same of the measured channels, noise included.
+    predicted_bands : (3, n_channels, n_times) array
+        Of the measured channels, noise included.
     signals : (n_channels, n_times) array
         Mean of the measured channels, without noise.
     landmarks : mapping
@@ -66,7 +66,6 @@ class Responses(NamedTuple):
     bands: Mapping[str, Singles]
     histories: Mapping[str, Singles]
     predicted_bands: Singles
-    predicted: Singles
     signals: Floats
     landmarks: Mapping[str, Landmark]
 
@@ -127,7 +126,6 @@ def summarised(
         bands={kind: np.stack([found.bands[name] for name in own], axis=1) for kind, own in kinds.items()},
         histories={kind: np.stack([found.whole[name] for name in own], axis=1) for kind, own in kinds.items()},
         predicted_bands=np.stack([found.noisy_bands[name] for name in measured], axis=1),
-        predicted=np.stack([found.noisy[name] for name in measured], axis=1),
         signals=np.stack([found.means[name] for name in measured]),
         landmarks=_landmarks(kinds, found),
     )
@@ -143,7 +141,6 @@ class _Found:
     bands: dict[str, Singles] = field(default_factory=dict)
     whole: dict[str, Singles] = field(default_factory=dict)
     noisy_bands: dict[str, Singles] = field(default_factory=dict)
-    noisy: dict[str, Singles] = field(default_factory=dict)
     landmarks: dict[str, dict[str, Landmark]] = field(default_factory=dict)
 
 
@@ -171,7 +168,6 @@ def _solve(
                 for samples, sd in scales:
                     one[samples] += sd[number] * drawn[samples]
             found.noisy_bands[name] = _band(history, mean)
-            found.noisy[name] = history[found.kept]
 
 
 def _band(history: Singles, mean: Floats) -> Singles:

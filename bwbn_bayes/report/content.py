@@ -68,7 +68,7 @@ def gather(result: Result) -> Content:
     return Content(
         facts=facts,
         traces=_traces(tree, facts),
-        n_channels=len(_group(tree, "observed_data")),
+        n_channels=_group(tree, "observed_data").sizes.get("channel", 0),
         loops=_loops(tree),
         histories=_histories(tree),
         has_time=_group(tree, "observed_data").get("time", xr.DataArray()).attrs.get("units") != POINTS,
@@ -131,7 +131,7 @@ def _traces(tree: xr.DataTree, facts: Facts) -> tuple[ChannelTrace, ...]:
     if "prediction" in tree.children:  # a point estimate: one history, a band of no width
         predicted = _group(tree, "prediction")
     response = _responses(tree)
-    names = [str(name) for name in observed if name in predicted]
+    names = [str(name) for name in observed.get("channel", xr.DataArray([])).values if name in predicted]
     chosen = [names[i - 1] for i in shown(range(1, len(names) + 1))]
     return tuple(_trace(name, observed, predicted[name], response, facts) for name in chosen)
 
@@ -153,7 +153,7 @@ def _trace(
         quantity=quantity,
         unit=unit,
         time=_times(observed),
-        measured=np.asarray(observed[name].values, dtype=np.float64),
+        measured=np.asarray(observed["measured"].sel(channel=name).values, dtype=np.float64),
         predicted=Band(lower=noisy.lower, middle=middle, upper=noisy.upper),
         noise_sd=facts.noise_sd.get(name, float("nan")),
         nrmse=facts.nrmse.get(name, float("nan")),

@@ -23,6 +23,18 @@ RESIDUAL_SHARE = 0.05
 """Share of the record, at its end, over which the residual drift is averaged."""
 N_TIME_POINTS = 48
 """Number of times at which the period is reported."""
+_UNITS = {
+    "peak_drift": "m",
+    "residual_drift": "m",
+    "ductility": "",
+    "stiffness_lost": "",
+    "strength_lost": "",
+    "dissipated_energy": "J",
+    "peak_drift_ratio": "",
+    "modal_period": "s",
+    "modal_damping_ratio": "",
+    "period": "s",
+}
 
 
 def parameters_at(law: StoreyLaw, parameters: xr.Dataset, time: xr.DataArray | float) -> xr.Dataset:
@@ -246,7 +258,8 @@ def engineering_quantities(
         (``1 - z_u(nu)/z_u(1) = 1 - nu^(-1/n)`` at the end), ``dissipated_energy`` [J], and with heights
         ``peak_drift_ratio`` (peak over storey height), each (draw, storey);
         ``modal_period`` [s] and ``modal_damping_ratio`` at the start, each (draw, mode);
-        ``period`` [s], the first period against time, (draw, time_point) with the coordinate ``time``.
+        ``period`` [s], the first period against time, (draw, time_point) with the coordinate ``time``. Units are
+        attributes.
     """
     energy = landmarks["hysteretic_energy"].transpose("draw", "storey", "time_point")
     at_the_end = landmarks[["hysteretic_displacement"]].assign(hysteretic_energy=energy.isel(time_point=-1, drop=True))
@@ -268,9 +281,12 @@ def engineering_quantities(
         none = np.full(dataset.sizes["storey"] - len(heights), np.nan)  # of links that are no storeys
         tall = xr.DataArray(np.concatenate([np.asarray(heights, dtype=np.float64), none]), dims="storey")
         dataset = dataset.assign(peak_drift_ratio=dataset["peak_drift"] / tall)
-    return dataset.merge(
+    dataset = dataset.merge(
         _modal_quantities(energy, storey_parameters, np.asarray(masses, dtype=np.float64), law, joints)
     )
+    for name, values in dataset.items():
+        values.attrs = {"units": _UNITS[str(name)]}
+    return dataset
 
 
 def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset) -> xr.DataArray:
@@ -332,5 +348,5 @@ def _modal_quantities(
             "modal_damping_ratio": (("draw", "mode"), damping_ratio),
             "period": (("draw", "time_point"), periods[..., 0]),
         },
-        coords={"mode": np.arange(1, masses.shape[1] + 1), "time": ("time_point", time.values)},
+        coords={"mode": np.arange(1, masses.shape[1] + 1), "time": ("time_point", time.values, {"units": "s"})},
     )

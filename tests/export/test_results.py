@@ -67,7 +67,8 @@ def test_the_script_of_a_result_foresees_what_was_measured(result: Result, tmp_p
     """At 30 dB the fit leaves 3 % of a channel; mean and step add less than that."""
     path = tmp_path / "two.py"
     path.write_text(script_of(of_result(result)).text, encoding="utf-8")
-    measured = {str(n): array.values for n, array in result.tree["observed_data"].data_vars.items()}
+    rows = result.tree["observed_data"]["measured"]
+    measured = {str(name): row.values for name, row in zip(rows["channel"].values, rows, strict=True)}
     assert error(run_script(path), measured) < 0.05
 
 

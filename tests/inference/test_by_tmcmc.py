@@ -20,8 +20,15 @@ from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.results import StageFacts
 
-CHECKS = ["independent particles", "starts agree on the evidence", "starts agree on the means"]
+CHECKS = [
+    "independent particles",
+    "length of chains",
+    "starts agree on the evidence",
+    "starts agree on the means",
+    "starts agree on the spreads",
+]
 
 
 class Half:
@@ -80,8 +87,39 @@ def test_an_approximation_with_a_hole_is_told(
     told: list[str] = []
     found = run(posterior, mode, told)
     failed = {check.name for check in found.checks if not check.passed}
-    assert failed == {"starts agree on the evidence", "starts agree on the means"}
+    assert failed >= {"starts agree on the evidence", "starts agree on the means"}
     assert sum("sending out more" in text for text in told) == 2
+
+
+def cloud(rng: np.random.Generator, sd: float = 1.0, n: int = 2000, correlation_times: float = 3.0) -> TmcmcResult:
+    """Independent normal draws, of an evidence that is known."""
+    last = StageFacts(
+        stage=1, tempering_parameter=1.0, acceptance=0.3, effective_sample_size=n, n_solves=n, log_evidence=0.0,
+        elapsed_s=0.0,
+    )  # fmt: skip
+    return TmcmcResult(
+        particles=0.5 + 0.01 * sd * rng.standard_normal((n, 3)), log_likelihood=np.zeros(n), log_evidence=0.0,
+        log_evidence_se=0.1, stages=(last,), n_solves=n, correlation_times=correlation_times,
+    )  # fmt: skip
+
+
+def failed_of(first: TmcmcResult, second: TmcmcResult) -> set[str]:
+    return {check.name for check in module._Starts(first, second).checks if not check.passed}
+
+
+def test_starts_of_one_mean_and_two_spreads_do_not_agree() -> None:
+    """Evidence and means alone were compared. Of 2,000 draws each a log sd has standard error 1 / 63, a gap 1 / 45."""
+    rng = np.random.default_rng(1)
+    assert not failed_of(cloud(rng), cloud(rng))
+    assert failed_of(cloud(rng), cloud(rng, sd=0.85)) == {"starts agree on the spreads"}
+
+
+def test_chains_that_the_cap_stopped_are_a_failed_check() -> None:
+    """It stood in the label of a stage alone; the plain variant does not measure it."""
+    rng = np.random.default_rng(2)
+    assert failed_of(cloud(rng), cloud(rng, correlation_times=1.2)) == {"length of chains"}
+    plain = cloud(rng, correlation_times=np.nan)
+    assert "length of chains" not in {check.name for check in module._Starts(cloud(rng), plain).checks}
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +138,7 @@ def taken_over() -> Result:
 def test_the_verdict_says_what_ran_why_and_how_good_it_is(taken_over: Result) -> None:
     facts = taken_over.facts
     assert facts.method == "tmcmc"
-    assert [check.name for check in facts.checks][-3:] == CHECKS
+    assert [check.name for check in facts.checks][-5:] == CHECKS
     said = facts.verdict[1]
     assert "Pareto shape 0.95, 0.7 at most" in said
     assert "transitional MCMC took over; it passed its own checks" in said

@@ -94,6 +94,26 @@ def test_both_checks_pass_at_the_fit_of_every_seed() -> None:
         assert all(c.passed for c in residual_checks(posterior, true_point(sdof_model(), record)))
 
 
+def test_a_residual_below_its_yardstick_passes_and_is_told(
+    posterior: Posterior, record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 80 dB it was ".09 times its model-free noise level", which is the thousandth of the rms that counts as none.
+
+    A level that is too high, as of motion near half the sampling rate, hides what lies below it.
+    """
+    quiet = recorded(1, snr_db=80.0)
+    level, _ = residual_checks(posterior_of(sdof_model(), quiet), true_point(sdof_model(), quiet))
+    assert level.passed
+    assert "thousandths of its rms, of which one counts as noise" in level.sentence
+    point = true_point(sdof_model(), record)
+    assert "holds motion" not in residual_checks(posterior, point)[0].sentence
+    levels = residuals.noise_sds
+    monkeypatch.setattr(residuals, "noise_sds", lambda part: 2.0 * levels(part))
+    level, _ = residual_checks(posterior, point)
+    assert level.passed
+    assert "holds motion" in level.sentence
+
+
 def test_both_checks_pass_at_the_truth_behind_a_filter() -> None:
     """Judged by the samples as they are, the residual would be hundreds of times its level, and coloured."""
     model, rng = sdof_model(), np.random.default_rng(4)

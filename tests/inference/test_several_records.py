@@ -136,7 +136,7 @@ def test_both_are_identified_with_the_noise_of_each(identified: dict[str, Result
     for label, part in zip(LABELS, record.parts, strict=True):
         assert result.facts.noise_sd[label] == pytest.approx(part.noise_sd["acceleration_1"], rel=0.15)
     assert result.tree["posterior"]["noise_sd"].coords["channel"].values.tolist() == list(LABELS)
-    observed = result.tree["observed_data"]["acceleration_1"].values
+    observed = result.tree["observed_data"]["measured"].values[0]
     np.testing.assert_array_equal(observed, record.measured[0])
 
 
@@ -160,7 +160,7 @@ def test_where_nothing_was_measured_nothing_is_counted_nor_drawn(tmp_path: Path)
     first = VIRGIN.parts[0]
     record = join_records([first, pause, first], in_sequence=True)
     result = identify(MODEL, record, settings=Settings(particles=200, seed=1, alternatives=False))
-    observed = result.tree["observed_data"]["acceleration_1"].values
+    observed = result.tree["observed_data"]["measured"].values[0]
     density = result.tree["log_likelihood"]["measured"].values
     n = first.n_times
     assert np.all(np.isnan(observed[n : n + 50]))

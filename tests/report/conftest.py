@@ -198,12 +198,12 @@ def build_result(
         "prior": parameter_group(prior, 1, n_storeys),
         "sample_stats": xr.Dataset({"lp": (("chain", "draw"), np.zeros((n_chains, n_draws // n_chains)))}),
         "observed_data": xr.Dataset(
-            {name: ("time", measured[i]) for i, name in enumerate(channels)}, coords={"time": time}
+            {"measured": (("channel", "time"), measured)}, coords={"channel": channels, "time": time}
         ),
         "constant_data": constant,
         "posterior_predictive": xr.Dataset(
-            {name: (("chain", "draw", "time"), predictive[None, :, i]) for i, name in enumerate(channels)},
-            coords={"time": time},
+            {"measured": (("chain", "draw", "channel", "time"), predictive[None])},
+            coords={"channel": channels, "time": time},
         ),
         "predictive_bands": xr.Dataset(
             {name: (("statistic", "time"), statistics(predictive[:, i])) for i, name in enumerate(channels)},

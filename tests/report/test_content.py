@@ -15,8 +15,9 @@ def content(result):
 def test_traces_hold_the_measured_channel_and_percentiles_of_the_predictive(result, content):
     trace = content.traces[1]
     assert (trace.channel, trace.title, trace.unit) == ("acceleration_2", "Floor 2", "m/s^2")
-    np.testing.assert_array_equal(trace.measured, result.tree["observed_data"]["acceleration_2"])
-    draws = np.sort(result.tree["posterior_predictive"]["acceleration_2"].values[0], axis=0)
+    own = {"channel": "acceleration_2"}
+    np.testing.assert_array_equal(trace.measured, result.tree["observed_data"]["measured"].sel(own))
+    draws = np.sort(result.tree["posterior_predictive"]["measured"].sel(own).values[0], axis=0)
     below = np.mean(draws < trace.predicted.lower, axis=0)
     above = np.mean(draws > trace.predicted.upper, axis=0)
     np.testing.assert_allclose(below, 0.05, atol=0.006)

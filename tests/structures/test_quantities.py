@@ -152,6 +152,18 @@ def test_drift_ratios_need_storey_heights():
     assert "peak_drift_ratio" not in engineering_quantities(*given)
 
 
+def test_every_quantity_has_a_unit():
+    """They had none; ratios have the empty one, as parameters without a dimension have."""
+    found = engineering_quantities(landmarks_of(ramp_response()), parameters(), [1.0, 1.0], PLAIN.law, [3.0, 4.0])
+    units = {name: values.attrs["units"] for name, values in found.items()}
+    assert {name for name, unit in units.items() if unit == ""} == {
+        "ductility", "stiffness_lost", "strength_lost", "modal_damping_ratio", "peak_drift_ratio"
+    }  # fmt: skip
+    assert units["peak_drift"] == units["residual_drift"] == "m"
+    assert units["modal_period"] == units["period"] == found["time"].attrs["units"] == "s"
+    assert units["dissipated_energy"] == "J"
+
+
 def test_losses_drifts_and_ductility_from_known_histories():
     found = engineering_quantities(
         landmarks_of(ramp_response()), parameters(delta_nu=1.5, delta_eta=0.5), [1.0, 1.0], PLAIN.law

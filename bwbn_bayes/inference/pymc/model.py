@@ -22,6 +22,7 @@ from bwbn_bayes.engines.available import engine as engine_by_name
 from bwbn_bayes.engines.base import Engine, require_parameters, require_usable
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import Discretisation
+from bwbn_bayes.inference.arrays import units_of
 from bwbn_bayes.inference.likelihood import (
     IntegratedNoise,
     KnownNoise,
@@ -352,7 +353,8 @@ def complete(tree: xr.DataTree, twin: pm.Model, *, rng: np.random.Generator, mos
     Returns
     -------
     DataTree
-        A copy with at most that many draws and the groups ``log_likelihood`` and ``posterior_predictive``.
+        A copy with at most that many draws, the groups ``log_likelihood`` and ``posterior_predictive``, and units as
+        attributes of parameters, noise scales and replicates.
     """
     chains, draws = (tree["posterior"].sizes[dimension] for dimension in ("chain", "draw"))
     step = max(1, int(np.ceil(chains * draws / most)))
@@ -373,12 +375,26 @@ def complete(tree: xr.DataTree, twin: pm.Model, *, rng: np.random.Generator, mos
             zip(observation.dims, (list(observation.problem.channels), observation.problem.record.times), strict=True)
         )
         pointwise = pointwise.assign({name: (dims, density.reshape(shape))}).assign_coords(coords)
-        replicates = replicates.assign({name: (dims, replicate.reshape(shape))}).assign_coords(coords)
+        units = units_of(observation.problem.record)
+        replicates = replicates.assign({name: (dims, replicate.reshape(shape), units)}).assign_coords(coords)
+        _state_units(thinned.children["posterior"], name, observation)
     posterior = thinned["posterior"].dataset
     kept = {dimension: posterior[dimension] for dimension in ("chain", "draw")}
     thinned["log_likelihood"] = xr.DataTree(pointwise.assign_coords(kept))
     thinned["posterior_predictive"] = xr.DataTree(replicates.assign_coords(kept))
     return thinned
+
+
+def _state_units(posterior: xr.DataTree, name: str, observation: Observation) -> None:
+    """Of one record's variables; a model with a name has it before each, and a caller's own variables have none."""
+    head, _, last = name.rpartition("::")
+    scope, suffix = f"{head}::" if head else "", last.removeprefix("measured")
+    parameters = observation.problem.model.space.parameters
+    units = {f"{scope}{one.name}": parameters[one.members[0]].unit for one in named_parameters(parameters)}
+    units[f"{scope}noise_sd{suffix}"] = units_of(observation.problem.record)["units"]
+    for own, unit in units.items():
+        if own in posterior.data_vars:
+            posterior[own].attrs["units"] = unit
 
 
 def _inputs_of(observation: Observation) -> pt.TensorVariable:

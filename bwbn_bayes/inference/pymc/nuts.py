@@ -12,6 +12,7 @@ References
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -56,7 +57,7 @@ class NutsRun:
     n_divergences : int
         Trajectories whose energy error exploded.
     n_solves : int
-        Gradient evaluations after warm-up.
+        Densities evaluated, each with its gradient, warm-up among them.
     """
 
     coordinates: Floats
@@ -84,12 +85,13 @@ def sample_nuts(
         The run is a function of it.
     """
     sample = _nutpie if sampler == "nutpie" else _pymc
-    tree = sample(density, draws, tune, chains, seed)
+    counted = _Counted(density)
+    tree = sample(counted, draws, tune, chains, seed)
     statistics = tree["sample_stats"].dataset
     return NutsRun(
         coordinates=np.asarray(tree["posterior"]["x"].values),
         n_divergences=int(statistics["diverging"].sum()),
-        n_solves=int(statistics["n_steps"].sum()),
+        n_solves=counted.n_asked,
     )
 
 
@@ -98,6 +100,19 @@ def convergence(draws: Floats, names: Sequence[str]) -> tuple[float, float]:
     columns = xr.Dataset({name: (("chain", "draw"), draws[..., i]) for i, name in enumerate(names)})
     r_hat, ess = arviz_stats.rhat(columns), arviz_stats.ess(columns)
     return max(float(value) for value in r_hat.values()), min(float(value) for value in ess.values())
+
+
+class _Counted:
+    """A density that counts how often it is asked, from whatever thread."""
+
+    def __init__(self, density: Density) -> None:
+        self._density, self._lock = density, threading.Lock()
+        self.n_dim, self.n_asked = density.n_dim, 0
+
+    def log_density(self, x: Floats) -> tuple[float, Floats]:
+        with self._lock:
+            self.n_asked += 1
+        return self._density.log_density(x)
 
 
 class _LogDensity(Op):

@@ -53,6 +53,7 @@ class RunState(NamedTuple):
     log_evidence: float
     log_evidence_variance: float
     n_solves: int
+    correlation_times: float
     facts: tuple[StageFacts, ...]
 
 
@@ -73,6 +74,8 @@ class TmcmcResult:
         History; solves, log evidence and elapsed time are running totals.
     n_solves : int
         Likelihood evaluations in all.
+    correlation_times : float
+        Length of chains in autocorrelation times, of the stage where that is least; NaN of the plain variant.
     """
 
     particles: Floats
@@ -81,6 +84,7 @@ class TmcmcResult:
     log_evidence_se: float
     stages: tuple[StageFacts, ...]
     n_solves: int
+    correlation_times: float
 
 
 def sample(
@@ -160,9 +164,8 @@ def _first_state(reference: Reference, evaluator: Evaluator, n_particles: int, r
         elapsed_s=time.perf_counter() - began,
         label="draws of the reference",
     )
-    return RunState(
-        Population(cloud, np.arange(n_particles), float(n_finite), FIRST_TUNING), 0.0, 0.0, 0.0, n_solves, (facts,)
-    )
+    population = Population(cloud, np.arange(n_particles), float(n_finite), FIRST_TUNING)
+    return RunState(population, 0.0, 0.0, 0.0, n_solves, np.inf, (facts,))
 
 
 def _next_state(
@@ -191,7 +194,10 @@ def _next_state(
         elapsed_s=time.perf_counter() - began,
         label=moved.label,
     )
-    return RunState(moved.population, tempering_parameter, log_evidence, variance, n_solves, (*state.facts, facts))
+    least = float(np.minimum(state.correlation_times, moved.correlation_times))
+    return RunState(
+        moved.population, tempering_parameter, log_evidence, variance, n_solves, least, (*state.facts, facts)
+    )
 
 
 def _announce(state: RunState, progress: Callable[[StageFacts], None] | None) -> None:
@@ -209,4 +215,5 @@ def _result(state: RunState, n_particles: int) -> TmcmcResult:
         log_evidence_se=float(np.sqrt(state.log_evidence_variance)),
         stages=state.facts,
         n_solves=state.n_solves,
+        correlation_times=state.correlation_times,
     )

@@ -33,7 +33,7 @@ LONGEST_CHAIN = 512
 _CHAIN_MULTIPLE = 32
 _EFFECTIVE_SHARE = 0.5
 """Independent draws that the last stage asks its states to be worth, as a share of the particles."""
-_LEAST_CORRELATION_TIMES = 2.0
+LEAST_CORRELATION_TIMES = 2.0
 """Length of chains, in autocorrelation times, in which they forget where they began."""
 
 Evaluator = Callable[[Floats], tuple[Cloud, int]]
@@ -55,11 +55,15 @@ class Population(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """What a stage returns: the new population and the facts of how it moved."""
+    """What a stage returns: the new population and the facts of how it moved.
+
+    ``correlation_times`` is the length of its chains in their autocorrelation times, NaN where that is not measured.
+    """
 
     population: Population
     acceptance: float
     n_solves: int
+    correlation_times: float
     label: str
 
 
@@ -119,7 +123,7 @@ def plain_stage(
         accepted, n_solves = accepted + int(moved.sum()), n_solves + solves
     worth = 1.0 / float(np.sum(weights**2))
     moved_population = Population(join(collected), np.concatenate(labels), worth, population.tuning)
-    return Moved(moved_population, accepted / len(weights), n_solves, "plain")
+    return Moved(moved_population, accepted / len(weights), n_solves, np.nan, "plain")
 
 
 def waste_free_stage(
@@ -170,7 +174,7 @@ def waste_free_stage(
     shapes = _shapes(positions, weights, families, worth, n_particles, streams)
     chains = _started(cloud.take(ancestors), positions[ancestors], families[ancestors] % 2, shapes, chart)
     for_draws = _EFFECTIVE_SHARE * n_particles / n_chains if tempering_parameter == 1.0 else 0.0
-    wanted = max(_LEAST_CORRELATION_TIMES, for_draws)
+    wanted = max(LEAST_CORRELATION_TIMES, for_draws)
     run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams, wanted)
     moved = Population(
         join(run.clouds),
@@ -178,7 +182,7 @@ def waste_free_stage(
         n_chains * len(run.clouds) / run.correlation_time,
         moves.retune(tuning, run.tally),
     )
-    return Moved(moved, run.tally.acceptance, run.n_solves, run.label)
+    return Moved(moved, run.tally.acceptance, run.n_solves, len(run.clouds) / run.correlation_time, run.label)
 
 
 def fewest_particles(n_dim: int) -> int:
@@ -249,7 +253,7 @@ def _run(
         if correlation_times * correlation_time <= length:
             return _Run(clouds, correlation_time, tally, n_solves, f"{length} steps")
         if length >= LONGEST_CHAIN:
-            label = f"stopped at the cap of {length} steps, still correlated"
+            label = f"stopped at the cap of {length} steps, {length / correlation_time:.2g} autocorrelation times"
             return _Run(clouds, correlation_time, tally, n_solves, label)
         length *= 2
 

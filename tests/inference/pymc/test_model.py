@@ -257,6 +257,9 @@ def test_pointwise_log_likelihood_and_predictions() -> None:
     expected = -record.n_times * (np.log(sd) + 0.5 * np.log(2.0 * np.pi) + 0.5)
     assert abs(float(loo.elpd) - expected) < 4.0 * float(loo.se)
     replicates = full["posterior_predictive"]["measured"].values
+    units = {str(name): values.attrs["units"] for name, values in full["posterior"].data_vars.items()}
+    assert units == {parameter.name: parameter.unit for parameter in model.space.parameters}
+    assert full["posterior_predictive"]["measured"].attrs["units"] == "m/s^2"
     spread = float(np.std(replicates - noise_free(record)))
     assert spread == pytest.approx(sd, rel=0.1)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import xarray as xr
 from inference_cases import ENGINE, recorded, sdof_model
 
 from bwbn_bayes import BoucWen, Record, ShearBuilding
@@ -30,7 +31,7 @@ def _summarised() -> tuple[Responses, Floats, Floats]:
 
 
 def test_bands_are_those_of_all_draws_and_a_few_are_kept_whole() -> None:
-    found, values, noise_sd = _summarised()
+    found, values, _ = _summarised()
     solved = ENGINE.simulate(MODEL, values, RECORD, ["drift_1", "acceleration_1"]).values
     for place, kind in enumerate(("drift", "acceleration")):
         expected = np.stack([solved[:, place].mean(axis=0), *np.quantile(solved[:, place], [0.05, 0.95], axis=0)])
@@ -39,8 +40,6 @@ def test_bands_are_those_of_all_draws_and_a_few_are_kept_whole() -> None:
         np.testing.assert_allclose(found.histories[kind][:, 0], solved[found.whole, place], atol=tolerance)
     np.testing.assert_allclose(found.signals[0], solved[:, 1].mean(axis=0), atol=1e-12)
     np.testing.assert_allclose(found.landmarks["peak_drift"][1][:, 0], np.abs(solved[:, 0]).max(axis=1), rtol=1e-6)
-    noise = (found.predicted[:, 0] - solved[found.whole, 1]) / noise_sd[0, 0]
-    assert abs(np.std(noise) - 1.0) < 4.0 / np.sqrt(2.0 * noise.size)
     assert len(found.whole) == 25
 
 
@@ -79,18 +78,34 @@ def test_a_long_record_leaves_few_numbers_for_each_sample() -> None:
     )  # fmt: skip
     rng = np.random.default_rng(1)
     found = summarised(_Noise(), model, record, np.arange(32), np.zeros((32, 0)), np.ones((32, 1)), rng)  # type: ignore[arg-type]
-    kept = [*found.bands.values(), *found.histories.values(), found.predicted_bands, found.predicted]
-    assert sum(array.nbytes for array in kept) < 260 * n
+    kept = [*found.bands.values(), *found.histories.values(), found.predicted_bands]
+    assert sum(array.nbytes for array in kept) < 236 * n
     assert len(found.whole) == 6
+
+
+def _by_sample(posterior: Posterior, points: Floats) -> tuple[xr.DataArray, xr.DataArray]:
+    found = arrays._by_sample(posterior, points, np.full((N, 1), 0.02), np.random.default_rng(5))
+    return found[0]["measured"], found[1]["measured"]
+
+
+def test_replicates_are_responses_of_their_draws_and_noise() -> None:
+    posterior = Posterior(model=MODEL, record=RECORD, engine=ENGINE, noise=default_noise(RECORD))
+    points = 0.4 + 0.2 * np.random.default_rng(4).random((N, MODEL.space.n_dim))
+    _, replicates = _by_sample(posterior, points)
+    values, _ = posterior.split(points)
+    solved = ENGINE.simulate(MODEL, values, RECORD).values
+    noise = (replicates.values[0] - solved) / 0.02
+    assert abs(np.std(noise) - 1.0) < 4.0 / np.sqrt(2.0 * noise.size)
 
 
 def test_densities_of_a_long_record_are_those_of_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pointwise, a hundred draws of 10^6 samples are 400 MB; their sums over stretches are the same in all."""
     posterior = Posterior(model=MODEL, record=RECORD, engine=ENGINE, noise=default_noise(RECORD))
     points = 0.4 + 0.2 * np.random.default_rng(4).random((N, MODEL.space.n_dim))
-    each = arrays._pointwise(posterior, points, np.full((N, 1), 0.02))["measured"]
+    each, replicates = _by_sample(posterior, points)
     monkeypatch.setattr(arrays, "_POINTWISE_NUMBERS", 10 * 100)
-    stretches = arrays._pointwise(posterior, points, np.full((N, 1), 0.02))["measured"]
+    stretches, few = _by_sample(posterior, points)
+    assert (replicates.sizes["draw"], few.sizes["draw"]) == (N, 2)
     assert stretches.sizes["time"] <= 10
     np.testing.assert_allclose(stretches.sum("time"), each.sum("time"), rtol=1e-5)
     first = each.sel(time=slice(None, float(stretches["time"][1]) - 1e-9))

@@ -93,8 +93,7 @@ def half_cycles(displacement: Floats, threshold: float | None = None) -> tuple[H
     """
     if threshold is not None and not threshold > 0.0:
         raise UserError(f"threshold is {threshold}: it must be a positive displacement, larger than its noise")
-    least = TURNING_SHARE * float(np.max(np.abs(displacement))) if threshold is None else threshold
-    turns = turning_points(displacement, least)
+    turns = turning_points(displacement, threshold)
     ends = [float(displacement[turn]) for turn in turns]
     return tuple(
         HalfCycle(
@@ -119,8 +118,13 @@ def cycle_numbers(displacement: Floats) -> NDArray[np.int64]:
     return numbers
 
 
-def turning_points(displacement: Floats, threshold: float) -> list[int]:
-    """Samples at which a history ``(n_times,)`` turns by more than ``threshold``, its first and last extremes too."""
+def turning_points(displacement: Floats, threshold: float | None = None) -> list[int]:
+    """Samples at which a history ``(n_times,)`` turns by more than ``threshold``, its first and last extremes too.
+
+    By more than 0.5 % of the largest displacement where that is left out.
+    """
+    if threshold is None:
+        threshold = TURNING_SHARE * float(np.max(np.abs(displacement)))
     values = np.asarray(displacement, dtype=np.float64).tolist()
     turns = []
     low = high = direction = 0

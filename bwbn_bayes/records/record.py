@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Floats
-from bwbn_bayes.records.cycles import TURNING_SHARE, turning_points
+from bwbn_bayes.records.cycles import turning_points
 
 ExcitationKind = Literal["ground_acceleration", "displacement"]
 
@@ -388,8 +388,10 @@ class Record:
             return self
         kept, told = np.arange(0, self.n_times, step), f"one in {step}"
         if not self.has_time:
-            turns = turning_points(self.excitation, TURNING_SHARE * float(np.max(np.abs(self.excitation))))
-            kept, told = np.union1d(kept, turns).astype(np.int64), f"{told}, and where it turns"
+            kept, told = (
+                np.union1d(kept, turning_points(self.excitation)).astype(np.int64),
+                f"{told}, and where it turns",
+            )
         return replace(
             self,
             time_step=step * self.time_step,

@@ -65,10 +65,9 @@ class _Building:
     @staticmethod
     def of(model: Structure, record: Record | None) -> _Building:
         """Under a record."""
-        names = record.forces if record is not None else ()
         return _Building(
             model=model,
-            pushed=frozenset(int(name.rpartition("_")[2]) for name in names),
+            pushed=frozenset(record.forced_floors if record is not None else ()),
             is_shaken=record is None or bool(np.any(record.excitation)),
         )
 

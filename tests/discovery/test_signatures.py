@@ -16,7 +16,7 @@ from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SlipLock
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.elements.search_guide import guide_of
-from bwbn_bayes.elements.signature import NO_SIGNATURE
+from bwbn_bayes.elements.signature import NO_SIGNATURE, Signature
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.modes import distinct
@@ -61,6 +61,17 @@ def present() -> Explanation:
 def spread(present: Explanation) -> Floats:
     """Points about the best one, in steps of a ten thousandth of the priors."""
     return np.asarray(present.best + 1e-4 * np.random.default_rng(2).standard_normal((8, 2)))
+
+
+def having(hypothesis: Hypothesis, signature: Signature) -> Any:
+    """The same effect with another signature."""
+    return SimpleNamespace(
+        effect=SimpleNamespace(signature=signature),
+        storeys=(1,),
+        scales=NOMINAL,
+        amplitudes=hypothesis.amplitudes,
+        neutral=hypothesis.neutral,
+    )
 
 
 def test_a_pinch_is_measured_identified_and_told_without_it(present: Explanation) -> None:
@@ -113,13 +124,7 @@ def test_a_law_that_leaves_the_loop_as_it_was_does_not_deserve_the_name(present:
     changed = told.without - told.mean
     for readable, deserved in ((0.9 * changed, 1.0), (1.1 * changed, 0.0)):
         signature = replace(SlipLock.signature, readable=readable)
-        own: Any = SimpleNamespace(
-            effect=SimpleNamespace(signature=signature),
-            storeys=(1,),
-            scales=NOMINAL,
-            amplitudes=hypothesis.amplitudes,
-            neutral=hypothesis.neutral,
-        )
+        own = having(hypothesis, signature)
         assert signature_of(own, present, spread(present)).deserved == deserved  # type: ignore[union-attr]
 
 
@@ -202,10 +207,7 @@ def test_a_measured_loop_off_which_nothing_can_be_read_gives_no_name(present: Ex
     (hypothesis,) = present.added
     record = present.posterior.record
     signature = replace(SlipLock.signature, of_loop=lambda _drift, force: np.nan if force[7] == 7.0 else 0.3)
-    effect = SimpleNamespace(signature=signature)
-    own: Any = SimpleNamespace(
-        effect=effect, storeys=(1,), scales=NOMINAL, amplitudes=hypothesis.amplitudes, neutral=hypothesis.neutral
-    )
+    own = having(hypothesis, signature)
     force = record.channels["force"].copy()
     assert signature_of(own, present, spread(present)).unmeasured == ""  # type: ignore[union-attr]
     force[7] = 7.0
@@ -223,18 +225,12 @@ def test_what_no_test_measured_deserves_its_name_by_its_size(present: Explanatio
     signature = replace(
         SlipLock.signature, size=lambda _: 0.1, of_loop=lambda *_: np.nan, is_genuine=None, needs="cycles"
     )
-    own: Any = SimpleNamespace(
-        effect=SimpleNamespace(signature=signature),
-        storeys=(1,),
-        scales=NOMINAL,
-        amplitudes=hypothesis.amplitudes,
-        neutral=hypothesis.neutral,
-    )
+    own = having(hypothesis, signature)
     unread = replace(record, counted=np.arange(record.n_times) > 5)
     found = signature_of(own, replace(present, posterior=replace(present.posterior, record=unread)), spread(present))
     assert found is not None
     assert (found.deserved, found.unmeasured) == (1.0, "it takes cycles")
-    small: Any = SimpleNamespace(**{**vars(own), "effect": SimpleNamespace(signature=replace(signature, least=1e9))})
+    small = having(hypothesis, replace(signature, least=1e9))
     other = signature_of(small, replace(present, posterior=replace(present.posterior, record=unread)), spread(present))
     assert other is not None
     assert other.deserved == 0.0

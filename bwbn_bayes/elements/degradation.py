@@ -254,6 +254,14 @@ class StretchedLoss:
 Loss = LinearLoss | SaturatingLoss | StretchedLoss
 
 
+def share_left(factor: float, *, power: float = 1.0) -> float:
+    """What is left of a strength or stiffness that is divided by a factor to a power.
+
+    A factor that fell to zero, of a loss that is negative, leaves it without bound.
+    """
+    return float(factor**-power) if factor > 0.0 else math.inf
+
+
 _GROWN = 3.0
 """By how much the factor may have grown by the end, as the standard deviation of a prior: a quarter is then left."""
 

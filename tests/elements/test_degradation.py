@@ -116,3 +116,18 @@ def test_sizes_by_hand():
             size = effect_class.neutral_forms()[number].signature.size
             assert size is not None
             assert size(at) == pytest.approx(1.0 - share**0.25)
+
+
+@pytest.mark.parametrize("negative", [-1.25, -1.5])
+def test_a_gain_without_bound_is_a_size(negative):
+    """A loss so negative that its factor is gone is no complex number, and no error: it was, in a blind case."""
+    at = PlaceResponse(
+        histories={"drift": cyclic_test(CYCLES, 60).excitation, "hysteretic_energy": np.array([0.0, 0.8])},
+        parameters={"delta_eta": negative, "delta_nu": negative, "n": 1.3},
+        scales=NOMINAL,
+    )
+    for effect_class in (StiffnessDegradation, StrengthDegradation):
+        signature = effect_class.neutral_forms()[0].signature
+        assert signature.size is not None
+        assert signature.size(at) == -np.inf
+        assert signature.is_engineering(at)

@@ -19,6 +19,7 @@ from bwbn_bayes.elements.degradation import (
     StretchedLoss,
     loss_of,
     priors_of,
+    share_left,
     starts_of,
 )
 from bwbn_bayes.elements.law import Effect, Slots
@@ -133,7 +134,7 @@ class StiffnessDegradation(Effect):
             measure="stiffness lost per cycle",
             plain_name="the slope of later loops (a stiffness law in the work done)",
             reason="a tenth of a per cent of the stiffness lost per cycle: some three per cent in a test of thirty",
-            size=lambda at: at.per_cycle(1.0 / (1.0 + reached(at))),
+            size=lambda at: at.per_cycle(share_left(1.0 + reached(at))),
             least=0.001,
             of_loop=stiffness_lost_per_cycle,
             needs="two large half cycles of one direction",

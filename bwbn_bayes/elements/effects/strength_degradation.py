@@ -19,6 +19,7 @@ from bwbn_bayes.elements.degradation import (
     StretchedLoss,
     loss_of,
     priors_of,
+    share_left,
     starts_of,
 )
 from bwbn_bayes.elements.law import Effect, Slots
@@ -133,7 +134,7 @@ class StrengthDegradation(Effect):
             measure="strength lost per cycle",
             plain_name="the height of later loops (a strength law in the work done)",
             reason="a tenth of a per cent of the strength lost per cycle: some three per cent in a test of thirty",
-            size=lambda at: at.per_cycle((1.0 + reached(at)) ** (-1.0 / at["n"])),
+            size=lambda at: at.per_cycle(share_left(1.0 + reached(at), power=1.0 / at["n"])),
             least=0.001,
             of_loop=strength_lost_per_cycle,
             needs="two large half cycles of one direction",

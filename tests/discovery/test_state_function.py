@@ -1,5 +1,6 @@
 """A force of one state: its basis, its law, its prior, and whether it is found as what it is."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -276,3 +277,14 @@ def test_what_a_known_law_leaves_far_behind_is_not_fitted_to_the_end(
     rng = np.random.default_rng(1)
     assert state_forces(wrong, plain.points, UNNAMED_SCALE, rng, known) == ()
     assert len(set(asked)) <= 2
+
+
+def test_a_fit_whose_state_cannot_be_solved_is_left(plain: Explanation, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is measured is solved, and the state, with another step, is not: it ended the search of a measured frame."""
+
+    def lost(*arguments: object) -> Mapping[str, Floats]:
+        rows = observe(*arguments)  # type: ignore[arg-type]
+        return rows if arguments[1] is plain.posterior.model else {k: np.full_like(v, np.nan) for k, v in rows.items()}
+
+    monkeypatch.setattr(own, "observe", lost)
+    assert state_forces(plain.posterior, plain.points, UNNAMED_SCALE, np.random.default_rng(1)) == ()

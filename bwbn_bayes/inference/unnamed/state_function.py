@@ -325,6 +325,8 @@ class _Rival:
             if not modes:
                 break
             largest = rival._largest_state(end)
+            if not np.isfinite(largest):  # solved for what is measured, but not for the state: there is no reach
+                return replace(rival, modes=())
             if largest <= rival.effect.reach <= (_TOO_FAR * largest if is_whole else np.inf):
                 break
             rival = rival._reaching(_ROOM * largest)

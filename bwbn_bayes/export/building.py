@@ -1,21 +1,24 @@
 """What is around the storeys of a building: floors with their masses, a base that moves, appendages, dampers.
 
-Nodes are numbered 0 for the ground, 1 to n for the floors, n + 1 for the base, n + 1 + i for what stands on floor i. A
-base of compliance C, mass m_b and damping c_b is a node on ``Elastic`` 1/C and ``Viscous`` c_b; a slab on sliders is
-one on ``BoucWen``; an appendage of mass ``mu_t m_i`` stands on ``mu_t m_i omega_t^2`` and ``2 zeta_t omega_t mu_t
-m_i``; damping in proportion to the mass is a dashpot ``c_m m_i`` between floor and ground, since its force follows the
-velocity relative to the ground. Bending between a storey and the next, ``k_bend (u_{i+1} - u_i)^2 / 2``, is two
-springs of ``2 k_bend``, one in each of them, and one of ``-k_bend`` past the floor between them.
+Nodes are numbered 0 for the ground, 1 to n for the floors, n + 1 for the base, n + 1 + i for what stands on floor i,
+and on from there for sliders (``export/sliders.py``). A base of compliance C, mass m_b and damping c_b is a node on
+``Elastic`` 1/C and ``Viscous`` c_b; a slab on sliders is one on ``BoucWen``; an appendage of mass ``mu_t m_i`` stands
+on ``mu_t m_i omega_t^2`` and ``2 zeta_t omega_t mu_t m_i``; damping in proportion to the mass is a dashpot ``c_m m_i``
+between floor and ground, since its force follows the velocity relative to the ground. Bending between a storey and the
+next, ``k_bend (u_{i+1} - u_i)^2 / 2``, is two springs of ``2 k_bend``, one in each of them, and one of ``-k_bend`` past
+the floor between them.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bwbn_bayes.export.exportable import Exportable, Link
 from bwbn_bayes.export.laws import Material, sliding_base
 from bwbn_bayes.export.links import TAGS, LinkScript, in_parallel
+from bwbn_bayes.export.sliders import Slider
 
 _STIFFEST = 100.0
 """Circular frequency of a base [rad/s] above which our law takes it for rigid (``effects/base_flexibility.py``)."""
@@ -41,6 +44,24 @@ class Element:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlacedSlider:
+    """A slider beside a link's material, between two nodes in a plane that move with those that the link joins."""
+
+    slider: Slider
+    link: int
+    element: int
+    nodes: tuple[int, int]
+    joins: tuple[int, int]
+    friction: int
+    """Tag of its friction; that of its materials is a link's of the element's number."""
+
+    @property
+    def material(self) -> int:
+        """Of a stiffness that holds it along its weight and against rotation."""
+        return TAGS * self.element
+
+
+@dataclass(frozen=True, kw_only=True)
 class Building:
     """Nodes, elements, and what they are made of besides the storeys."""
 
@@ -49,12 +70,13 @@ class Building:
     materials: tuple[LinkScript, ...]
     joints: tuple[tuple[int, int], ...]
     """The nodes that each link of the structure joins."""
+    sliders: tuple[PlacedSlider, ...]
     ground_factor: float
     notes: tuple[str, ...]
 
 
-def building_of(structure: Exportable) -> Building:
-    """Lay out a building."""
+def building_of(structure: Exportable, links: Sequence[LinkScript]) -> Building:
+    """Lay out a building, whose links are written already."""
     first, n = structure.links[0].parameters, len(structure.masses)
     storeys = structure.links[:n]
     masses = [
@@ -114,8 +136,27 @@ def building_of(structure: Exportable) -> Building:
         elements=tuple(elements),
         materials=tuple(further),
         joints=joints,
+        sliders=_placed(links, joints, first_element=len(elements) + 1, first_node=2 * n + 2),
         ground_factor=first.get("s_g", 1.0),
         notes=notes,
+    )
+
+
+def _placed(
+    links: Sequence[LinkScript], joints: Sequence[tuple[int, int]], *, first_element: int, first_node: int
+) -> tuple[PlacedSlider, ...]:
+    """Sliders with numbers of their own: two nodes and an element each."""
+    slide = [(number, link.slider) for number, link in enumerate(links, 1) if link.slider is not None]
+    return tuple(
+        PlacedSlider(
+            slider=slider,
+            link=number,
+            element=first_element + i,
+            nodes=(first_node + 2 * i, first_node + 2 * i + 1),
+            joins=joints[number - 1],
+            friction=i + 1,
+        )
+        for i, (number, slider) in enumerate(slide)
     )
 
 

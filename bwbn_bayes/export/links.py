@@ -13,6 +13,8 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.export.exportable import Link
 from bwbn_bayes.export.fitted import fitted_material
 from bwbn_bayes.export.laws import Material, beside, hysteretic_spring, size_of_z, without_law
+from bwbn_bayes.export.sliders import Slider, slider_of
+from bwbn_bayes.parameters import Floats
 from bwbn_bayes.structures.model_source import WIDTH, comment
 
 TAGS = 100
@@ -36,8 +38,10 @@ class LinkScript:
     says : tuple of str
         How near they come to the link's law, in sentences.
     error : float or None
-        Of a fitted material: rms of what it misses over the rms of the identified force. None where the translation is
-        exact as the step goes to zero.
+        Of a fitted material or a slider: rms of what it misses over the rms of the identified force. None where the
+        translation is exact as the step goes to zero.
+    slider : Slider or None
+        An element that stands beside the materials.
     """
 
     place: str
@@ -45,6 +49,7 @@ class LinkScript:
     materials: tuple[str, ...]
     says: tuple[str, ...] = ()
     error: float | None = None
+    slider: Slider | None = None
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -53,8 +58,18 @@ class LinkScript:
         return (*(line for sentence in sentences for line in comment(sentence)), *self.materials)
 
 
-def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool, has_time: bool) -> LinkScript:
+def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool, time_steps: Floats | None) -> LinkScript:
     """Translate a link, or fit a material to what of it has no translation.
+
+    Parameters
+    ----------
+    link : Link
+    rng : numpy.random.Generator
+        Of a fit.
+    is_specimen : bool
+        Whether the link is driven, by itself.
+    time_steps : (n_times - 1,) array or None
+        Between samples [s]; None without time.
 
     Raises
     ------
@@ -66,27 +81,37 @@ def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool, has_
     missing = without_law(link.parameters, in_analysis=not is_specimen)
     parts = beside(link)
     rated = [part.material.kind for part in parts if part.material.kind in _OF_A_RATE]
-    if rated and not has_time:
+    if rated and time_steps is None:
         raise UserError(
             f"{place} has a part that depends on the drift rate ({rated[0]}), which a record without time does not "
             "tell: leave it out of the model, c = 0 say, or identify it from a record with a column time"
         )
     error = None
-    if missing:
+    slider = None if is_specimen or time_steps is None else slider_of(link, time_steps)
+    if slider is not None:
+        dish = Material(
+            kind="Elastic", arguments=(slider.weight / link.parameters["R"],), says="stiffness [N/m]: the dish"
+        )
+        materials, error = [dish, *(part.material for part in parts)], slider.error
+        says = (f"Friction is a flatSliderBearing, which slides at once and misses {_percent(error)}.",)
+    elif missing:
         # What has a memory cannot be taken out of the force: the fit has it too.
         known = [(part.material, part.force) for part in parts if part.force is not None]
         rest = link.force - sum((force for _, force in known), np.zeros_like(link.force))
         fit = fitted_material(link, rest, rng, place=place)
         materials, error = [fit.material, *(material for material, _ in known)], fit.error
-        approximate = (
-            f"{fit.material.kind} is fitted and misses {100.0 * error:.2g} % of the loop's force (rms over rms)"
-        )
+        approximate = f"{fit.material.kind} is fitted and misses {_percent(error)}"
         says = (f"No OpenSees material does {', '.join(missing)}: {approximate}.",)
     else:
         materials = [hysteretic_spring(link), *(part.material for part in parts)]
         says = (f"Exact as the step goes to zero; z is of the size {size_of_z(link):.3g} m.",)
     tag = TAGS * link.number
-    return LinkScript(place=place, tag=tag, materials=in_parallel(tag, materials), says=says, error=error)
+    lines = in_parallel(tag, materials)
+    return LinkScript(place=place, tag=tag, materials=lines, says=says, error=error, slider=slider)
+
+
+def _percent(error: float) -> str:
+    return f"{100.0 * error:.2g} % of the loop's force (rms over rms)"
 
 
 def in_parallel(tag: int, materials: Sequence[Material]) -> tuple[str, ...]:

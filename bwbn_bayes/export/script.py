@@ -57,11 +57,11 @@ def script_of(structure: Exportable, *, seed: int = 1) -> Script:
         If something cannot be translated, or a fit asks for openseespy and it is not installed.
     """
     rng = np.random.default_rng(seed)
-    has_time = structure.time_steps is not None
     links = tuple(
-        link_script(link, rng, is_specimen=structure.is_specimen, has_time=has_time) for link in structure.links
+        link_script(link, rng, is_specimen=structure.is_specimen, time_steps=structure.time_steps)
+        for link in structure.links
     )
-    building = None if structure.is_specimen else building_of(structure)
+    building = None if structure.is_specimen else building_of(structure, links)
     fitted = (f"{link.place}: {' '.join(link.says)}" for link in links if link.error is not None)
     notes = (*structure.notes, *(building.notes if building else ()), *fitted)
     environment = Environment(
@@ -73,6 +73,7 @@ def script_of(structure: Exportable, *, seed: int = 1) -> Script:
         keep_trailing_newline=True,
     )
     text = environment.get_template("opensees.py.j2").render(
+        zip=zip,
         docstring=_docstring(structure, notes),
         substeps=_substeps(structure),
         time_steps=None if structure.time_steps is None else _repeated(structure.time_steps),

@@ -1,4 +1,4 @@
-"""The page of public benchmarks says what its JSON says; nothing is solved here."""
+"""The page of public benchmarks says what its JSON says."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks import public
+from benchmarks import boucwen, public
 
 FOUND = {
     "model": "found from a linear oscillator",
@@ -31,6 +31,7 @@ GIVEN = {
     "model": "Bouc-Wen, given",
     "n_parameters": 5,
     "inside_99": {"k": True, "c": True},
+    "without_hardening": "The best fit lies at the edge of what is admitted.",
     "processor": "some processor",
     "processor_seconds": 100.0,
 }
@@ -73,9 +74,15 @@ def test_figures_effects_and_what_is_left_stand_on_the_page(tmp_path: Path, monk
     assert "- floor 1, 3 to 4 s: residual 2.9 times the noise" in text
     assert "abc1234 on some processor" in text
     assert "All true parameters lie in their 99 % intervals." in text
+    assert "\n\nOf priors that exclude it, on 1,024 samples, it is said:\n\n> The best fit lies at the edge" in text
+    assert "what is admitted.\n\nFrom" in text
 
 
 def test_a_parameter_outside_its_interval_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written = copy.deepcopy(sources())
     written["boucwen"]["lines"][0]["inside_99"]["c"] = False
     assert "Not all true parameters lie in their 99 % intervals." in page(written, tmp_path, monkeypatch)
+
+
+def test_priors_that_exclude_the_loops_that_harden_are_said_to_bind() -> None:
+    assert "the edge of what beta + gamma >= 0 admits (hardens=True is without it)" in boucwen.without_hardening(1)

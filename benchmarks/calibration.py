@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -31,6 +32,7 @@ from benchmarks.calibrating.summary import Calibration, Wrong, calibration, wron
 from benchmarks.calibrating.wrong import KINDS, force_replicate, wrong_replicate
 from benchmarks.running import filed_lines
 from bwbn_bayes import Settings, el_centro, identify
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
 
@@ -199,10 +201,15 @@ def rows_of(file: ModelFile, options: argparse.Namespace, console: Console, kept
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the replicates, print a table, write JSON."""
     options = parsed(arguments)
-    file, console, kept = load_model_file(options.model), Console(), Kept(options.checkpoint)
-    if file.excitation is None:
-        file = replace(file, excitation=el_centro("chopra", duration=12.0))
-    rows = rows_of(file, options, console, kept)
+    console, kept = Console(), Kept(options.checkpoint)
+    try:
+        file = load_model_file(options.model)
+        if file.excitation is None:
+            file = replace(file, excitation=el_centro("chopra", duration=12.0))
+        rows = rows_of(file, options, console, kept)
+    except UserError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
     if options.json is not None:
         summary = {name: asdict(row) for name, row in rows.items()}
         facts = {"model": file.name, "method": options.method, "seed": options.seed, "processor": processor_name()}

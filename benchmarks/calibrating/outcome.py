@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import xarray as xr
 
 from bwbn_bayes import Record, Result
 from bwbn_bayes.engines.lanes import Lanes
@@ -60,7 +61,7 @@ def judged(result: Result, model: Structure, record: Record, truth: Mapping[str,
     facts, draws = result.facts, result.tree["posterior"].dataset
     rng = np.random.default_rng(seed)
     known = {p.name: p for p in facts.parameters if p.name in truth}
-    columns = {name: _column(draws, name) for name in known}
+    columns = {name: draws_of(draws, name) for name in known}
     ranks = {name: float(np.mean(columns[name] < truth[name])) for name in known}
     if set(truth) == set(model.space.names) == set(known):
         ranks[LOG_LIKELIHOOD] = _likelihood_rank(model, record, truth, columns, rng)
@@ -78,12 +79,14 @@ def judged(result: Result, model: Structure, record: Record, truth: Mapping[str,
     )
 
 
-def _column(draws: object, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """Draws ``(n,)`` of a parameter by its label, ``k[2]`` of ``k (chain, draw, storey)``."""
-    symbol, _, place = name.partition("[")
-    array = draws[symbol]  # type: ignore[index]
-    if place:
-        array = array.sel(storey=int(place.rstrip("]")))
+def draws_of(draws: xr.Dataset, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    """Draws ``(n,)`` of a parameter by its label, ``k[2]`` of ``k (chain, draw, storey)`` or ``c[1,2]`` of its own."""
+    if name in draws:
+        array = draws[name]
+    else:
+        symbol, _, place = name.partition("[")
+        array = draws[symbol]
+        array = array.sel({array.dims[-1]: int(place.rstrip("]"))})
     return np.asarray(array.values.ravel(), dtype=np.float64)
 
 

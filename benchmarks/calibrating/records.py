@@ -1,23 +1,25 @@
-"""A truth from the prior of a model file, and its record by the simulator of the blind trials.
+"""A truth from the prior of a model file, and its record by independent simulators: those of the blind trials.
 
-The package's table says which value stands at which storey; physics, integration and noise are the simulator's own.
+A test of one specimen is followed by that of :mod:`benchmarks.blind.path`, all else by that of
+:mod:`benchmarks.calibrating.frame`, with the same law; noise is drawn here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.blind.simulator import Building, Floats, respond
-from benchmarks.blind.storey import Storey
-from bwbn_bayes import Record, Uniform
+from benchmarks.blind.path import follow
+from benchmarks.blind.simulator import Floats
+from benchmarks.calibrating.frame import Frame, accelerations
+from benchmarks.calibrating.framing import frame_of
+from bwbn_bayes import Record, Uniform, join_records
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.records.record import MIN_TIMES
 from bwbn_bayes.structures.model_file import ModelFile
 from bwbn_bayes.structures.structure import Structure
-
-STEPS_PER_SAMPLE = 40
-_LAW = tuple(item.name for item in fields(Storey))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +29,9 @@ class Condition:
     Attributes
     ----------
     snr_db : float
-        Signal-to-noise ratio of every channel. [dB]
+        Signal-to-noise ratio of every channel, of several records of each. [dB]
     shaking : float
-        Factor on the model file's ground motion.
+        Factor on what drives the model file's structure.
     n_samples : int, optional
         The first of them alone are recorded.
     floors : tuple of int, optional
@@ -48,10 +50,22 @@ class Condition:
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def model(self, file: ModelFile) -> Structure:
-        """The file's building under these priors."""
-        if file.model.is_driven or not file.model.is_chain:
-            raise ValueError(f"{file.name} is no chain of storeys: the simulator knows no other structure")
-        return file.model.with_values({name: Uniform(*ends) for name, ends in self.priors.items()})
+        """The file's structure under these priors."""
+        values: dict[str, Uniform] = {}
+        for symbol, ends in self.priors.items():
+            own = [one.name for one in file.model.space.parameters if one.symbol == symbol]
+            if not own:
+                raise UserError(f"{file.name} identifies no {symbol}: take another condition")
+            values |= dict.fromkeys(own, Uniform(*ends))
+        return file.model.with_values(values)
+
+    def drive(self, file: ModelFile) -> Record:
+        """What moves the structure."""
+        if file.excitation is None:
+            raise UserError(f"{file.name} has no excitation")
+        drive = file.excitation if self.n_samples is None else shortened(file.excitation, self.n_samples)
+        forces = {name: self.shaking * force for name, force in drive.forces.items()}
+        return drive.driven_by(self.shaking * drive.excitation, forces)
 
 
 CONDITIONS: Mapping[str, Condition] = {
@@ -63,6 +77,7 @@ CONDITIONS: Mapping[str, Condition] = {
     "0 dB": Condition(snr_db=0.0),
     "10 dB": Condition(snr_db=10.0),
     "20 dB": Condition(snr_db=20.0),
+    "40 dB": Condition(snr_db=40.0),
     "45 dB": Condition(snr_db=45.0),
     "60 dB": Condition(snr_db=60.0),
     "AR(0.3) noise": Condition(colour=0.3),
@@ -75,7 +90,7 @@ class Replicate:
 
     model: Structure
     truth: Mapping[str, float]
-    building: Building
+    frame: Frame
     record: Record
 
 
@@ -84,56 +99,67 @@ def replicate(file: ModelFile, condition: Condition, seed: int, number: int) -> 
 
     A truth that the simulator cannot follow is drawn again.
     """
-    model = condition.model(file)
+    model, drive = condition.model(file), condition.drive(file)
     rng = np.random.default_rng([seed, number])
     for _ in range(100):
         values = model.space.from_unit(model.space.sample_unit(rng, 1))[0]
-        building = building_of(model, values)
-        record = recorded(file, building, condition, rng)
+        frame = frame_of(model, values)
+        record = recorded(clean(file, model, frame, drive), drive, condition, rng)
         if record is not None:
             truth = dict(zip(model.space.names, values.tolist(), strict=True))
-            return Replicate(model=model, truth=truth, building=building, record=record)
-    raise ValueError(f"of a hundred truths of {file.name} none could be recorded")
+            return Replicate(model=model, truth=truth, frame=frame, record=record)
+    raise UserError(f"of a hundred truths of {file.name} none could be recorded")
 
 
-def building_of(model: Structure, values: Floats) -> Building:
-    """The simulator's building with a model's values ``(n_dim,)``, its A taken into the other numbers.
-
-    With ``z = A w`` the law of w has A = 1: ``beta A^(n-1)``, ``gamma A^(n-1)``, ``sigma / A``, and a hysteretic spring
-    that is A times as stiff.
-    """
-    storeys = []
-    for mass, local in zip(model.masses, model.table.local(values[None])[0], strict=True):
-        own = dict(zip((p.symbol for p in model.parameters), local.tolist(), strict=True))
-        a, hysteretic, elastic = own.pop("A"), (1.0 - own["alpha"]) * own["k"], own["alpha"] * own["k"]
-        own["k"] = elastic + a * hysteretic
-        own["alpha"] = elastic / own["k"]
-        own |= {name: own[name] * a ** (own["n"] - 1.0) for name in ("beta", "gamma")}
-        if "sigma" in own:
-            own["sigma"] /= a
-        unknown = sorted(set(own) - set(_LAW))
-        if unknown:
-            raise ValueError(f"the simulator does not know {', '.join(unknown)}")
-        storeys.append(Storey(**own, mass=mass))
-    return Building(storeys=tuple(storeys))
+def clean(file: ModelFile, model: Structure, frame: Frame, drive: Record) -> dict[str, Floats]:
+    """What sensors show without noise, by channel: the floors' accelerations, or a specimen's force."""
+    if model.is_driven:
+        if drive.time_step != 1.0:
+            raise UserError(f"{file.name}: the independent simulator takes a specimen's points one second apart")
+        (link,) = frame.links
+        return {"force": follow(link, drive.excitation).force}
+    rows: list[Floats] = []
+    for run, where in drive.runs:
+        steps = {part.time_step for part in run.parts}
+        if len(steps) > 1:
+            raise UserError(f"{file.name}: the independent simulator takes a sequence of one time step alone")
+        forces = np.zeros((len(frame.masses), run.n_times))
+        for floor, force in zip(run.forced_floors, run.forces.values(), strict=True):
+            forces[floor - 1] += force
+        rows.append(accelerations(frame, drive.excitation[where], forces, steps.pop()))
+    return {f"acceleration_{floor}": y for floor, y in enumerate(np.concatenate(rows, axis=1), start=1)}
 
 
-def recorded(file: ModelFile, building: Building, condition: Condition, rng: np.random.Generator) -> Record | None:
-    """The record of a building, or None where it runs away."""
-    if file.excitation is None:
-        raise ValueError(f"{file.name} has no excitation")
-    ground = condition.shaking * file.excitation.excitation[: condition.n_samples]
-    motion = respond(building, ground, file.excitation.time_step, STEPS_PER_SAMPLE)
-    if not motion.finite:
+def recorded(
+    signals: Mapping[str, Floats], drive: Record, condition: Condition, rng: np.random.Generator
+) -> Record | None:
+    """What was measured under a drive, with noise; None where the structure runs away."""
+    if not all(np.isfinite(y).all() for y in signals.values()):
         return None
-    floors = condition.floors or tuple(range(1, len(building.storeys) + 1))
-    channels = {}
-    for floor in floors:
-        signal = motion.measured[floor - 1]
-        sd = np.sqrt(np.mean(np.square(signal))) * 10.0 ** (-condition.snr_db / 20.0)
-        channels[f"acceleration_{floor}"] = signal + sd * _noise(len(signal), condition.colour, rng)
-    bare = replace(file.excitation, excitation=ground)
-    return replace(bare, name="calibration", channels=channels)
+    if condition.floors is not None:
+        names = [f"acceleration_{floor}" for floor in condition.floors]
+        if not set(names) < set(signals):
+            raise UserError(f"{', '.join(names)} is all that can be measured, or is not: take another condition")
+        signals = {name: signals[name] for name in names}
+    noisy = {name: y.copy() for name, y in signals.items()}
+    for where in drive.stretches:
+        for signal in noisy.values():
+            part = signal[where]
+            sd = np.sqrt(np.mean(np.square(part))) * 10.0 ** (-condition.snr_db / 20.0)
+            part += sd * _noise(len(part), condition.colour, rng)
+    return drive.with_channels(noisy)
+
+
+def shortened(drive: Record, n_samples: int) -> Record:
+    """The first samples of what drives."""
+    if len(drive.parts) == 1:
+        return drive.until((n_samples - 1) * drive.time_step)
+    kept = [
+        part.until(min(n_samples - where.start, part.n_times) * part.time_step - part.time_step)
+        for part, where in zip(drive.parts, drive.stretches, strict=True)
+        if n_samples - where.start >= MIN_TIMES
+    ]
+    return join_records(kept, in_sequence=drive.is_sequence)
 
 
 def _noise(n: int, colour: float, rng: np.random.Generator) -> Floats:

@@ -7,11 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.blind.simulator import Building, respond
-from benchmarks.calibrating.records import STEPS_PER_SAMPLE, Condition, Replicate, recorded, replicate
-from bwbn_bayes import Uniform
+from benchmarks.blind.simulator import Building, Floats, respond
+from benchmarks.calibrating.framing import building_of
+from benchmarks.calibrating.records import Condition, Replicate, recorded, replicate
+from bwbn_bayes import Record, Uniform
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.structures.model_file import ModelFile
 
+STEPS_PER_SAMPLE = 40
 LAG, COLOUR = 0.005, 0.3
 """Of a late sensor [s]; coefficient of coloured noise."""
 
@@ -28,10 +31,9 @@ class Sizes:
     stiffness: float
 
     @classmethod
-    def of(cls, building: Building, file: ModelFile, storey: int = 1) -> Sizes:
-        """Of a storey, from 1, of a building under the file's ground motion."""
-        assert file.excitation is not None
-        motion = respond(building, file.excitation.excitation, file.excitation.time_step, STEPS_PER_SAMPLE)
+    def of(cls, building: Building, drive: Record, storey: int = 1) -> Sizes:
+        """Of a storey, from 1, of a building under a ground motion."""
+        motion = respond(building, drive.excitation, drive.time_step, STEPS_PER_SAMPLE)
         i = storey - 1
         p = building.storeys[i]
         spring = p.alpha * p.k * motion.drift[i] + (1.0 - p.alpha) * p.k * motion.hysteretic_displacement[i]
@@ -82,17 +84,19 @@ def wrong_replicate(file: ModelFile, kind: str, snr_db: float, seed: int, number
     if kind == "AR(0.3) noise":
         return plain
     if kind == "prior excludes c":
+        if "c" not in plain.truth:
+            raise UserError(f"{file.name} has no one damping c, which a prior could exclude")
         c = plain.truth["c"]
         prior = Uniform(0.01, 0.7 * c) if c > 0.3 else Uniform(1.3 * c + 0.05, 1.5)
         return replace(plain, model=plain.model.with_values({"c": prior}))
     rng = np.random.default_rng([seed, number, 1])
-    first, *above = plain.building.storeys
-    changed = replace(first, **EFFECTS[kind](Sizes.of(plain.building, file), rng))
-    building = replace(plain.building, storeys=(changed, *above))
-    record = recorded(file, building, condition, rng)
+    building, drive = _shaken(plain, condition.drive(file))
+    first, *above = building.storeys
+    changed = replace(first, **EFFECTS[kind](Sizes.of(building, drive), rng))
+    record = recorded(_clean(replace(building, storeys=(changed, *above)), drive), drive, condition, rng)
     if record is None:
-        raise ValueError(f"{kind}, number {number}: the record cannot be made")
-    return replace(plain, building=building, record=record)
+        raise UserError(f"{kind}, number {number}: the record cannot be made")
+    return replace(plain, record=record)
 
 
 def force_replicate(file: ModelFile, snr_db: float, seed: int, number: int) -> tuple[str, Replicate]:
@@ -103,13 +107,27 @@ def force_replicate(file: ModelFile, snr_db: float, seed: int, number: int) -> t
     condition = Condition(snr_db=snr_db)
     plain = replicate(file, condition, seed, number)
     rng = np.random.default_rng([seed, number, 2])
+    building, drive = _shaken(plain, condition.drive(file))
     for _ in range(100):
-        kind, storey = str(rng.choice(list(FORCES))), int(rng.integers(len(plain.building.storeys))) + 1
-        storeys = list(plain.building.storeys)
-        changed = FORCES[kind](Sizes.of(plain.building, file, storey), rng)
+        kind, storey = str(rng.choice(list(FORCES))), int(rng.integers(len(building.storeys))) + 1
+        storeys = list(building.storeys)
+        changed = FORCES[kind](Sizes.of(building, drive, storey), rng)
         storeys[storey - 1] = replace(storeys[storey - 1], **changed)
-        building = replace(plain.building, storeys=tuple(storeys))
-        record = recorded(file, building, condition, rng)
+        record = recorded(_clean(replace(building, storeys=tuple(storeys)), drive), drive, condition, rng)
         if record is not None:
-            return f"{kind}, storey {storey}", replace(plain, building=building, record=record)
-    raise ValueError(f"number {number} of {file.name}: no force in it can be recorded")
+            return f"{kind}, storey {storey}", replace(plain, record=record)
+    raise UserError(f"number {number} of {file.name}: no force in it can be recorded")
+
+
+def _shaken(plain: Replicate, drive: Record) -> tuple[Building, Record]:
+    """A replicate's building and what shakes it."""
+    building = building_of(plain.model, plain.frame)
+    if len(drive.runs) > 1 or drive.forces or len({part.time_step for part in drive.parts}) > 1:
+        raise UserError("wrong models are drawn under one ground motion alone, without forces on floors")
+    return building, drive
+
+
+def _clean(building: Building, drive: Record) -> dict[str, Floats]:
+    """What the floors' sensors show without noise, by channel."""
+    measured = respond(building, drive.excitation, drive.time_step, STEPS_PER_SAMPLE).measured
+    return {f"acceleration_{floor}": y for floor, y in enumerate(measured, start=1)}

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -30,7 +31,7 @@ from benchmarks.calibrating.outcome import Outcome, judged
 from benchmarks.calibrating.records import CONDITIONS, Replicate, replicate
 from benchmarks.calibrating.summary import Calibration, Wrong, calibration, wrong
 from benchmarks.calibrating.wrong import KINDS, force_replicate, wrong_replicate
-from benchmarks.running import filed_lines
+from benchmarks.running import Clock, filed_lines
 from bwbn_bayes import Settings, el_centro, identify
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.summary import processor_name
@@ -39,9 +40,9 @@ from bwbn_bayes.structures.model_file import ModelFile, load_model_file
 
 def run(made: Replicate, method: str, particles: int, seed: int) -> Outcome:
     """Identify a replicate blind and compare with its truth."""
-    settings = Settings(method=method, particles=particles, seed=seed)
+    clock, settings = Clock(), Settings(method=method, particles=particles, seed=seed)
     result = identify(made.model, made.record, settings=settings)
-    return judged(result, made.model, made.record, made.truth, seed)
+    return judged(result, made, seed, clock.processor_seconds)
 
 
 class Kept:
@@ -51,7 +52,8 @@ class Kept:
         self._path = path
         self._found: dict[str, Outcome] = {}
         for entry in filed_lines(path) if path is not None else ():
-            self._found[entry["key"]] = Outcome(**entry["outcome"])
+            # Files of earlier versions tell elapsed seconds alone.
+            self._found[entry["key"]] = Outcome(**{"processor_s": math.nan, **entry["outcome"]})
 
     def outcome(self, key: str, run_it: Callable[[], Outcome]) -> Outcome:
         """The kept outcome, or that of running it, which is then kept."""
@@ -95,8 +97,9 @@ def with_forces(file: ModelFile, snr_db: float, options: argparse.Namespace, kep
                 settings = Settings(
                     method=options.method, particles=options.particles, seed=seed, alternatives=False, fallback=False
                 )
+                clock = Clock()
                 result = identify(made.model, made.record, settings=settings, unnamed_force=has_force)
-                return judged(result, made.model, made.record, made.truth, seed)
+                return judged(result, made, seed, clock.processor_seconds)
 
             key = f"{file.name}, force, {snr_db:g} dB, {label}, {options.method}, seed {options.seed}, {number}"
             outcome = kept.outcome(key, run_it)
@@ -108,7 +111,7 @@ def with_forces(file: ModelFile, snr_db: float, options: argparse.Namespace, kep
 
 def show_calibration(console: Console, title: str, rows: dict[str, Calibration]) -> None:
     """Print a line for each condition."""
-    table = Table("condition", "n", "coverage of 90 %", "rms z", "ranks: p", "ran", "said", "s", title=title)
+    table = Table("condition", "n", "coverage of 90 %", "rms z", "ranks: p", "ran", "said", "processor s", title=title)
     for name, row in rows.items():
         table.add_row(
             name,
@@ -123,13 +126,12 @@ def show_calibration(console: Console, title: str, rows: dict[str, Calibration])
     console.print(table)
 
 
-def show_parameters(console: Console, rows: dict[str, list[Outcome]]) -> None:
+def show_parameters(console: Console, rows: dict[str, Calibration]) -> None:
     """Print how many intervals of each parameter hold their truth."""
-    names = list(dict.fromkeys(name for own in rows.values() for one in own for name in one.covered))
+    names = list(dict.fromkeys(name for row in rows.values() for name in row.held))
     table = Table("90 % intervals that hold the truth", "n", *names)
-    for label, own in rows.items():
-        held = [sum(one.covered.get(name, False) for one in own) for name in names]
-        table.add_row(label, str(len(own)), *map(str, held))
+    for label, row in rows.items():
+        table.add_row(label, str(row.n_replicates), *(str(row.held.get(name, 0)) for name in names))
     console.print(table)
 
 
@@ -176,7 +178,7 @@ def rows_of(file: ModelFile, options: argparse.Namespace, console: Console, kept
             every |= with_forces(file, snr_db, options, kept)
         rows |= {name: calibration(own) for name, own in every.items()}
         show_calibration(console, title, rows)
-        show_parameters(console, every)
+        show_parameters(console, rows)
     elif options.wrong:
         for snr_db in options.snr:
             for kind in KINDS:
@@ -195,6 +197,7 @@ def rows_of(file: ModelFile, options: argparse.Namespace, console: Console, kept
 
             rows[name] = calibration(outcomes_of(file, name, make_right, options, kept))
         show_calibration(console, title, rows)
+        show_parameters(console, rows)
     return rows
 
 

@@ -65,12 +65,17 @@ class Clock:
     wall: float = field(default_factory=time.perf_counter)
     processor: float = field(default_factory=time.process_time)
 
+    @property
+    def processor_seconds(self) -> float:
+        """Of the processor, all threads together."""
+        return time.process_time() - self.processor
+
     def as_json(self) -> dict[str, str | float]:
         """Seconds by the clock and of the processor, of all threads, and which processor it is."""
         return {
             "processor": processor_name(),
             "seconds": time.perf_counter() - self.wall,
-            "processor_seconds": time.process_time() - self.processor,
+            "processor_seconds": self.processor_seconds,
         }
 
 

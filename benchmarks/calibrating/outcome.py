@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from benchmarks.calibrating.records import Replicate
 from bwbn_bayes import Record, Result
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
@@ -42,6 +43,8 @@ class Outcome:
     log_evidence, log_evidence_se : float
         [nat]
     elapsed_s : float
+    processor_s : float
+        Of all threads, which others on the machine do not lengthen.
     """
 
     method: str
@@ -54,10 +57,12 @@ class Outcome:
     log_evidence: float
     log_evidence_se: float
     elapsed_s: float
+    processor_s: float
 
 
-def judged(result: Result, model: Structure, record: Record, truth: Mapping[str, float], seed: int) -> Outcome:
+def judged(result: Result, made: Replicate, seed: int, processor_s: float) -> Outcome:
     """Compare a result with the truth behind its record; parameters that the truth lacks are left out."""
+    model, record, truth = made.model, made.record, made.truth
     facts, draws = result.facts, result.tree["posterior"].dataset
     rng = np.random.default_rng(seed)
     known = {p.name: p for p in facts.parameters if p.name in truth}
@@ -76,6 +81,7 @@ def judged(result: Result, model: Structure, record: Record, truth: Mapping[str,
         log_evidence=facts.log_evidence,
         log_evidence_se=facts.log_evidence_se,
         elapsed_s=facts.elapsed_s,
+        processor_s=processor_s,
     )
 
 

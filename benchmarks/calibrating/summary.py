@@ -35,8 +35,10 @@ class Calibration:
         Method that ran, and how often.
     grades : dict
         What the results say of the model, and how often.
+    held : dict
+        How many 90 % intervals of each parameter hold their truth.
     median_s, worst_s : float
-        Elapsed, on the machine that ran it. [s]
+        Of the processor, all threads together. [s]
     """
 
     n_replicates: int
@@ -48,6 +50,7 @@ class Calibration:
     rank_quantity: str
     methods: dict[str, int]
     grades: dict[str, int]
+    held: dict[str, int]
     median_s: float
     worst_s: float
 
@@ -61,7 +64,7 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
     ranks = {name: [one.ranks[name] for one in outcomes if name in one.ranks] for name in outcomes[0].ranks}
     p = {name: float(stats.kstest(values, "uniform").pvalue) for name, values in ranks.items()}
     worst = min(p, key=lambda name: p[name])
-    seconds = [one.elapsed_s for one in outcomes]
+    seconds = [one.processor_s for one in outcomes]
     low, high = np.quantile(resampled, [0.025, 0.975]).tolist()
     return Calibration(
         n_replicates=len(outcomes),
@@ -73,6 +76,7 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
         rank_quantity=worst,
         methods=dict(Counter(one.method for one in outcomes)),
         grades=dict(Counter(one.grade for one in outcomes)),
+        held=dict(Counter(name for one in outcomes for name, inside in one.covered.items() if inside)),
         median_s=float(np.median(seconds)),
         worst_s=float(np.max(seconds)),
     )

@@ -125,7 +125,8 @@ def outcome(rank: float, z: float, grade: str) -> Outcome:
         effective=1000.0,
         log_evidence=0.0,
         log_evidence_se=0.0,
-        elapsed_s=1.0,
+        elapsed_s=3.0,
+        processor_s=1.0,
     )
 
 
@@ -136,6 +137,8 @@ def test_sums() -> None:
     assert found.coverage_low < 0.9 < found.coverage_high
     assert abs(found.rms_z - 1.0) < 4.0 / np.sqrt(800)
     assert found.rank_p > 0.001
+    assert found.held == {"k": round(400 * found.coverage)}
+    assert (found.median_s, found.worst_s) == (1.0, 1.0)
     lying = [replace(one, ranks={"k": 0.5 * one.ranks["k"]}) for one in right]
     assert calibration(lying).rank_p < 1e-6
     found_wrong = wrong(

@@ -89,13 +89,18 @@ def building_of(model: Structure, frame: Frame) -> Building:
     UserError
         If the model is none, or has what that simulator lacks.
     """
-    names = {item.name for item in fields(Storey)}
-    more = [item for item in fields(Link) if item.name not in names and item.name not in ("low", "high", "width")]
+    names = [item.name for item in fields(Storey)]
     bare = Frame(masses=tuple(model.masses), links=frame.links, gains=(1.0,) * model.n_floors)
-    of_storeys = all(getattr(p, item.name) == item.default for p in frame.links for item in more)
+    of_storeys = not any(map(has_more_than_a_storey, frame.links))
     if not model.is_chain or not of_storeys or frame != replace(bare, biases=(0.0,) * model.n_floors):
         raise UserError("wrong models are drawn of chains of storeys alone, without sliders and jumps of their numbers")
     return Building(storeys=tuple(Storey(**{name: getattr(p, name) for name in names}) for p in frame.links))
+
+
+def has_more_than_a_storey(link: Link) -> bool:
+    """Whether numbers of a link jump, or its friction grows with speed: what the blind trials' storey knows not."""
+    names = {item.name for item in fields(Storey)} | {"low", "high", "width"}
+    return any(getattr(link, item.name) != item.default for item in fields(Link) if item.name not in names)
 
 
 def _refuse_unknown(model: Structure, rows: list[dict[str, float]]) -> None:

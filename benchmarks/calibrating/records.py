@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.blind.path import follow
 from benchmarks.blind.simulator import Floats
 from benchmarks.calibrating.frame import Frame, accelerations
-from benchmarks.calibrating.framing import frame_of
+from benchmarks.calibrating.framing import frame_of, has_more_than_a_storey
 from bwbn_bayes import Record, Uniform, join_records
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.record import MIN_TIMES
@@ -117,7 +117,9 @@ def clean(file: ModelFile, model: Structure, frame: Frame, drive: Record) -> dic
         if drive.time_step != 1.0:
             raise UserError(f"{file.name}: the independent simulator takes a specimen's points one second apart")
         (link,) = frame.links
-        return {"force": follow(link, drive.excitation).force}
+        if has_more_than_a_storey(link):
+            raise UserError(f"{file.name}: the independent simulator follows no specimen whose numbers jump or slide")
+        return {"force": np.concatenate([follow(link, drive.excitation[where]).force for _, where in drive.runs])}
     rows: list[Floats] = []
     for run, where in drive.runs:
         steps = {part.time_step for part in run.parts}

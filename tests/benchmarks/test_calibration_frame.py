@@ -140,11 +140,16 @@ def test_records_of_a_virgin_building_are_solved_each_by_itself() -> None:
         missed(TWO_STOREYS, join_records([GROUND, coarser], in_sequence=True), np.zeros(0))
 
 
-def test_a_specimen_whose_points_are_not_a_second_apart_is_refused() -> None:
+def test_what_a_specimen_cannot_be_is_refused() -> None:
+    """Points half a second apart, and a number that jumps, which would be left out without a word."""
     model = Specimen(storey=BoucWen(k=1.0, u_y=0.01, rho=0.6))
     drive = Record(name="slow", time_step=0.5, excitation=np.linspace(0.0, 0.1, 50), excitation_kind="displacement")
     with pytest.raises(UserError, match="one second apart"):
         missed(model, drive, np.zeros(0))
+    jumping = model.with_effect(StrengthDegradation(delta_nu=0.0))
+    jumping = jumping.with_effect(SuddenDamage(parameter="delta_nu", jump=1.0, time=5.0))
+    with pytest.raises(UserError, match="no specimen whose numbers jump"):
+        missed(jumping, replace(drive, time_step=1.0), np.zeros(0))
 
 
 def test_a_sequence_keeps_its_records_apart() -> None:

@@ -77,7 +77,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     run.say(f"fitting {len(every)} hypotheses")
     posterior = on_one_thread(parent.posterior)
     n_workers, pace = run.settings.n_workers, run.pace
-    guess = first or parent.is_specimen
+    guess = first or parent.is_specimen or not parent.is_quiet
     fits = race(posterior, every, parent.points, guess=guess, progress=run.say, pace=pace)
     fits = solvable(fits, run)
     if not fits:

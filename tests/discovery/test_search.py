@@ -226,6 +226,30 @@ def test_what_is_built_upon_is_looked_around_first(monkeypatch: pytest.MonkeyPat
     assert parent.evidence.log_evidence == 60.0
 
 
+@pytest.mark.parametrize("is_quiet", [False, True])
+def test_sizes_are_guessed_beside_what_leaves_more_than_noise(monkeypatch: pytest.MonkeyPatch, is_quiet: bool) -> None:
+    """From next to nothing alone a soft base was left 4,100 nats short beside a pinch, and others stood in for it."""
+    guessed = []
+
+    def race(*_: object, guess: bool, **__: object) -> tuple[()]:
+        guessed.append(guess)
+        return ()
+
+    parent = explanation({}, letter("a"))
+    parent.__dict__.update(is_quiet=is_quiet, is_specimen=False, points=np.zeros((1, 1)))
+    score = SimpleNamespace(nats=50.0)
+    monkeypatch.setattr(building, "race", race)
+    monkeypatch.setattr(building, "on_one_thread", lambda posterior: posterior)
+    monkeypatch.setattr(building, "hypotheses_of", lambda *_: ALPHABET)
+    monkeypatch.setattr(building, "score_all", lambda _, every, __: [(one, score) for one in every])
+    monkeypatch.setattr(building, "_under_smaller_laws", lambda _, every: every)
+    monkeypatch.setattr(Explanation, "model", property(lambda _: None))
+    run = run_of()
+    run.consider(cast(tuple[Hypothesis, ...], ALPHABET))
+    assert building.built_upon(parent, run) == []
+    assert guessed == [not is_quiet]
+
+
 def test_what_cannot_be_solved_is_told_once() -> None:
     run = run_of()
     fits: Any = tuple(

@@ -236,14 +236,15 @@ def test_sizes_are_guessed_beside_what_leaves_more_than_noise(monkeypatch: pytes
         return ()
 
     parent = explanation({}, letter("a"))
-    parent.__dict__.update(is_quiet=is_quiet, is_specimen=False, points=np.zeros((1, 1)))
+    parent.__dict__["is_quiet"] = is_quiet
     score = SimpleNamespace(nats=50.0)
     monkeypatch.setattr(building, "race", race)
     monkeypatch.setattr(building, "on_one_thread", lambda posterior: posterior)
     monkeypatch.setattr(building, "hypotheses_of", lambda *_: ALPHABET)
     monkeypatch.setattr(building, "score_all", lambda _, every, __: [(one, score) for one in every])
     monkeypatch.setattr(building, "_under_smaller_laws", lambda _, every: every)
-    monkeypatch.setattr(Explanation, "model", property(lambda _: None))
+    for name, value in (("model", None), ("points", np.zeros((1, 1))), ("is_specimen", False)):
+        monkeypatch.setattr(Explanation, name, property(lambda _, value=value: value))
     run = run_of()
     run.consider(cast(tuple[Hypothesis, ...], ALPHABET))
     assert building.built_upon(parent, run) == []

@@ -251,9 +251,9 @@ class _Whitened:
     def n_dim(self) -> int:
         return len(self.mean)
 
-    def log_density(self, x: Floats) -> tuple[float, Floats]:
-        value, gradient = self.both(self.mean + self.factor @ x)
-        return float(value), gradient @ self.factor
+    def log_density(self, x: Floats) -> tuple[Floats, Floats]:
+        values, gradients = zip(*(self.both(self.mean + self.factor @ one) for one in x), strict=True)
+        return np.array(values, dtype=np.float64), np.stack(gradients) @ self.factor
 
 
 def _structure(path: Path, sampler: str, seed: int, draws: int) -> tuple[Answer, Found, float]:

@@ -1,10 +1,13 @@
-"""One draw at a time on the lane engine, as samplers ask that go from point to point."""
+"""Few draws at a time on the lane engine, as samplers ask that go from point to point."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bwbn_bayes.engines.lane_block import Block
 from bwbn_bayes.engines.lane_problem import Problem, Stepping
@@ -13,10 +16,44 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.structures.structure import Structure
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Places:
+    """Lanes of so many draws, and where they hold what is asked for.
+
+    Attributes
+    ----------
+    block : Block
+        The parameters are not yet in it.
+    draw : (n_lanes,) integer array
+        That each lane solves.
+    first : (n_draws,) integer array
+        A lane of each draw.
+    row, lane : (n_directions, n_draws) integer arrays
+        Of each derivative.
+    """
+
+    block: Block
+    draw: NDArray[np.int64]
+    first: NDArray[np.int64]
+    row: NDArray[np.int64]
+    lane: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, model: Structure, problem: Problem, n_draws: int) -> Self:
+        """For the derivatives of a problem of one draw."""
+        local = model.table.local(np.zeros((n_draws, model.space.n_dim)))
+        directions = problem.directions.at(np.zeros(n_draws, dtype=np.int64))
+        block = Block.of(local, len(model.law.parameters), directions, 0)
+        row, lane = block.sources(problem.n_parameters)
+        draw = np.minimum(np.arange(LANES) // block.n_shares, n_draws - 1)
+        return cls(block=block, draw=draw, first=lane[0], row=row[1:] - 1, lane=lane[1:])
+
+
 class OfPoints:
     """What samplers that go from point to point ask for, of a model under a record; see :meth:`Lanes.of_points`.
 
-    Half of what one draw costs is the preparation, which is the same for every draw.
+    Half of what one draw costs is the preparation, which is the same for every draw. What comes of a draw does not
+    depend on those beside it, to the last bit.
 
     Parameters
     ----------
@@ -29,38 +66,30 @@ class OfPoints:
 
     def __init__(self, engine: Stepping, model: Structure, problem: Problem) -> None:
         self._engine, self._model, self._problem = engine, model, problem
-        self._block = Block.of(self._local(np.zeros(model.space.n_dim)), self._n_law, problem.directions, 0)
-        row, lane = self._block.sources(problem.n_parameters)
-        held = row[1:, 0] >= 0
-        self._row, self._lane = row[1:, 0][held], lane[1:, 0][held]
-        self._whole = self._block.whole.of_parameters(problem.n_parameters)[0][held]
-
-    @property
-    def _n_law(self) -> int:
-        return len(self._model.law.parameters)
-
-    def _local(self, values: Floats) -> Floats:
-        return self._model.table.local(values[None])
+        self._places = cache(lambda n_draws: _Places.of(model, problem, n_draws))
 
     def __call__(self, values: Floats, measured: Floats) -> tuple[Floats, Floats]:
-        """Squared residuals ``(n_blocks,)`` and their derivatives ``(n_blocks, n_parameters)``.
+        """Squared residuals ``(n_draws, n_blocks)`` and their derivatives ``(n_draws, n_blocks, n_parameters)``.
 
         Parameters
         ----------
-        values : (n_parameters,) array
-            In their own units.
+        values : (n_draws, n_parameters) array
+            In their own units; no more draws than there are lanes.
         measured : (n_channels, n_times) array
         """
-        local = self._local(values)[0, :, : self._n_law]
-        local = local if np.all(np.isfinite(local)) else np.full_like(local, np.nan)
-        block = replace(self._block, parameters=np.repeat(local[:, :, None], LANES, axis=2))
+        n_draws, places = len(values), self._places(len(values))
+        local = self._model.table.local(values)[:, :, : len(self._model.law.parameters)]
+        local[~np.all(np.isfinite(local), axis=(1, 2))] = np.nan
+        block = replace(places.block, parameters=np.moveaxis(local[places.draw], 0, 2))
         sums, slopes = [], []
         for part, outcome in self._problem.run(self._engine, block, store=True):
             c = len(part.channels.names)
             stored = outcome.stored.reshape(-1, 1 + block.directions.n, c, LANES)
-            rest = measured[part.rows, part.stretch.samples].T - stored[:, 0, :, 0]
+            rest = measured[part.rows, part.stretch.samples].T[..., None] - stored[:, 0]
+            own = np.zeros((n_draws, c, self._problem.n_parameters))
             with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away
-                sums.append(np.sum(np.square(rest), axis=0))
-                every = np.einsum("tc,tkcl->ckl", rest, stored[:, 1:])
-                slopes.append(-2.0 * every[:, self._row - 1, self._lane] @ self._whole)
-        return np.concatenate(sums), np.concatenate(slopes)
+                sums.append(np.sum(np.square(rest), axis=0)[:, places.first].T)
+                every = -2.0 * np.einsum("tcl,tkcl->klc", rest, stored[:, 1:])
+                own[..., block.whole.owner[0]] = np.moveaxis(every[places.row, places.lane], 0, 2)
+            slopes.append(own)
+        return np.concatenate(sums, axis=1), np.concatenate(slopes, axis=1)

@@ -146,7 +146,7 @@ class Lanes:
         return NormalEquations(misfit=misfit, gradient=gradient, information=information)
 
     def of_points(self, model: Structure, record: Record) -> OfPoints | None:
-        """Squared residuals and derivatives of one draw at a time, all else prepared.
+        """Squared residuals and derivatives of few draws at a time, all else prepared.
 
         None where the kernel's answers are not the channels: sensors distort them, or samples do not count.
         """

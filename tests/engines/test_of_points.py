@@ -1,4 +1,4 @@
-"""One point's squared residuals and derivatives from a prepared solve: those of the normal equations."""
+"""Squared residuals and derivatives of few points from a prepared solve: those of the normal equations."""
 
 from __future__ import annotations
 
@@ -11,17 +11,22 @@ from bwbn_bayes.engines.lanes import Lanes
 ENGINE = Lanes(n_threads=1)
 
 
+@pytest.mark.parametrize("n_draws", [1, 3, 5, 16])
 @pytest.mark.parametrize("n_storeys", [1, 3])
-def test_they_are_those_of_the_normal_equations(n_storeys: int) -> None:
+def test_they_are_those_of_the_normal_equations(n_storeys: int, n_draws: int) -> None:
     model = building(n_storeys, FREE)
     record = record_of(model)
     solve = ENGINE.of_points(model, record)
     assert solve is not None
-    for share in (0.3, 0.6):
-        values = model.space.from_unit(np.full((1, model.space.n_dim), share))
-        misfit, slopes = solve(values[0], record.measured)
+    rng = np.random.default_rng(1)
+    for _ in range(2):
+        values = model.space.from_unit(rng.uniform(0.2, 0.8, (n_draws, model.space.n_dim)))
+        misfit, slopes = solve(values, record.measured)
         expected = ENGINE.normal_equations(model, values, record)
-        np.testing.assert_allclose(misfit, expected.misfit[0], rtol=1e-10)
-        np.testing.assert_allclose(slopes, -2.0 * expected.gradient[0], rtol=1e-8, atol=1e-12)
-    misfit, _ = solve(np.full(model.space.n_dim, np.nan), record.measured)
-    assert not np.all(np.isfinite(misfit))
+        np.testing.assert_allclose(misfit, expected.misfit, rtol=1e-10)
+        scale = np.max(np.abs(expected.gradient))
+        np.testing.assert_allclose(slopes, -2.0 * expected.gradient, rtol=1e-8, atol=1e-12 * scale)
+    values[-1, 0] = np.nan
+    failed, _ = solve(values, record.measured)
+    assert not np.any(np.isfinite(failed[-1]))
+    np.testing.assert_array_equal(failed[:-1], misfit[:-1])

@@ -164,17 +164,17 @@ def test_sums_over_a_long_record_keep_their_digits(n_draws: int) -> None:
     assert np.max(np.abs(found.gradient - expected) / scale) < 2.0 * ROUNDING
 
 
-def test_one_point_at_a_time() -> None:
+def test_few_points_at_a_time() -> None:
     model = building(2, FREE)
-    record, draws = record_of(model), _draws(model, 1)
+    record, draws = record_of(model), _draws(model, 2)
     solve = SINGLE.of_points(model, record)
     assert solve is not None
-    misfit, slopes = solve(draws[0], record.measured)
+    misfit, slopes = solve(draws, record.measured)
     expected = DOUBLE.normal_equations(model, draws, record)
     assert misfit.dtype == slopes.dtype == np.float64
-    np.testing.assert_allclose(misfit, expected.misfit[0], rtol=1e-5)
-    scale = np.sqrt(np.einsum("ncaa,nc->nca", expected.information, expected.misfit))[0]
-    assert np.max(np.abs(slopes + 2.0 * expected.gradient[0]) / scale) < 1e-4
+    np.testing.assert_allclose(misfit, expected.misfit, rtol=1e-5)
+    scale = np.sqrt(np.einsum("ncaa,nc->nca", expected.information, expected.misfit))
+    assert np.max(np.abs(slopes + 2.0 * expected.gradient) / scale) < 1e-4
 
 
 def test_a_driven_specimen_follows_the_reference() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -17,6 +19,7 @@ from bwbn_bayes.inference.modes import Mode
 ENGINE = Lanes(substeps=2, n_threads=1)
 TRUTH = {"k": 40.0, "beta": 30.0, "delta_eta": 0.4}
 FREE = {"k": Uniform(20, 60), "beta": Uniform(1, 80), "delta_eta": Uniform(0, 2)}
+_PATIENCE_S = 30.0
 
 
 def small_model(**values: object) -> ShearBuilding:
@@ -44,3 +47,28 @@ def small_posterior(record: Record | None = None) -> Posterior:
 def small_mode(posterior: Posterior) -> Mode:
     """Its optimum next to the truth."""
     return climbed(posterior, posterior.model.space.to_unit(np.array([list(TRUTH.values())]))[0])
+
+
+def within_time[T](function: Callable[[], T]) -> T:
+    """What a function returns or raises; a test that would wait for ever fails."""
+    found: list[T] = []
+    raised: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            found.append(function())
+        except BaseException as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(_PATIENCE_S)
+    assert not thread.is_alive(), "it hangs"
+    if raised:
+        raise raised[0]
+    return found[0]
+
+
+def still_running() -> list[threading.Thread]:
+    """Threads of functions that have not ended."""
+    return [thread for thread in threading.enumerate() if thread.name == "lockstep"]

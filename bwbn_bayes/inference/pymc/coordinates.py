@@ -108,41 +108,45 @@ class NormalCoordinates:
     def points(self, x: Floats) -> Floats:
         """Points ``(n, n_dim)`` of the unit cube at coordinates ``(n, n_dim)``."""
         result = np.empty_like(x)
-        result[:, self.order] = ndtr(self._mapped(x.T)[0].T)
+        result[:, self.order] = ndtr(self._mapped(x)[0])
         return result
 
-    def log_density(self, x: Floats) -> tuple[float, Floats]:
-        """Log of likelihood times the prior's density of ``x``, and its gradient, at one ``(n_dim,)``.
+    def log_density(self, x: Floats) -> tuple[Floats, Floats]:
+        """Logs ``(n,)`` of likelihood times the prior's density of ``x``, and gradients, at ``(n, n_dim)``.
 
-        Minus infinity where the solve fails or the prior has no mass.
+        Minus infinity where the solve fails or the prior has no mass. What is found at one point does not depend on
+        the others, to the last bit.
         """
         with np.errstate(over="ignore", invalid="ignore"):  # a path that runs away
             y, w = self._mapped(x)
             value, by_y = self._log_density_in_y(y)
-        if value == -np.inf:
-            return value, np.zeros_like(x)
-        return value + self._log_volume, self._pulled_back(y, w, by_y)
+        gradient, found = np.zeros_like(x), value != -np.inf
+        gradient[found] = self._pulled_back(y[found], w[found], by_y[found])
+        return value + self._log_volume, gradient
+
+    # Products are sums by einsum's own loops: those of a linear algebra library depend on how many points there are.
 
     def _mapped(self, x: Floats) -> tuple[Floats, Floats]:
-        """``y`` and ``w`` of coordinates ``(n_dim, ...)``."""
+        """``y`` and ``w`` of coordinates ``(n, n_dim)``."""
         y, w = np.empty_like(x), np.empty_like(x)
         for k, (row, bend) in enumerate(zip(self.factor, self.bend, strict=True)):
-            earlier = w[:k]
-            along = row[:k] @ earlier
-            bent = np.sum((bend[:k, :k] @ earlier) * earlier, axis=0)
-            y[k] = self.origin[k] + along + row[k] * (x[k] + bent)
-            w[k] = ((ndtr(y[k]) - self._middle[k]) / self._slope[k] - along) / row[k]
+            earlier = w[:, :k]
+            along = np.einsum("ni,i->n", earlier, row[:k])
+            bent = np.einsum("ni,ni->n", np.einsum("nj,ij->ni", earlier, bend[:k, :k]), earlier)
+            y[:, k] = self.origin[k] + along + row[k] * (x[:, k] + bent)
+            w[:, k] = ((ndtr(y[:, k]) - self._middle[k]) / self._slope[k] - along) / row[k]
         return y, w
 
     def _pulled_back(self, y: Floats, w: Floats, by_y: Floats) -> Floats:
-        """Gradient by ``x`` from that by ``y``, ``(n_dim,)``, from the last coordinate to the first."""
+        """Gradients by ``x`` from those by ``y``, ``(n, n_dim)``, from the last coordinate to the first."""
         by_x, by_w, ratio = np.empty_like(y), np.zeros_like(y), _density(y) / self._slope
         for k in range(self.n_dim - 1, -1, -1):
-            row, earlier = self.factor[k], w[:k]
-            by_cube = by_w[k] / row[k]
-            whole = by_y[k] + by_cube * ratio[k]
-            by_x[k] = whole * row[k]
-            by_w[:k] += (whole - by_cube) * row[:k] + 2.0 * by_x[k] * (self.bend[k, :k, :k] @ earlier)
+            row, earlier = self.factor[k], w[:, :k]
+            by_cube = by_w[:, k] / row[k]
+            whole = by_y[:, k] + by_cube * ratio[:, k]
+            by_x[:, k] = whole * row[k]
+            bent = np.einsum("nj,ij->ni", earlier, self.bend[k, :k, :k])
+            by_w[:, :k] += (whole - by_cube)[:, None] * row[:k] + 2.0 * by_x[:, k, None] * bent
         return by_x
 
     @cached_property
@@ -166,18 +170,20 @@ class NormalCoordinates:
         """Of the linear map, and what makes a density of the standard normal."""
         return float(np.sum(np.log(np.diag(self.factor)))) - self.n_dim * float(np.log(_ROOT_TWO_PI))
 
-    def _log_density_in_y(self, y: Floats) -> tuple[float, Floats]:
-        target, problem, point = self.posterior, self.problem, np.empty((1, self.n_dim))
-        point[0, self.order] = ndtr(y)
-        none, log_prior = (-np.inf, np.zeros_like(y)), target.log_prior(point)[0]
-        if not np.isfinite(log_prior):
-            return none
-        whole = problem.squared_residuals_and_slopes(target.split(point)[0], problem.measured)
-        misfit, slopes = whole[..., 0], whole[..., 1:]
-        if not np.all(np.isfinite(misfit)):
-            return none
-        value = target.log_likelihood_of(misfit, point)[0] + log_prior - 0.5 * y @ y
-        return float(value), target.gradient_of(misfit, slopes, point)[0, self.order] * _density(y) - y
+    def _log_density_in_y(self, y: Floats) -> tuple[Floats, Floats]:
+        target, problem, points = self.posterior, self.problem, np.empty_like(y)
+        points[:, self.order] = ndtr(y)
+        log_prior, value, gradient = target.log_prior(points), np.full(len(y), -np.inf), np.zeros_like(y)
+        inside = np.flatnonzero(np.isfinite(log_prior))
+        if not len(inside):
+            return value, gradient
+        whole = problem.squared_residuals_and_slopes(target.split(points[inside])[0], problem.measured)
+        solved = np.all(np.isfinite(whole[..., 0]), axis=1)
+        some, misfit, slopes = inside[solved], whole[solved, :, 0], whole[solved, :, 1:]
+        at, own = points[some], y[some]
+        value[some] = target.log_likelihood_of(misfit, at) + log_prior[some] - 0.5 * np.einsum("ni,ni->n", own, own)
+        gradient[some] = target.gradient_of(misfit, slopes, at)[:, self.order] * _density(own) - own
+        return value, gradient
 
 
 def _density(y: Floats) -> Floats:

@@ -18,6 +18,7 @@ import numpy as np
 
 from bwbn_bayes.engines.base import Engine, NormalEquations, check_record, masses
 from bwbn_bayes.engines.lane_points import OfPoints
+from bwbn_bayes.engines.lane_source import LANES
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.sunode import Sunode
 from bwbn_bayes.inference import least_squares
@@ -114,9 +115,9 @@ class ForwardProblem:
 
     def squared_residuals_and_slopes(self, values: Floats, measured: Floats) -> Floats:
         """Both from one solve, ``(n_draws, n_blocks, 1 + n_parameters)``; where it failed infinite, and zero slopes."""
-        solve = self._of_points if len(values) == 1 else None
+        solve = self._of_points if len(values) <= LANES else None
         if solve is not None:
-            misfit, slopes = (result[None] for result in solve(values[0], measured))
+            misfit, slopes = solve(values, measured)
         else:
             equations = least_squares.normal_equations(
                 self.solver, self.model, values, self._record_with(measured), self.correlation

@@ -27,10 +27,14 @@ def with_sampled_noise() -> Posterior:
     return Posterior(model=small_model(), record=two, engine=ENGINE, noise=noise)
 
 
+def short_sdof() -> Posterior:
+    """Eight parameters over five seconds."""
+    return posterior_of(sdof_model(), recorded(1)).until(5.0)
+
+
 def log_weights(coordinates: NormalCoordinates, x: Floats) -> Floats:
     """Of draws of the standard normal for the posterior, by the log density of the coordinates."""
-    value = np.array([coordinates.log_density(one)[0] for one in x])
-    return value + 0.5 * np.sum(np.square(x), axis=1) + 0.5 * x.shape[1] * np.log(2.0 * np.pi)
+    return coordinates.log_density(x)[0] + 0.5 * np.sum(np.square(x), axis=1) + 0.5 * x.shape[1] * np.log(2.0 * np.pi)
 
 
 def effective_share(weights: Floats) -> float:
@@ -52,10 +56,10 @@ def test_the_density_is_that_of_the_posterior_and_the_map(posterior: Posterior) 
     sides = [coordinates.points(x + side * _STEP * np.eye(posterior.n_dim)) for side in (1.0, -1.0)]
     log_volume = np.linalg.slogdet((sides[0] - sides[1]) / (2.0 * _STEP)).logabsdet
     point = coordinates.points(x[None])
-    value, gradient = coordinates.log_density(x)
+    (value,), (gradient,) = coordinates.log_density(x[None])
     assert value == pytest.approx(posterior.log_likelihood(point)[0] + log_volume, abs=1e-4)
-    around = [[coordinates.log_density(x + side * _STEP * axis)[0] for side in (1.0, -1.0)] for axis in np.eye(len(x))]
-    np.testing.assert_allclose(gradient, np.subtract(*np.transpose(around)) / (2.0 * _STEP), rtol=1e-3, atol=1e-3)
+    forth, back = (coordinates.log_density(x + side * _STEP * np.eye(len(x)))[0] for side in (1.0, -1.0))
+    np.testing.assert_allclose(gradient, (forth - back) / (2.0 * _STEP), rtol=1e-3, atol=1e-3)
 
 
 def test_the_bends_of_the_sdof_case_are_taken_out() -> None:
@@ -86,6 +90,29 @@ def test_its_normalisation_is_the_evidence() -> None:
 def test_what_cannot_be_solved_has_no_density() -> None:
     posterior = small_posterior()
     coordinates = NormalCoordinates.at(posterior, small_mode(posterior).point)
-    value, gradient = coordinates.log_density(np.full(posterior.n_dim, np.nan))
-    assert value == -np.inf
-    assert not np.any(gradient)
+    x = np.zeros((3, posterior.n_dim))
+    x[1] = np.nan
+    value, gradient = coordinates.log_density(x)
+    assert value[1] == -np.inf
+    assert not np.any(gradient[1])
+    (alone,), (slope,) = coordinates.log_density(x[:1])
+    assert np.isfinite(alone)
+    np.testing.assert_array_equal(value[::2], [alone, alone])
+    np.testing.assert_array_equal(gradient[::2], [slope, slope])
+    nowhere, _ = coordinates.log_density(x[1:2])
+    assert nowhere[0] == -np.inf
+
+
+@pytest.mark.parametrize("case", ["integrated", "sampled noise", "sdof"])
+def test_points_do_not_depend_on_those_beside_them(case: str) -> None:
+    """To the last bit, else a chain's draws would depend on how many others run."""
+    posterior = {"integrated": small_posterior, "sampled noise": with_sampled_noise, "sdof": short_sdof}[case]()
+    coordinates = NormalCoordinates.at(posterior, np.full(posterior.n_dim, 0.4))
+    x = np.random.default_rng(5).standard_normal((17, posterior.n_dim))
+    singly = [coordinates.log_density(one[None]) for one in x]
+    for n in (2, 3, 4, 7, 16):
+        value, gradient = coordinates.log_density(x[:n])
+        np.testing.assert_array_equal(value, [one[0][0] for one in singly[:n]])
+        np.testing.assert_array_equal(gradient, [one[1][0] for one in singly[:n]])
+    # More than there are lanes are summed by other code.
+    np.testing.assert_allclose(coordinates.log_density(x)[0], [one[0][0] for one in singly], rtol=1e-10)

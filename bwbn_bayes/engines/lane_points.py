@@ -84,9 +84,9 @@ class OfPoints:
         sums, slopes = [], []
         for part, outcome in self._problem.run(self._engine, block, store=True):
             c = len(part.channels.names)
-            stored = outcome.stored.reshape(-1, 1 + block.directions.n, c, LANES)
+            stored = outcome.stored.reshape(-1, 1 + block.directions.n, c, LANES)[:, :, part.rows]
             rest = measured[part.rows, part.stretch.samples].T[..., None] - stored[:, 0]
-            own = np.zeros((n_draws, c, self._problem.n_parameters))
+            own = np.zeros((n_draws, stored.shape[2], self._problem.n_parameters))
             with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away
                 sums.append(np.sum(np.square(rest), axis=0)[:, places.first].T)
                 every = -2.0 * np.einsum("tcl,tkcl->klc", rest, stored[:, 1:])

@@ -8,13 +8,15 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import xarray as xr
 from inference_cases import SDOF, climbed, sdof_model
 
-from bwbn_bayes import Record, ShearBuilding, Uniform, simulate
+from bwbn_bayes import LogNormal, Record, ShearBuilding, Uniform, simulate
 from bwbn_bayes.elements.effects import StiffnessDegradation, StrengthDegradation
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.likelihood import Posterior, default_noise
+from bwbn_bayes.inference.likelihood import KnownNoise, Noise, Posterior, SampledNoise, default_noise
 from bwbn_bayes.inference.modes import Mode
+from bwbn_bayes.parameters import Floats, ParameterSpace
 
 ENGINE = Lanes(substeps=2, n_threads=1)
 TRUTH = {"k": 40.0, "beta": 30.0, "delta_eta": 0.4}
@@ -72,3 +74,18 @@ def within_time[T](function: Callable[[], T]) -> T:
 def still_running() -> list[threading.Thread]:
     """Threads of functions that have not ended."""
     return [thread for thread in threading.enumerate() if thread.name == "lockstep"]
+
+
+NOISES: dict[str, Noise] = {
+    "integrated": default_noise(small_record()),
+    "known": KnownNoise(sd=(0.2,)),
+    "sampled": SampledNoise(channels=("acceleration_1",), priors=(LogNormal(0.2, 0.5),)),
+}
+
+
+def posterior_tree(space: ParameterSpace, n_draws: int) -> xr.DataTree:
+    """Two chains of draws close to the truth, as PyMC would store them."""
+    rng = np.random.default_rng(1)
+    values: Floats = np.array(list(TRUTH.values())) * (1.0 + 0.002 * rng.standard_normal((2, n_draws, space.n_dim)))
+    columns = {name: (("chain", "draw"), values[..., i]) for i, name in enumerate(space.names)}
+    return xr.DataTree.from_dict({"posterior": xr.Dataset(columns, coords={"chain": [0, 1], "draw": range(n_draws)})})

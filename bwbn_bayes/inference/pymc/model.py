@@ -1,8 +1,8 @@
 """A structure and its records as an ordinary ``pm.Model``.
 
 Variables carry the names of the literature, with a storey dimension where each storey has its own. The likelihood is
-the package's own: noise scales integrated out (the default), known or sampled. What the integration leaves out,
-pointwise log likelihoods and predictions with noise, is drawn back by :func:`complete`.
+the package's own: noise scales integrated out (the default), known or sampled. What the integration leaves out, noise
+scales and predictions with noise, is drawn back by :func:`complete`.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from bwbn_bayes.inference.likelihood import (
     default_noise,
     require_noise,
 )
+from bwbn_bayes.inference.pymc.densities import OfSamples, noise_log_likelihood, sample_log_densities, turned
 from bwbn_bayes.inference.pymc.forward import ForwardProblem, forward_problem
 from bwbn_bayes.inference.pymc.operators import ChannelResponse, LogAdmissible, SquaredResiduals, spread
 from bwbn_bayes.inference.pymc.priors import prior_twin
@@ -157,7 +158,8 @@ def to_pymc(
     Notes
     -----
     With integrated noise, ``pm.sample_posterior_predictive`` draws noise scales from their prior, not from what the
-    record says of them: use :func:`complete`.
+    record says of them: use :func:`complete`. ``pm.compute_log_likelihood`` has a value for each sample, whose sum
+    is the log likelihood (:func:`~bwbn_bayes.inference.pymc.densities.sample_log_densities`).
     """
     several = [records] if isinstance(records, Record) else list(records)
     noises = _noises(noise, several)
@@ -256,7 +258,9 @@ def _observe(
         )
 
     def log_density(measured: pt.TensorVariable, values: pt.TensorVariable, *sd: pt.TensorVariable) -> object:
-        return noise_log_likelihood(noise, SquaredResiduals(problem)(values, measured), counts(problem.record), *sd)
+        squares, residual = SquaredResiduals(problem)(values, measured), measured - ChannelResponse(problem)(values)
+        total = noise_log_likelihood(noise, squares, counts(problem.record), *sd)
+        return OfSamples()(total, sample_log_densities(noise, problem.record, residual, *sd))
 
     def predict(values: pt.TensorVariable, *sd_and_size: pt.TensorVariable) -> pt.TensorVariable:
         *sd, _ = sd_and_size
@@ -288,26 +292,12 @@ def _observe(
     )
 
 
-def noise_log_likelihood(
-    noise: Noise, misfit: pt.TensorVariable, n_times: float | Floats, noise_sd: pt.TensorVariable | None = None
-) -> pt.TensorVariable:
-    """Symbolic twin of the noise models' log likelihood, from squared residuals ``(n_blocks,)``."""
-    if isinstance(noise, IntegratedNoise):
-        scale, end = np.asarray(noise.scale), noise.shape + 0.5 * n_times / noise.as_one
-        constant = noise.log_likelihood(np.zeros((1, len(scale))), n_times, np.zeros((1, 0)))[0]
-        return constant - pt.sum(end * pt.log1p(0.5 * misfit / (noise.as_one * scale)), axis=-1)
-    variance = np.square(noise.sd) if isinstance(noise, KnownNoise) else pt.square(noise_sd)
-    return -0.5 * pt.sum(misfit / variance + n_times * (pt.log(variance) + _LOG_2PI), axis=-1)
-
-
 def _with_shared(white: pt.TensorVariable, noise: Noise) -> pt.TensorVariable:
     """White errors ``(n_channels, n_times)`` with what a force adds to them in its prior."""
     shared = None if noise.correlation is None else noise.correlation.shared
     if shared is None or shared.level is None:
         return white
-    flat = (white / shared.level[:, None]).reshape((-1,))
-    beside = pt.dot(shared.functions, pt.dot(shared.functions.T, flat) * (np.sqrt(1.0 + shared.variance) - 1.0))
-    return white + shared.level[:, None] * beside.reshape(white.shape, ndim=2)
+    return turned(white, shared, np.sqrt(1.0 + shared.variance))
 
 
 def _prior_noise_sd(noise: Noise) -> pt.TensorVariable:

@@ -11,7 +11,7 @@ import pytensor
 import pytensor.tensor as pt
 import pytest
 import xarray as xr
-from pymc_cases import ENGINE, TRUTH, small_model, small_posterior, small_record
+from pymc_cases import ENGINE, NOISES, TRUTH, posterior_tree, small_model, small_posterior, small_record
 
 from bwbn_bayes import (
     HalfNormal,
@@ -30,16 +30,15 @@ from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.inference.accuracy import Judge
 from bwbn_bayes.inference.likelihood import (
     IntegratedNoise,
-    KnownNoise,
-    Noise,
     Posterior,
     SampledNoise,
     default_noise,
 )
-from bwbn_bayes.inference.pymc.model import complete, draws_of, noise_log_likelihood, observations
-from bwbn_bayes.inference.pymc.operators import SquaredResiduals
+from bwbn_bayes.inference.pymc.densities import noise_log_likelihood, sample_log_densities
+from bwbn_bayes.inference.pymc.model import complete, draws_of, observations
+from bwbn_bayes.inference.pymc.operators import ChannelResponse, SquaredResiduals
 from bwbn_bayes.inference.pymc.priors import prior_twin
-from bwbn_bayes.parameters import Floats, ParameterSpace, Prior
+from bwbn_bayes.parameters import Floats, Prior
 
 
 def log_density(twin: pm.Model, values: dict[str, float], parts: list[pm.Distribution] | None = None) -> float:
@@ -50,13 +49,6 @@ def log_density(twin: pm.Model, values: dict[str, float], parts: list[pm.Distrib
         value = np.asarray(values[rv.name])
         point[variable.name] = value if transform is None else transform.forward(value, *rv.owner.inputs).eval()
     return float(twin.compile_logp(vars=parts, jacobian=False)(point))
-
-
-NOISES: dict[str, Noise] = {
-    "integrated": default_noise(small_record()),
-    "known": KnownNoise(sd=(0.2,)),
-    "sampled": SampledNoise(channels=("acceleration_1",), priors=(LogNormal(0.2, 0.5),)),
-}
 
 
 @pytest.mark.parametrize("kind", NOISES)
@@ -85,17 +77,6 @@ def test_what_does_not_belong_together_is_a_user_error() -> None:
         to_pymc(small_model(), second)
     with pytest.raises(UserError, match="2 scales for 1 channels"):
         to_pymc(small_model(), record, noise=IntegratedNoise(shape=1.0, scale=(0.1, 0.1)))
-
-
-def test_noise_twins_agree_with_the_noise_models() -> None:
-    misfit, n_times = np.array([[3.0, 0.5]]), 400
-    integrated = IntegratedNoise(shape=1.5, scale=(0.2, 0.7))
-    filtered = IntegratedNoise(shape=1.5, scale=(0.2, 0.7), correlation_samples=2.5)
-    known = KnownNoise(sd=(0.1, 0.4))
-    none = np.zeros((1, 0))
-    for noise in (integrated, filtered, known):
-        got = noise_log_likelihood(noise, misfit[0], n_times)
-        assert float(got.eval()) == pytest.approx(noise.log_likelihood(misfit, n_times, none)[0], rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -234,14 +215,6 @@ def test_a_wrong_call_is_told_in_one_sentence() -> None:
         to_pymc(model, [], engine=ENGINE)
 
 
-def posterior_tree(space: ParameterSpace, n_draws: int) -> xr.DataTree:
-    """Two chains of draws close to the truth, as PyMC would store them."""
-    rng = np.random.default_rng(1)
-    values: Floats = np.array(list(TRUTH.values())) * (1.0 + 0.002 * rng.standard_normal((2, n_draws, space.n_dim)))
-    columns = {name: (("chain", "draw"), values[..., i]) for i, name in enumerate(space.names)}
-    return xr.DataTree.from_dict({"posterior": xr.Dataset(columns, coords={"chain": [0, 1], "draw": range(n_draws)})})
-
-
 def test_pointwise_log_likelihood_and_predictions() -> None:
     model, record = small_model(), small_record()
     twin = to_pymc(model, record, engine=ENGINE)
@@ -346,9 +319,14 @@ def test_an_unnamed_force_widens_the_posterior_of_a_twin() -> None:
     values = pt.vector("values")
     sums = SquaredResiduals(observation.problem)(values, observation.problem.measured)
     log_likelihood = noise_log_likelihood(observation.noise, sums, record.n_times)
+    residual = observation.problem.measured - ChannelResponse(observation.problem)(values)
+    samples = pt.sum(sample_log_densities(observation.noise, record, residual))
     both = pytensor.function([values], [log_likelihood, pt.grad(log_likelihood, values)])
+    # Not by numba, which warns of large constants that it cannot keep compiled code of.
+    summed = pytensor.function([values], samples, mode=pytensor.compile.Mode(linker="py"))
     own = [both(one) for one in posterior.split(points)[0]]
     expected = posterior.log_likelihood(points)
     np.testing.assert_allclose([value for value, _ in own], expected, rtol=1e-8)
+    np.testing.assert_allclose([summed(one) for one in posterior.split(points)[0]], expected, atol=1e-8)
     first, second = posterior.split(points)[0][1:]
     assert own[0][1] @ (first - second) == pytest.approx(expected[1] - expected[2], rel=1e-3)

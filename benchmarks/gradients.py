@@ -1,13 +1,16 @@
-"""What log probability and gradient of one point cost: ``to_pymc`` beside a scan in PyTensor, at equal error.
+"""What log probability and gradient of one point cost: ``to_pymc`` beside other ways, at equal error of the gradient.
 
 ``python -m benchmarks.gradients --model models/sdof.py --duration 10 --json FILE``
 ``python -m benchmarks.gradients --model models/plain_three_storey.py --duration 10``
 ``python -m benchmarks.gradients --model models/sdof.py --duration 10 --nuts 500``
+``python -m benchmarks.gradients --model models/sdof.py --duration 0.7 --ode``
 
 The scan is what a PyMC user would write: classical Runge-Kutta steps of the equation of motion, differentiated by
-PyTensor, compiled by its default linker. Both gradients are compared with that of the reference engine. The scan takes
-as many steps between samples as bring its error down to that of the scheme that ``to_pymc`` chooses. Times are of the
-processor, the shortest of several rounds. sunode and ``pm.ode`` are not measured.
+PyTensor, compiled by its default linker. It takes as many steps between samples as bring its error down to that of the
+scheme that ``to_pymc`` chooses. ``pm.ode`` has the tolerances of SciPy's ``odeint``, which cannot be set: its error is
+what it is. CVODES, by sundials4py and, where it is installed, by sunode, solves the package's compiled equations with
+forward sensitivities, at the loosest tolerance that brings the error down. All gradients are compared with that of the
+reference engine. Times are of the processor, the shortest of several rounds.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +29,14 @@ import pytensor.tensor as pt
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.gradients_of.ode import ode_misfit
+from benchmarks.gradients_of.scan import scan_misfit
 from bwbn_bayes import Record, Settings, el_centro, identify, simulate, to_pymc
+from bwbn_bayes.engines.base import NormalEquations
+from bwbn_bayes.engines.cvodes import Cvodes
 from bwbn_bayes.engines.reference import Reference
+from bwbn_bayes.engines.sunode import Sunode
+from bwbn_bayes.inference.least_squares import normal_equations
 from bwbn_bayes.inference.likelihood import default_noise
 from bwbn_bayes.inference.pymc.model import observations
 from bwbn_bayes.inference.summary import processor_name
@@ -35,65 +45,8 @@ from bwbn_bayes.structures.model_file import load_model_file
 from bwbn_bayes.structures.structure import Structure
 
 _SUBSTEPS = (1, 2, 4, 8)
-_ROUNDS, _LEAST_S = 7, 0.1
-_TINY = 1e-12
-"""Keeps powers of z differentiable where it is zero."""
-_LAW = ("k", "c", "alpha", "beta", "gamma", "n", "delta_nu", "delta_eta")
-
-
-def scan_misfit(model: Structure, record: Record, values: pt.TensorVariable, substeps: int) -> pt.TensorVariable:
-    """Squared residuals ``(n_channels,)`` of a chain under a ground motion, by a scan over samples."""
-    table, masses = model.table, np.array(model.masses)
-    symbols = [parameter.symbol for parameter in model.parameters]
-    law = {}
-    for name in _LAW:
-        if name not in symbols:
-            law[name] = pt.zeros(len(masses))
-            continue
-        column = symbols.index(name)
-        own = [
-            values[index] if index >= 0 else pt.constant(fixed)
-            for index, fixed in zip(table.index[:, column], table.fixed[:, column], strict=True)
-        ]
-        law[name] = pt.stack(own)
-    k, c, alpha, beta, gamma, n, delta_nu, delta_eta = (law[name] for name in _LAW)
-    elastic, hysteretic = alpha * k, (1.0 - alpha) * k
-
-    def total(u: Any, v: Any, z: Any) -> Any:
-        force = c * v + elastic * u + hysteretic * z
-        return (pt.concatenate([force[1:], pt.zeros(1)]) - force) / masses
-
-    def rates(state: Any, ground: Any) -> Any:
-        u, v, z, epsilon = state[0], state[1], state[2], state[3]
-        floors = total(u, v, z)
-        size = pt.abs(z) + _TINY
-        dissipated = beta * pt.abs(v) * size ** (n - 1.0) * z + gamma * v * size**n
-        rate = (v - (1.0 + delta_nu * epsilon) * dissipated) / (1.0 + delta_eta * epsilon)
-        return pt.stack([v, floors - pt.concatenate([ground[None], floors[:-1]]), rate, hysteretic * z * v])
-
-    h = record.time_step / substeps
-
-    def between(now: Any, rise: Any, state: Any) -> Any:
-        for step in range(substeps):
-            begin, middle, end = (now + rise * (step + share) / substeps for share in (0.0, 0.5, 1.0))
-            k1 = rates(state, begin)
-            k2 = rates(state + 0.5 * h * k1, middle)
-            k3 = rates(state + 0.5 * h * k2, middle)
-            k4 = rates(state + h * k3, end)
-            state = state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-        return state, total(state[0], state[1], state[2])
-
-    ground = record.excitation
-    _, response = pytensor.scan(
-        between,
-        sequences=[pt.constant(ground[:-1]), pt.constant(np.diff(ground))],
-        outputs_info=[pt.zeros((4, len(masses))), None],
-        return_updates=False,
-    )
-    floors = [floor - 1 for floor in record.floors]
-    first = np.sum(np.square(record.measured[:, 0]))  # at rest
-    rest = pt.constant(record.measured[:, 1:].T) - response[:, floors]
-    return pt.sum(pt.square(rest), axis=0) + first
+_TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+_ROUNDS, _LEAST_S, _LONG_S = 7, 0.1, 10.0
 
 
 def timed(function: Callable[[], object]) -> float:
@@ -110,6 +63,8 @@ def timed(function: Callable[[], object]) -> float:
                 break
             calls *= 2
         best = min(best, spent / calls)
+        if spent > _LONG_S:  # another round would tell little
+            break
     return 1e3 * best
 
 
@@ -126,8 +81,33 @@ def reference_gradient(model: Structure, record: Record, values: Floats, scale: 
     return gradient_of(np.sum(rest**2, axis=1), -2.0 * np.einsum("ct,pct->cp", rest, slopes[0]), record, scale)
 
 
-def compared(model: Structure, record: Record, values: Floats) -> dict[str, Any]:
-    """Times and errors of both, and the ratio at equal error."""
+def by_engine(
+    kind: type[Cvodes | Sunode],
+    model: Structure,
+    record: Record,
+    values: Floats,
+    judged: Callable[[NormalEquations], float],
+    enough: float,
+) -> dict[str, Any]:
+    """The row of an engine of CVODES at its loosest tolerance with error enough, or what is missing."""
+    if kind is Sunode and find_spec("sunode") is None:
+        return {kind.name: "not installed"}
+
+    def solved(tolerance: float) -> NormalEquations:
+        engine = kind(rtol=tolerance, atol=1e-2 * tolerance)
+        found = normal_equations(engine, model, values[None], record, None)
+        assert isinstance(found, NormalEquations)
+        return found
+
+    for tolerance in _TOLERANCES:
+        if judged(solved(tolerance)) <= enough:
+            break
+    row = {"ms": timed(lambda: solved(tolerance)), "error": judged(solved(tolerance))}
+    return {f"{kind.name}, relative tolerance {tolerance:g}": row}
+
+
+def compared(model: Structure, record: Record, values: Floats, *, ode: bool = False) -> dict[str, Any]:
+    """Times and errors of all, of ``pm.ode`` where it is asked for, and the ratio to the scan at equal error."""
     twin = to_pymc(model, record)
     problem = next(iter(observations(twin).values())).problem
     scale = np.asarray(default_noise(record).scale)
@@ -144,15 +124,24 @@ def compared(model: Structure, record: Record, values: Floats) -> dict[str, Any]
     own.set_extra_values({})
     start = np.concatenate([np.ravel(value) for value in twin.initial_point().values()])
     rows: dict[str, Any] = {"to_pymc": {"ms": timed(lambda: own(start)), "error": own_error}}
-    for substeps in _SUBSTEPS:
-        misfit = scan_misfit(model, record, point, substeps)
+
+    def judged(found: NormalEquations) -> float:
+        return error(gradient_of(found.misfit[0], -2.0 * found.gradient[0], record, scale))
+
+    def by_graph(misfit: pt.TensorVariable) -> dict[str, float]:
         value = -pt.sum((1.0 + 0.5 * record.n_times) * pt.log1p(0.5 * misfit / scale))
         both = pytensor.function([point], [value, pt.grad(value, point)])
         both.trust_input = True
-        found = {"ms": timed(lambda both=both: both(values)), "error": error(both(values)[1])}  # type: ignore[misc]
-        rows[f"scan, {substeps} steps"] = found
+        return {"ms": timed(lambda: both(values)), "error": error(both(values)[1])}
+
+    for substeps in _SUBSTEPS:
+        found = rows[f"scan, {substeps} steps"] = by_graph(scan_misfit(model, record, point, substeps))
         if found["error"] <= own_error:
             break
+    if ode:
+        rows["pm.ode, odeint's own tolerances"] = by_graph(ode_misfit(model, record, point))
+    for kind in (Cvodes, Sunode):
+        rows |= by_engine(kind, model, record, values, judged, own_error)
     return {"scheme": problem.engine.scheme, "rows": rows, "ratio": rows["to_pymc"]["ms"] / found["ms"]}
 
 
@@ -162,6 +151,7 @@ def parsed(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--model", type=Path, default=Path("models/sdof.py"))
     parser.add_argument("--duration", type=float, default=10.0, help="of the record [s]")
     parser.add_argument("--nuts", type=int, metavar="DRAWS", help="sample by NUTS in the place of timing gradients")
+    parser.add_argument("--ode", action="store_true", help="pm.ode, too: minutes for a second of record")
     parser.add_argument("--json", type=Path)
     return parser.parse_args(arguments)
 
@@ -183,10 +173,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     else:
         values = np.array([record.truth[name] for name in model.space.names])
         values = model.space.from_unit(0.9 * model.space.to_unit(values[None]) + 0.05)[0]
-        facts |= compared(model, record, values)
+        facts |= compared(model, record, values, ode=options.ode)
         table = Table("what", "ms", "relative error of the gradient", title=f"{file.name}, {record.n_times} samples")
         for name, row in facts["rows"].items():
-            table.add_row(name, f"{row['ms']:.2f}", f"{row['error']:.1e}")
+            told = (row, "") if isinstance(row, str) else (f"{row['ms']:.2f}", f"{row['error']:.1e}")
+            table.add_row(name, *told)
         console.print(table)
         console.print(f"to_pymc takes {facts['ratio']:.2f} of the scan's time at equal error ({facts['scheme']}).")
     if options.json is not None:

@@ -53,7 +53,7 @@ def conclude(
     run : Run
     """
     believed, given = pool.beliefs, pool.plain[frozenset()]
-    present = pool.settled(believed.predictive.effects_key)
+    present = pool.delivered(believed)
     run.say("looking for the smallest effects that this record could have shown")
     limits = _limits(present, run)
     record = present.posterior.record

@@ -14,6 +14,7 @@ from bwbn_bayes.discovery.evidence import (
     autoregressive_bound,
     autoregressive_outlook,
     beside_force,
+    laplace,
     law_alone,
     sampled,
 )
@@ -266,11 +267,28 @@ class Pool:
         found = zip(laws, self.run.beside(partial(_beside, self._force), laws), strict=True)
         self.add(_with_force(one, own) for one, own in found)
 
+    def delivered(self, believed: Beliefs) -> Explanation:
+        """The explanation to predict by, settled.
+
+        Of a specimen's laws that leave more than noise that which predicts the later stretches of its test best, each
+        from what came before it: none of them is right, and what is wanted is the cycles to come. The evidence, by
+        which each is ahead of the next, is the score of predicting one sample further.
+        """
+        best = believed.predictive
+        if not self.has_force or best.is_noise:
+            return self.settled(best.effects_key)
+        every = [self.plain[one.effects_key] for one in believed.deliverable]
+        self.run.say(f"predicting later cycles from earlier ones with {len(every)} laws")
+        scores = self.run.beside(_score_ahead, every)
+        return self.settled(every[int(np.argmax(scores))].effects_key)
+
     def settled(self, key: Key) -> Explanation:
         """An explanation without an unnamed force, to predict by; a specimen's after a search all over its priors.
 
         It was found beside the force, from where the best fit without it may lie far, and laws that are built by
-        themselves are solved as coarsely as those beside it: a fit may make use of the step.
+        themselves are solved as coarsely as those beside it: a fit may make use of the step. Of its optima that is
+        taken which predicts later stretches best, where more than noise is left: one that was likelier by 85 nats left
+        184 % of the end of a measured test, and this one 17 %.
         """
         one = self.plain[key]
         if self.has_force and key:
@@ -278,7 +296,10 @@ class Pool:
             anew = find_modes(one.posterior, self.run.rng, n_starts=_N_STARTS, reach=FAR)
             found = (*one.modes[:_N_SETTLED], *anew)
             modes = settled(one.posterior, found[:N_CANDIDATES], self.run.rng)
-            if modes[0].log_likelihood > one.modes[0].log_likelihood:
+            if not one.is_noise:
+                optima = [_with_modes(one, modes[number:]) for number in range(len(modes))]
+                one = optima[int(np.argmax(self.run.beside(_score_ahead, optima)))]
+            elif modes[0].log_likelihood > one.modes[0].log_likelihood:
                 one = replace(one, modes=modes)
             self.plain[key] = one
         return one
@@ -308,6 +329,15 @@ def _at(one: Explanation) -> tuple[Posterior, tuple[Mode, ...]]:
 
 def _coloured(one: Explanation) -> Evidence:
     return autoregressive(*_at(one))
+
+
+def _score_ahead(one: Explanation) -> float:
+    return one.cross_validation.log_score
+
+
+def _with_modes(one: Explanation, modes: tuple[Mode, ...]) -> Explanation:
+    """A law alone with some of its optima."""
+    return replace(one, modes=modes, evidence=laplace(one.posterior, modes))
 
 
 def _alone(one: Explanation) -> Evidence:

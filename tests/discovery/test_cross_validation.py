@@ -138,3 +138,28 @@ def test_a_model_that_cannot_be_solved_predicts_nothing() -> None:
 
     found = cross_validated(posterior.with_engine(Lost(substeps=2, n_threads=1)), np.full(2, 0.5))
     assert (found.log_score, found.nrmse) == (-np.inf, np.inf)
+
+
+def test_samples_that_are_held_out_have_no_part_in_it() -> None:
+    """It chooses what is delivered: whatever was measured at repeat cycles, the score is the same."""
+    travel = np.concatenate([size * np.sin(np.linspace(0.0, 4.0 * np.pi, 160)) for size in (0.5, 1.0, 1.5, 2.0)])
+    counted = np.arange(len(travel)) % 160 < 80
+    model = Specimen(storey=replace(STOREY, c=0.0, alpha=Uniform(0.0, 0.9)))
+    test = Record(
+        name="test",
+        time_step=1.0,
+        excitation=travel,
+        channels={"force": np.zeros(len(travel))},
+        excitation_kind="displacement",
+        has_time=False,
+    )
+    force = ENGINE.simulate(model, np.array([[60.0, 0.3]]), test, ("force",)).values[0, 0]
+    force = force + 0.5 * np.random.default_rng(2).standard_normal(len(force))
+    found = []
+    for held_out in (force, 1e3 + force):
+        record = replace(test, channels={"force": np.where(counted, force, held_out)}, counted=counted)
+        posterior = Posterior(model=model, record=record, engine=ENGINE, noise=KnownNoise(sd=(0.5,)))
+        (point,), _ = polish(posterior, np.full((1, posterior.n_dim), 0.4), n_iterations=30)
+        found.append(cross_validated(posterior, point))
+    assert found[0] == found[1]
+    assert np.isfinite(found[0].log_score)

@@ -1,11 +1,14 @@
 """Which accounts of the errors a specimen's laws are weighed under."""
 
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from pulled_spring import TIME_STEP, explained, with_past
 
+from bwbn_bayes.discovery import pool as pooling
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
@@ -50,3 +53,27 @@ def test_a_law_that_leaves_more_than_noise_keeps_none_that_leaves_noise_waiting(
     pool.add_alone([better])
     pool._colour()
     assert pool.plain[frozenset()].evidence.correlation is not None
+
+
+def test_what_predicts_later_cycles_is_delivered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of laws that leave more than noise, and of the optima of one, that from which later stretches are best told."""
+    pool, one = pool_of(FORCE), leaving(8.0)
+    keys: list[Any] = [frozenset({((name,), (1,))}) for name in "abc"]
+    laws = {key: replace(one, added=(SimpleNamespace(key=key),)) for key in keys}  # type: ignore[arg-type]
+    monkeypatch.setattr(Explanation, "effects_key", property(lambda law: law.added[0].key))
+    optima = tuple(replace(one.modes[0], log_likelihood=one.modes[0].log_likelihood - n) for n in range(3))
+    pool.plain.update(laws)
+    scores = {keys[0]: (2.0, 9.0, 9.0), keys[1]: (5.0, 7.0, 6.0), keys[2]: (4.0, 9.0, 9.0)}
+
+    def score(law: Explanation) -> float:
+        number = [mode.log_likelihood for mode in optima].index(law.evidence.modes[0].log_likelihood)
+        return scores[law.effects_key][number]
+
+    monkeypatch.setattr(pooling, "_score_ahead", score)
+    monkeypatch.setattr(pooling, "finely_solved", lambda law: law)
+    monkeypatch.setattr(pooling, "find_modes", lambda *_, **__: ())
+    monkeypatch.setattr(pooling, "settled", lambda *_: optima)
+    believed: Any = SimpleNamespace(predictive=laws[keys[0]], deliverable=tuple(laws.values()))
+    found = pool.delivered(believed)
+    assert found.effects_key == keys[1]
+    assert found.modes == found.evidence.modes == optima[1:]

@@ -276,13 +276,13 @@ class Pool:
         """
         best = believed.predictive
         if not self.has_force or best.is_noise:
-            return self.settled(best.effects_key)
+            return self._settled(best.effects_key)
         every = [self.plain[one.effects_key] for one in believed.deliverable]
         self.run.say(f"predicting later cycles from earlier ones with {len(every)} laws")
         scores = self.run.beside(_score_ahead, every)
-        return self.settled(every[int(np.argmax(scores))].effects_key)
+        return self._settled(every[int(np.argmax(scores))].effects_key)
 
-    def settled(self, key: Key) -> Explanation:
+    def _settled(self, key: Key) -> Explanation:
         """An explanation without an unnamed force, to predict by; a specimen's after a search all over its priors.
 
         It was found beside the force, from where the best fit without it may lie far, and laws that are built by

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import xarray as xr
+from opensees_analysis import analysis
 from scipy.integrate import solve_ivp
 
 from bwbn_bayes import (
@@ -121,25 +122,15 @@ def bearing(slider: dict[str, float], mass: float, record: Record, substeps: int
     towards = ("-P", 1, "-Mz", 2, "-orient", 0, 1, 0, -1, 0, 0, "-iter", 100, 1e-9)
     ops.element("singleFPBearing", 1, 1, 2, 1, slider["R"], stiffness, *towards)
 
-    def analysis(kind: str, *integrator: object) -> None:
-        ops.system("FullGeneral")
-        ops.numberer("Plain")
-        ops.constraints("Plain")
-        ops.test("NormDispIncr", 1e-12, 50)
-        ops.algorithm("Newton")
-        ops.integrator(*integrator)
-        ops.analysis(kind)
-
     ops.timeSeries("Linear", 1)
     ops.pattern("Plain", 1, 1)
     ops.load(2, 0.0, -slider["W"], 0.0)
-    analysis("Static", "LoadControl", 1.0)
+    analysis(ops, "Static", "LoadControl", 1.0)
     assert ops.analyze(1) == 0
     ops.loadConst("-time", 0.0)
-    ops.wipeAnalysis()
     ops.timeSeries("Path", 2, "-dt", TIME_STEP, "-values", *record.excitation, record.excitation[-1])
     ops.pattern("UniformExcitation", 2, 1, "-accel", 2)
-    analysis("Transient", "Newmark", 0.5, 0.25)
+    analysis(ops, "Transient", "Newmark", 0.5, 0.25)
     found = np.zeros(record.n_times)
     for j in range(1, record.n_times):
         assert ops.analyze(substeps, TIME_STEP / substeps) == 0

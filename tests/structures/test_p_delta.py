@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from opensees_analysis import analysis
 
 from bwbn_bayes import BoucWen, Linear, PDelta, PerStorey, Record, ShearBuilding
 from bwbn_bayes.engines.lanes import Lanes
@@ -65,26 +66,16 @@ def opensees(kind: str, n_storeys: int, substeps: int, *, yields: bool = False) 
     ops = pytest.importorskip("openseespy.opensees")
     storeys(ops, kind, n_storeys, yields=yields)
 
-    def analysis(name: str, *integrator: object) -> None:
-        ops.wipeAnalysis()
-        ops.system("FullGeneral")
-        ops.numberer("Plain")
-        ops.constraints("Plain")
-        ops.test("NormDispIncr", 1e-12, 50)
-        ops.algorithm("Newton")
-        ops.integrator(*integrator)
-        ops.analysis(name)
-
     ops.timeSeries("Linear", 1)
     ops.pattern("Plain", 1, 1)
     for i in range(1, n_storeys + 1):
         ops.load(i, 0.0, -G * MASSES[i - 1], 0.0)
-    analysis("Static", "LoadControl", 1.0)
+    analysis(ops, "Static", "LoadControl", 1.0)
     assert ops.analyze(1) == 0
     ops.loadConst("-time", 0.0)
     ops.timeSeries("Path", 2, "-dt", STEP, "-values", *GROUND, GROUND[-1])
     ops.pattern("UniformExcitation", 2, 1, "-accel", 2)
-    analysis("Transient", "Newmark", 0.5, 0.25)
+    analysis(ops, "Transient", "Newmark", 0.5, 0.25)
     floors = np.zeros((n_storeys, N))
     for j in range(1, N):
         assert ops.analyze(substeps, STEP / substeps) == 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +51,8 @@ def follow(storey: Storey, displacement: Floats, steps: float = FINE) -> Loop:
     steps : float
         Integration steps per bound of z; at least one between two points.
     """
-    kind = np.dtype([(item.name, np.float64) for item in fields(storey)])
-    law = np.array([astuple(storey)], dtype=kind)
+    names = [item.name for item in fields(Storey)]
+    law = np.array([tuple(getattr(storey, name) for name in names)], dtype=[(name, np.float64) for name in names])
     force, own = follow_law(law, displacement, ultimate_displacement(storey) / steps)
     return Loop(
         displacement=displacement, force=force, hysteretic_displacement=own[:, 0], energy=own[:, 1], path=own[:, 5]

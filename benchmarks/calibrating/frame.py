@@ -100,9 +100,12 @@ def accelerations(frame: Frame, ground: Floats, forces: Floats, time_step: float
 
 
 def packed(links: Sequence[Link]) -> NDArray[np.void]:
-    """Numbers as a structured array, whose fields the compiled code reads by name."""
-    kind = np.dtype([(item.name, np.float64) for item in fields(Link)])
-    return np.array([astuple(link) for link in links], dtype=kind)
+    """Numbers as a structured array, whose fields the compiled code reads by name.
+
+    In another order than a storey's: Numba takes a record that begins as another for a subtype of it, with a warning.
+    """
+    kind = np.dtype([(item.name, np.float64) for item in reversed(fields(Link))])
+    return np.array([astuple(link)[::-1] for link in links], dtype=kind)
 
 
 def _jumped(links: NDArray[np.void], t: float, now: NDArray[np.void]) -> None:

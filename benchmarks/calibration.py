@@ -27,7 +27,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.calibrating.outcome import Outcome, judged
+from benchmarks.calibrating.outcome import Outcome, judged, not_identified
 from benchmarks.calibrating.records import CONDITIONS, Replicate, replicate
 from benchmarks.calibrating.summary import Calibration, Wrong, calibration, wrong
 from benchmarks.calibrating.wrong import KINDS, force_replicate, wrong_replicate
@@ -38,11 +38,14 @@ from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
 
 
-def run(made: Replicate, method: str, particles: int, seed: int) -> Outcome:
-    """Identify a replicate blind and compare with its truth."""
-    clock, settings = Clock(), Settings(method=method, particles=particles, seed=seed)
-    result = identify(made.model, made.record, settings=settings)
-    return judged(result, made, seed, clock.processor_seconds)
+def run(made: Replicate, settings: Settings, *, unnamed_force: bool = False) -> Outcome:
+    """Identify a replicate blind and compare with its truth; where that cannot be done it counts as not identified."""
+    clock = Clock()
+    try:
+        result = identify(made.model, made.record, settings=settings, unnamed_force=unnamed_force)
+    except UserError:
+        return not_identified(clock.processor_seconds)
+    return judged(result, made, settings.seed, clock.processor_seconds)
 
 
 class Kept:
@@ -74,7 +77,8 @@ def outcomes_of(
         key = f"{file.name}, {label}, {options.method}, {options.particles}, seed {options.seed}, {number}"
 
         def run_it(number: int = number) -> Outcome:
-            return run(make(number), options.method, options.particles, options.seed + number)
+            seed = options.seed + number
+            return run(make(number), Settings(method=options.method, particles=options.particles, seed=seed))
 
         found.append(kept.outcome(key, run_it))
     return found
@@ -97,9 +101,7 @@ def with_forces(file: ModelFile, snr_db: float, options: argparse.Namespace, kep
                 settings = Settings(
                     method=options.method, particles=options.particles, seed=seed, alternatives=False, fallback=False
                 )
-                clock = Clock()
-                result = identify(made.model, made.record, settings=settings, unnamed_force=has_force)
-                return judged(result, made, seed, clock.processor_seconds)
+                return run(made, settings, unnamed_force=has_force)
 
             key = f"{file.name}, force, {snr_db:g} dB, {label}, {options.method}, seed {options.seed}, {number}"
             outcome = kept.outcome(key, run_it)

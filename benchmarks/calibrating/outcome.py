@@ -27,7 +27,7 @@ class Outcome:
     Attributes
     ----------
     method : str
-        That ran in the end.
+        That ran in the end; ``none`` where no posterior came of it, and no quantity has a rank.
     ranks : mapping of str to float
         Share of posterior draws below the truth, by quantity.
     z : mapping of str to float
@@ -81,6 +81,24 @@ def judged(result: Result, made: Replicate, seed: int, processor_s: float) -> Ou
         log_evidence=facts.log_evidence,
         log_evidence_se=facts.log_evidence_se,
         elapsed_s=facts.elapsed_s,
+        processor_s=processor_s,
+    )
+
+
+def not_identified(processor_s: float) -> Outcome:
+    """A truth of which ``identify`` gave no posterior."""
+    unknown = float("nan")
+    return Outcome(
+        method="none",
+        ranks={},
+        z={},
+        covered={},
+        checks={},
+        grade="not identified",
+        effective=0.0,
+        log_evidence=unknown,
+        log_evidence_se=unknown,
+        elapsed_s=unknown,
         processor_s=processor_s,
     )
 

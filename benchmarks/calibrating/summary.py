@@ -10,6 +10,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.calibrating.outcome import Outcome
+from bwbn_bayes import UserError
 
 FAR = 3.0
 """A wrong model misleads where a parameter lies so many posterior standard deviations from its truth."""
@@ -23,8 +24,8 @@ class Calibration:
     ----------
     n_replicates : int
     coverage, coverage_low, coverage_high : float
-        Of 90 % intervals, over all parameters and replicates; 95 % interval from resampled replicates, since the
-        parameters of one record are not independent.
+        Of 90 % intervals, over all parameters and identified replicates; 95 % interval from resampled replicates, since
+        the parameters of one record are not independent.
     rms_z : float
         Of posterior mean less truth in posterior standard deviations; one where the posterior is right and normal.
     rank_p : float
@@ -56,12 +57,15 @@ class Calibration:
 
 
 def calibration(outcomes: Sequence[Outcome]) -> Calibration:
-    """Sum up replicates of a right model."""
-    shares = np.array([np.mean(list(one.covered.values())) for one in outcomes])
+    """Sum up replicates of a right model; those that were not identified count in methods, grades and seconds."""
+    identified = [one for one in outcomes if one.covered]
+    if not identified:
+        raise UserError(f"of {len(outcomes)} truths none was identified: there is nothing to sum up")
+    shares = np.array([np.mean(list(one.covered.values())) for one in identified])
     rng = np.random.default_rng(0)
     resampled = np.mean(shares[rng.integers(len(shares), size=(2000, len(shares)))], axis=1)
     z = np.array([value for one in outcomes for value in one.z.values()])
-    ranks = {name: [one.ranks[name] for one in outcomes if name in one.ranks] for name in outcomes[0].ranks}
+    ranks = {name: [one.ranks[name] for one in identified if name in one.ranks] for name in identified[0].ranks}
     p = {name: float(stats.kstest(values, "uniform").pvalue) for name, values in ranks.items()}
     worst = min(p, key=lambda name: p[name])
     seconds = [one.processor_s for one in outcomes]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from benchmarks import calibration as benchmark
 from benchmarks.blind.simulator import respond
 from benchmarks.calibrating.framing import building_of
 from benchmarks.calibrating.outcome import Outcome, draws_of
@@ -16,7 +17,7 @@ from benchmarks.calibrating.records import CONDITIONS, Condition, clean, replica
 from benchmarks.calibrating.summary import calibration, wrong
 from benchmarks.calibrating.wrong import FORCES, KINDS, force_replicate, wrong_replicate
 from benchmarks.calibration import main
-from bwbn_bayes import Uniform
+from bwbn_bayes import Settings, Uniform
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
 
@@ -146,3 +147,18 @@ def test_sums() -> None:
     )
     assert (found_wrong.n_misleading, found_wrong.misleading_doubtful, found_wrong.misleading_refused) == (2, 1, 0)
     assert found_wrong.others_refused_or_doubtful == 1
+
+
+def test_a_truth_that_cannot_be_identified_is_counted_and_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refusing(*_: object, **__: object) -> None:
+        raise UserError("no draw could be solved")
+
+    monkeypatch.setattr(benchmark, "identify", refusing)
+    refused = benchmark.run(replicate(FILE, CONDITIONS["regular"], 1, 0), Settings(particles=100))
+    row = calibration([outcome(0.2, 0.5, "explains"), refused, outcome(0.7, 2.0, "explains")])
+    assert row.n_replicates == 3
+    assert row.coverage == 0.5
+    assert row.grades == {"explains": 2, "not identified": 1}
+    assert row.methods == {"importance": 2, "none": 1}
+    with pytest.raises(UserError, match="none was identified"):
+        calibration([refused])

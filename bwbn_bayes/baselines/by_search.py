@@ -18,7 +18,7 @@ from bwbn_bayes.inference.method import Task
 from bwbn_bayes.records.record import require_whole
 from bwbn_bayes.results import Result, StageFacts
 
-_SEARCH, _FINAL = LADDER[0], LADDER[5]
+_SEARCH, _FINAL = LADDER[0], LADDER[-3]
 """Schemes for the generations and for the response of the best individual."""
 
 

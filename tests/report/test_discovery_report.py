@@ -248,7 +248,7 @@ def test_the_words_for_the_terminal(found):
     assert lines[0] == "verdict: effects_found"
     assert any(line.startswith("Cubic stiffness in storey 1: overwhelming evidence (") for line in lines)
     assert any(line.strip().startswith("k3 = ") and line.endswith("N/m^3") for line in lines)
-    assert any(line.startswith("The runner-up, ") and line.endswith(" behind.") for line in lines)
+    assert any(line.startswith("The next best set of laws, ") and line.endswith(" behind.") for line in lines)
     assert sum("noise alone leaves" in line for line in lines) == 2
     none = discovery_in_words(variants(found)["no_missing_effect"])
     assert none == ("verdict: no_missing_effect", *found.sentences)

@@ -14,7 +14,7 @@ _AT_A_BOUND = 1e-3
 """Prior probability beyond a best fit that lies at the end of its prior."""
 
 
-def binding_sentences(given: Posterior, best: Mode) -> tuple[str, ...]:
+def binding_sentences(given: Posterior, best: Mode, *, hardens: bool = False) -> tuple[str, ...]:
     """Which parameters fit best at an end of their prior, and what was done about it, one sentence or two each.
 
     The record need not want them there: of one that it says little about any value fits about as well.
@@ -25,6 +25,8 @@ def binding_sentences(given: Posterior, best: Mode) -> tuple[str, ...]:
         Of the model as given.
     best : Mode
         Its best fit.
+    hardens : bool
+        Whether its loops were let harden.
     """
     open_to = open_combinations(best.information, given.space.names)
     unseen, wider = {names[0] for names in open_to if len(names) == 1}, _wider(given, best.point)
@@ -42,15 +44,14 @@ def binding_sentences(given: Posterior, best: Mode) -> tuple[str, ...]:
     condition = _binding_condition(given, best)
     if condition is not None:
         text = f"The priors bind where {condition.text} cuts them: the best fit of the model as given lies there."
-        freed = free_of(given.model, condition) is not None
-        told.append(f"{text} They were widened to loops that harden (hardens=True)." if freed else text)
+        told.append(f"{text} They were widened to loops that harden (hardens=True)." if hardens else text)
     return tuple(told)
 
 
 def with_wider_priors(given: Posterior, best: Mode) -> Structure | None:
     """The model with each uniform prior that binds widened by its own width at that end; None where nothing is wider.
 
-    No further than the law admits. Where the condition binds that a loop must not harden, it may.
+    No further than the law admits.
 
     Parameters
     ----------
@@ -59,9 +60,25 @@ def with_wider_priors(given: Posterior, best: Mode) -> Structure | None:
     best : Mode
         Its best fit.
     """
-    wider, condition = _wider(given, best.point), _binding_condition(given, best)
+    wider = _wider(given, best.point)
+    return given.model.with_values(wider) if wider else None
+
+
+def let_harden(given: Posterior, best: Mode) -> Structure | None:
+    """The model with loops that may harden, its priors widened too, where the condition binds that they must not.
+
+    None where it does not, and where an effect of the model needs the bound of a loop that does not.
+
+    Parameters
+    ----------
+    given : Posterior
+        Of the model as given.
+    best : Mode
+        Its best fit.
+    """
+    condition = _binding_condition(given, best)
     freed = None if condition is None else free_of(given.model, condition)
-    return (freed or given.model).with_values(wider) if wider or freed else None
+    return None if freed is None else freed.with_values(_wider(given, best.point))
 
 
 def _binding_condition(given: Posterior, best: Mode) -> Constraint | None:

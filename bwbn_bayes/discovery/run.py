@@ -120,6 +120,18 @@ class Run:
     stopped: bool = False
     """Whether something was left out for want of time."""
 
+    def anew(self) -> Run:
+        """A run of the same settings, clock and random stream, in which nothing was searched yet."""
+        return replace(
+            self,
+            steps=[],
+            notes=list(self.notes),
+            scored=(None, ()),
+            first_fits=(),
+            considered_first=(),
+            variants=Counter(),
+        )
+
     def say(self, text: str, facts: Progress | Unfinished | None = None) -> None:
         """Tell the listener, if there is one."""
         if self.listener is not None:

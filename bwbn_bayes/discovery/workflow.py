@@ -8,20 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Thread
 from typing import Literal
 
 import numpy as np
 
-from bwbn_bayes.discovery.binding import binding_sentences, with_wider_priors
+from bwbn_bayes.discovery.binding import binding_sentences, let_harden, with_wider_priors
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, moment_of_share, sharing_laws, symbols_of
 from bwbn_bayes.discovery.conclusion import conclude
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import set_apart
 from bwbn_bayes.discovery.outcome import Discovery
+from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import DiscoverySettings, Listener, Run
 from bwbn_bayes.discovery.scheme import scheme_for_right_model
 from bwbn_bayes.discovery.search import search
@@ -108,8 +109,8 @@ def discover(
     ):
         if journal is not None:
             _go_on(journal, model, record, run)
-        pool = search(_given(model, record, journal, run), run)
-        return conclude(pool, apart, name, assumptions, run.binding, run)
+        pool = _searched(_given(model, record, journal, run), run)
+        return conclude(pool, apart, name, assumptions, pool.run.binding, pool.run)
 
 
 def _journal(checkpoint: Path, settings: DiscoverySettings) -> AbstractContextManager[Journal]:
@@ -145,12 +146,54 @@ def _go_on(journal: Journal, model: Structure, record: Record, run: Run) -> None
     journal.mark(data, search)
 
 
-def _given(model: Structure, record: Record, journal: Journal | None, run: Run) -> Explanation:
+@dataclass(frozen=True, kw_only=True)
+class _Given:
+    """The model as given, and with loops that may harden where it presses on the condition that they must not.
+
+    Attributes
+    ----------
+    as_it_is : Explanation
+        Fitted, under wider priors where its own bind.
+    hardening : Explanation, optional
+    binding, binding_of_hardening : tuple of str
+        What is said of its priors, with each.
+    """
+
+    as_it_is: Explanation
+    hardening: Explanation | None
+    binding: tuple[str, ...]
+    binding_of_hardening: tuple[str, ...]
+
+
+def _searched(given: _Given, run: Run) -> Pool:
+    """What a model lacks: beside loops that cannot harden, and beside such as can where those leave more than noise.
+
+    What the model lacks may be why it presses on the condition, as a pinch; and effects that need the bound of a loop
+    which does not harden take no part beside one that may. Where such a loop by itself leaves noise it is the answer.
+    """
+    run.binding = given.binding
+    if given.hardening is None:
+        return search(given.as_it_is, run)
+    pools = []
+    if not given.hardening.is_noise:
+        pools.append(search(given.as_it_is, run))
+        if run.stopped or pools[0].laws.best.is_noise:
+            return pools[0]
+        run = run.anew()
+    run.say("letting loops harden, as the model as given keeps them from doing")
+    run.binding = given.binding_of_hardening
+    pools.append(search(given.hardening, run))
+    return max(pools, key=lambda pool: pool.compared.log_joint[0])
+
+
+def _given(model: Structure, record: Record, journal: Journal | None, run: Run) -> _Given:
     """The model as given, fitted, under wider priors where its own bind; laws are compiled meanwhile."""
     compiling = _compile_ahead(model, record, run)
     posterior, modes = _fit_given(model, record, journal, run)
     run.binding = binding_sentences(posterior, modes[0])
-    wider = with_wider_priors(posterior, modes[0]) if run.binding else None
+    wider, freed = with_wider_priors(posterior, modes[0]), let_harden(posterior, modes[0])
+    hardening = None if freed is None else _explained(*_refitted(posterior, modes, freed, run))
+    of_hardening = binding_sentences(posterior, modes[0], hardens=True)
     if wider is not None:
         run.say("a prior of the model binds: fitting with a wider one")
         posterior, modes = _refitted(posterior, modes, wider, run)
@@ -160,7 +203,7 @@ def _given(model: Structure, record: Record, journal: Journal | None, run: Run) 
     if compiling is not None:
         run.say("waiting for the law of all effects to be compiled, once for all specimens")
         compiling.join()
-    return given
+    return _Given(as_it_is=given, hardening=hardening, binding=run.binding, binding_of_hardening=of_hardening)
 
 
 def _tell_limits(model: Structure, record: Record, run: Run) -> None:

@@ -1,5 +1,8 @@
 """Priors of the user's own that bind: told, and widened before an effect is named to stand in for one."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
@@ -12,7 +15,9 @@ from bwbn_bayes import (
     multisine,
     simulate,
 )
-from bwbn_bayes.discovery.binding import binding_sentences, with_wider_priors
+from bwbn_bayes.discovery import workflow
+from bwbn_bayes.discovery.binding import binding_sentences, let_harden, with_wider_priors
+from bwbn_bayes.discovery.run import Run
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import Asymmetry
 from bwbn_bayes.elements.law import Effect
@@ -128,22 +133,24 @@ def held_by_no_hardening(gradient: float, *, effects: tuple[Effect, ...] = ()) -
 def test_priors_without_loops_that_harden_bind_and_are_widened() -> None:
     """Cubic stiffness was named in their place, with certainty."""
     given = held_by_no_hardening(-1e3)
-    (sentence,) = binding_sentences(*given)
+    (sentence,) = binding_sentences(*given, hardens=True)
     assert sentence == (
         "The priors bind where beta + gamma >= 0 cuts them: the best fit of the model as given lies there. They were "
         "widened to loops that harden (hardens=True)."
     )
-    wider = widened(given)
-    assert wider is not None
-    assert wider.space.constraints == ()
-    assert wider.space.names == given[0].space.names
+    assert binding_sentences(*given) == (sentence[: sentence.index(" They were")],)
+    assert widened(given) is None
+    freed = let_harden(*given)
+    assert freed is not None
+    assert freed.space.constraints == ()
+    assert freed.space.names == given[0].space.names
 
 
 def test_where_an_effect_needs_the_bound_it_is_told_and_kept() -> None:
     given = held_by_no_hardening(-1e3, effects=(Asymmetry(phi=0.01),))
     (sentence,) = binding_sentences(*given)
     assert "binds" not in sentence and sentence.endswith("the best fit of the model as given lies there.")
-    assert widened(given) is None
+    assert let_harden(*given) is None
 
 
 @pytest.mark.parametrize("gradient", [-100.0, 1e3])
@@ -151,7 +158,7 @@ def test_a_fit_that_gains_little_or_inwards_is_not_held_back(gradient: float) ->
     """Half a nat is chance."""
     given = held_by_no_hardening(gradient)
     assert binding_sentences(*given) == ()
-    assert widened(given) is None
+    assert let_harden(*given) is None
 
 
 def test_a_loop_kept_from_hardening_is_not_answered_with_cubic_stiffness() -> None:
@@ -167,3 +174,38 @@ def test_a_loop_kept_from_hardening_is_not_answered_with_cubic_stiffness() -> No
     assert found.verdict == "no_missing_effect"
     assert found.added == ()
     assert "The priors bind where beta + gamma >= 0 cuts them" in " ".join(found.sentences)
+
+
+@pytest.mark.parametrize(
+    ("quiet", "asked", "kept"),
+    [
+        ({"hardening"}, ["hardening"], "hardening"),  # the prior was wrong, and nothing is missing
+        ({"lacking"}, ["as it is"], "as it is"),  # what is missing made the loop press on the condition
+        (set(), ["as it is", "hardening"], "hardening"),  # the likelier of two that leave more than noise
+    ],
+)
+def test_loops_harden_where_what_the_model_lacks_is_no_better_reason(
+    monkeypatch: pytest.MonkeyPatch, quiet: set[str], asked: list[str], kept: str
+) -> None:
+    """A pinch has no place beside loops that may harden: with these alone 40 dB of one had no name after 300 s."""
+    found: list[str] = []
+
+    def search(given: Any, run: Run) -> Any:
+        found.append(given.name)
+        assert run.steps == []
+        run.steps.append(given.name)
+        best = SimpleNamespace(is_noise="lacking" in quiet and given.name == "as it is")
+        joint = [{"as it is": 1.0, "hardening": 2.0}[given.name]]
+        return SimpleNamespace(
+            laws=SimpleNamespace(best=best), compared=SimpleNamespace(log_joint=joint), run=run, name=given.name
+        )
+
+    monkeypatch.setattr(workflow, "search", search)
+    plain, hardening = (SimpleNamespace(name=n, is_noise=n in quiet) for n in ("as it is", "hardening"))
+    given = workflow._Given(
+        as_it_is=cast(Any, plain), hardening=cast(Any, hardening), binding=("binds",), binding_of_hardening=("widened",)
+    )
+    pool: Any = workflow._searched(given, Run(DiscoverySettings(), np.random.default_rng(1), None))
+    assert found == asked
+    assert pool.name == kept
+    assert pool.run.binding == (("binds",) if kept == "as it is" else ("widened",))

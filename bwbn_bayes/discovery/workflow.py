@@ -183,7 +183,9 @@ def _searched(given: _Given, run: Run) -> Pool:
     run.say("letting loops harden, as the model as given keeps them from doing")
     run.binding = given.binding_of_hardening
     pools.append(search(given.hardening, run))
-    return max(pools, key=lambda pool: pool.compared.log_joint[0])
+    best = max(pools, key=lambda pool: pool.compared.log_joint[0])
+    best.run.stopped, best.run.cut_short = run.stopped, run.cut_short
+    return best
 
 
 def _given(model: Structure, record: Record, journal: Journal | None, run: Run) -> _Given:

@@ -182,6 +182,7 @@ def test_a_loop_kept_from_hardening_is_not_answered_with_cubic_stiffness() -> No
         ({"hardening"}, ["hardening"], "hardening"),  # the prior was wrong, and nothing is missing
         ({"lacking"}, ["as it is"], "as it is"),  # what is missing made the loop press on the condition
         (set(), ["as it is", "hardening"], "hardening"),  # the likelier of two that leave more than noise
+        ({"far ahead"}, ["as it is", "hardening"], "as it is"),
     ],
 )
 def test_loops_harden_where_what_the_model_lacks_is_no_better_reason(
@@ -194,8 +195,10 @@ def test_loops_harden_where_what_the_model_lacks_is_no_better_reason(
         found.append(given.name)
         assert run.steps == []
         run.steps.append(given.name)
+        if given.name == "hardening":
+            run.stopped, run.cut_short = True, ("The search was stopped.",)
         best = SimpleNamespace(is_noise="lacking" in quiet and given.name == "as it is")
-        joint = [{"as it is": 1.0, "hardening": 2.0}[given.name]]
+        joint = [{"as it is": 3.0 if "far ahead" in quiet else 1.0, "hardening": 2.0}[given.name]]
         return SimpleNamespace(
             laws=SimpleNamespace(best=best), compared=SimpleNamespace(log_joint=joint), run=run, name=given.name
         )
@@ -208,4 +211,6 @@ def test_loops_harden_where_what_the_model_lacks_is_no_better_reason(
     pool: Any = workflow._searched(given, Run(DiscoverySettings(), np.random.default_rng(1), None))
     assert found == asked
     assert pool.name == kept
+    assert pool.run.stopped == ("hardening" in asked)
+    assert bool(pool.run.cut_short) == pool.run.stopped
     assert pool.run.binding == (("binds",) if kept == "as it is" else ("widened",))

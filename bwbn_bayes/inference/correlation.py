@@ -147,6 +147,16 @@ class Correlation:
             result[..., c, samples] = white
         return result
 
+    def coloured(self, white: Floats) -> Floats:
+        """Autoregressive errors ``(..., n_channels, n_times)`` that are these rows where they are whitened."""
+        result = np.zeros(white.shape)
+        for coefficients, first, (c, samples) in zip(self.coefficients, self.beginnings, self._places, strict=True):
+            own = white[..., c, samples].copy()
+            begun = own[..., : len(first)] @ first.T
+            own[..., : len(first)] = _filtered(coefficients, begun)
+            result[..., c, samples] = lfilter([1.0], np.append(1.0, -coefficients), own)
+        return result
+
     def products(self, rows: Floats) -> Floats:
         """Products under the inverse correlation matrix of rows ``(n, k, n_channels, n_times)`` with each other.
 

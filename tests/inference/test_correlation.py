@@ -53,6 +53,16 @@ def test_derivatives_are_whitened_as_residuals_are() -> None:
     np.testing.assert_allclose(white[..., 0, 1:], rows[..., 0, 1:] - 0.5 * rows[..., 0, :-1])
 
 
+@pytest.mark.parametrize("coefficients", [[], [0.7], [0.9, 0.2, -0.3, 0.1]])
+def test_white_rows_are_coloured_as_errors_are_whitened(coefficients: list[float]) -> None:
+    """There and back, from the first sample on; two channels, the second white."""
+    white = np.random.default_rng(3).standard_normal((4, 2, N))
+    correlation = Correlation(coefficients=(np.array(coefficients), np.empty(0)))
+    coloured = correlation.coloured(white)
+    np.testing.assert_array_equal(coloured[:, 1], white[:, 1])
+    np.testing.assert_allclose(correlation.whitened(coloured), white, atol=1e-12)
+
+
 @pytest.mark.parametrize("shared", [False, True])
 def test_products_are_those_of_whitened_rows(*, shared: bool) -> None:
     rng = np.random.default_rng(5)

@@ -86,7 +86,7 @@ def sample_log_densities(
             sd = noise.sd[position] if isinstance(noise, KnownNoise) else pt.as_tensor_variable(noise_sd)[position]
             density = -0.5 * pt.square(own / sd) - pt.log(sd) - 0.5 * _LOG_2PI
         result = pt.set_subtensor(result[block.channel, block.samples], density)
-    return pt.switch(pt.isnan(result), -np.inf, result) + _volumes(noise, record)
+    return pt.switch(pt.isnan(result), -np.inf, result) + log_volumes(noise, record)
 
 
 def _settled(noise: Noise) -> Correlation | None:
@@ -117,7 +117,7 @@ def _new_in_each(own: pt.TensorVariable, coefficients: Floats, beginning: Floats
     return pt.concatenate([pt.dot(np.linalg.inv(beginning), own[:order]), own[order:] - past])
 
 
-def _volumes(noise: Noise, record: Record) -> Floats:
+def log_volumes(noise: Noise, record: Record) -> Floats:
     """What each sample has of the correlation's log volume ``(n_channels, n_times)``; of its choice, all the same."""
     result = np.zeros(record.measured.shape)
     correlation = _settled(noise)

@@ -31,7 +31,13 @@ from bwbn_bayes.inference.likelihood import (
     default_noise,
     require_noise,
 )
-from bwbn_bayes.inference.pymc.densities import OfSamples, noise_log_likelihood, sample_log_densities, turned
+from bwbn_bayes.inference.pymc.densities import (
+    OfSamples,
+    log_volumes,
+    noise_log_likelihood,
+    sample_log_densities,
+    turned,
+)
 from bwbn_bayes.inference.pymc.forward import ForwardProblem, forward_problem
 from bwbn_bayes.inference.pymc.operators import ChannelResponse, LogAdmissible, SquaredResiduals, spread
 from bwbn_bayes.inference.pymc.priors import prior_twin
@@ -326,8 +332,8 @@ def draws_of(twin: pm.Model, tree: xr.DataTree, wanted: pt.TensorVariable) -> Fl
 def complete(tree: xr.DataTree, twin: pm.Model, *, rng: np.random.Generator, most: int = 1000) -> xr.DataTree:
     """Add pointwise log likelihoods and predictions with noise to posterior draws.
 
-    Noise scales that the likelihood integrates out are drawn back from their posterior given each draw. Channels are
-    independent in time given draw and scales, so ``az.loo`` applies.
+    Noise scales that the likelihood integrates out are drawn back from their posterior given each draw. Samples are
+    independent given draw and scales, so ``az.loo`` applies; of autoregressive errors each given those before it.
 
     Parameters
     ----------
@@ -402,11 +408,16 @@ def _predictions(observation: Observation, draws: Floats, rng: np.random.Generat
     misfit = problem.squared_residuals(values, measured)
     sd = over_time(record, observation.noise.draw_sd(rng, misfit, n_times, noise_values))
     residual = measured - response
-    if problem.correlation is not None and problem.correlation.shared is not None:
+    correlation, volumes = problem.correlation, np.zeros(measured.shape)
+    noise = sd * rng.standard_normal(response.shape)
+    if correlation is not None and correlation.shared is not None:
         # Given what is expected of the force.
-        shared = problem.correlation.shared
+        shared = correlation.shared
         residual = shared.turned(residual, 1.0 / (1.0 + shared.variance))
         response = measured - residual
+    elif correlation is not None:
+        residual, noise = correlation.whitened(residual), correlation.coloured(noise)
+        volumes = log_volumes(observation.noise, record)
     is_measured, scale = sd > 0.0, np.where(sd > 0.0, sd, 1.0)
-    density = np.where(is_measured, -0.5 * np.square(residual / scale) - np.log(scale) - 0.5 * _LOG_2PI, 0.0)
-    return density, response + sd * rng.standard_normal(response.shape)
+    density = np.where(is_measured, -0.5 * np.square(residual / scale) - np.log(scale) - 0.5 * _LOG_2PI + volumes, 0.0)
+    return density, response + noise

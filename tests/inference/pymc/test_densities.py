@@ -105,6 +105,25 @@ def test_pymc_finds_one_value_for_each_sample(kind: str) -> None:
     np.testing.assert_allclose(pointwise.sum(("channel", "time")).values.ravel(), expected, atol=1e-8)
 
 
+def test_completed_densities_and_replicates_are_of_errors_with_a_past() -> None:
+    """Densities as PyMC finds them; replicates hang together as the errors do. Both were those of white errors."""
+    model, record, sd, past = small_model(), small_record(), 0.2, 0.8
+    sure = 1e8
+    noise = IntegratedNoise(shape=sure, scale=(sure * sd**2,))
+    noise = replace(noise, correlation=Correlation(coefficients=(np.array([past]),)))
+    twin = to_pymc(model, record, noise=noise, engine=ENGINE)
+    tree = posterior_tree(model.space, 40)
+    full = complete(tree, twin, rng=np.random.default_rng(3), most=80)
+    pm.compute_log_likelihood(tree, model=twin, progressbar=False)
+    found, expected = (one["log_likelihood"]["measured"].values for one in (full, tree))
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)
+    values = np.stack([tree["posterior"][name].values.ravel() for name in model.space.names], axis=1)
+    response = ENGINE.simulate(model, values, record).values[:, 0]
+    errors = full["posterior_predictive"]["measured"].values.reshape(response.shape) - response
+    assert np.mean(errors[:, 1:] * errors[:, :-1]) / np.mean(errors**2) == pytest.approx(past, abs=0.05)
+    assert np.std(errors) == pytest.approx(sd / np.sqrt(1.0 - past**2), rel=0.1)
+
+
 def test_samples_are_those_of_the_channels_as_replaced() -> None:
     model, first, second = small_model(), small_record(seed=1), small_record(seed=2)
     twin = to_pymc(model, first, engine=ENGINE)

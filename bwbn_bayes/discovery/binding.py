@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 from bwbn_bayes.inference.doubts import LARGEST_GAIN
 from bwbn_bayes.inference.identifiability import open_combinations
 from bwbn_bayes.inference.likelihood import Posterior
@@ -14,77 +17,76 @@ _AT_A_BOUND = 1e-3
 """Prior probability beyond a best fit that lies at the end of its prior."""
 
 
-def binding_sentences(given: Posterior, best: Mode, *, hardens: bool = False) -> tuple[str, ...]:
-    """Which parameters fit best at an end of their prior, and what was done about it, one sentence or two each.
+@dataclass(frozen=True, kw_only=True)
+class Binding:
+    """Which priors of the model as given bind at its best fit, and what is done about it.
 
-    The record need not want them there: of one that it says little about any value fits about as well.
-
-    Parameters
-    ----------
-    given : Posterior
-        Of the model as given.
-    best : Mode
-        Its best fit.
-    hardens : bool
-        Whether its loops were let harden.
-    """
-    open_to = open_combinations(best.information, given.space.names)
-    unseen, wider = {names[0] for names in open_to if len(names) == 1}, _wider(given, best.point)
-    told = []
-    for parameter, above in _binding(given, best.point):
-        name, prior, end = parameter.name, parameter.prior, "upper" if above else "lower"
-        if name in unseen:
-            text = (
-                f"The best fit of the model as given lies at the {end} end of the prior of {name}, {prior}, though the "
-                "record says little about it."
-            )
-        else:
-            text = f"The prior of {name}, {prior}, binds: the best fit of the model as given lies at its {end} end."
-        told.append(f"{text} The prior was widened to {wider[name]}." if name in wider else text)
-    condition = _binding_condition(given, best)
-    if condition is not None:
-        text = f"The priors bind where {condition.text} cuts them: the best fit of the model as given lies there."
-        told.append(f"{text} They were widened to loops that harden (hardens=True)." if hardens else text)
-    return tuple(told)
-
-
-def with_wider_priors(given: Posterior, best: Mode) -> Structure | None:
-    """The model with each uniform prior that binds widened by its own width at that end; None where nothing is wider.
-
-    No further than the law admits.
-
-    Parameters
+    Attributes
     ----------
     given : Posterior
         Of the model as given.
     best : Mode
         Its best fit.
     """
-    wider = _wider(given, best.point)
-    return given.model.with_values(wider) if wider else None
 
+    given: Posterior
+    best: Mode
 
-def let_harden(given: Posterior, best: Mode) -> Structure | None:
-    """The model with loops that may harden, its priors widened too, where the condition binds that they must not.
+    def sentences(self, *, hardens: bool = False) -> tuple[str, ...]:
+        """Which parameters fit best at an end of their prior, and what was done about it, one sentence or two each.
 
-    None where it does not, and where an effect of the model needs the bound of a loop that does not.
+        The record need not want them there: of one that it says little about any value fits about as well.
 
-    Parameters
-    ----------
-    given : Posterior
-        Of the model as given.
-    best : Mode
-        Its best fit.
-    """
-    condition = _binding_condition(given, best)
-    freed = None if condition is None else free_of(given.model, condition)
-    return None if freed is None else freed.with_values(_wider(given, best.point))
+        Parameters
+        ----------
+        hardens : bool
+            Whether its loops were let harden.
+        """
+        open_to = open_combinations(self.best.information, self.given.space.names)
+        unseen, wider = {names[0] for names in open_to if len(names) == 1}, self._wider
+        told = []
+        for parameter, above in _binding(self.given, self.best.point):
+            name, prior, end = parameter.name, parameter.prior, "upper" if above else "lower"
+            if name in unseen:
+                text = (
+                    f"The best fit of the model as given lies at the {end} end of the prior of {name}, {prior}, though "
+                    "the record says little about it."
+                )
+            else:
+                text = f"The prior of {name}, {prior}, binds: the best fit of the model as given lies at its {end} end."
+            told.append(f"{text} The prior was widened to {wider[name]}." if name in wider else text)
+        if self._condition is not None:
+            cut = self._condition.text
+            text = f"The priors bind where {cut} cuts them: the best fit of the model as given lies there."
+            told.append(f"{text} They were widened to loops that harden (hardens=True)." if hardens else text)
+        return tuple(told)
 
+    @property
+    def widened(self) -> Structure | None:
+        """The model with each uniform prior that binds widened by its own width at that end; None where none is.
 
-def _binding_condition(given: Posterior, best: Mode) -> Constraint | None:
-    """The joint condition beyond which lies a fit that chance alone would not make so much better."""
-    held = held_back(given, best)
-    return held[0] if held is not None and held[1] > LARGEST_GAIN else None
+        No further than the law admits.
+        """
+        return self.given.model.with_values(self._wider) if self._wider else None
+
+    @property
+    def hardening(self) -> Structure | None:
+        """The model with loops that may harden, its priors widened too, where the condition binds that they must not.
+
+        None where it does not, and where an effect of the model needs the bound of a loop that does not.
+        """
+        freed = None if self._condition is None else free_of(self.given.model, self._condition)
+        return None if freed is None else freed.with_values(self._wider)
+
+    @cached_property
+    def _condition(self) -> Constraint | None:
+        """The joint condition beyond which lies a fit that chance alone would not make so much better."""
+        held = held_back(self.given, self.best)
+        return held[0] if held is not None and held[1] > LARGEST_GAIN else None
+
+    @cached_property
+    def _wider(self) -> dict[str, Prior]:
+        return _wider(self.given, self.best.point)
 
 
 def _wider(given: Posterior, best: Floats) -> dict[str, Prior]:

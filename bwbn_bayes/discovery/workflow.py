@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from bwbn_bayes.discovery.binding import binding_sentences, let_harden, with_wider_priors
+from bwbn_bayes.discovery.binding import Binding
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, moment_of_share, sharing_laws, symbols_of
 from bwbn_bayes.discovery.conclusion import conclude
 from bwbn_bayes.discovery.evidence import laplace
@@ -155,14 +155,13 @@ class _Given:
     as_it_is : Explanation
         Fitted, under wider priors where its own bind.
     hardening : Explanation, optional
-    binding, binding_of_hardening : tuple of str
-        What is said of its priors, with each.
+    binding : Binding
+        Its priors that bind.
     """
 
     as_it_is: Explanation
     hardening: Explanation | None
-    binding: tuple[str, ...]
-    binding_of_hardening: tuple[str, ...]
+    binding: Binding
 
 
 def _searched(given: _Given, run: Run) -> Pool:
@@ -171,7 +170,7 @@ def _searched(given: _Given, run: Run) -> Pool:
     What the model lacks may be why it presses on the condition, as a pinch; and effects that need the bound of a loop
     which does not harden take no part beside one that may. Where such a loop by itself leaves noise it is the answer.
     """
-    run.binding = given.binding
+    run.binding = given.binding.sentences()
     if given.hardening is None:
         return search(given.as_it_is, run)
     pools = []
@@ -181,7 +180,7 @@ def _searched(given: _Given, run: Run) -> Pool:
             return pools[0]
         run = run.anew()
     run.say("letting loops harden, as the model as given keeps them from doing")
-    run.binding = given.binding_of_hardening
+    run.binding = given.binding.sentences(hardens=True)
     pools.append(search(given.hardening, run))
     best = max(pools, key=lambda pool: pool.compared.log_joint[0])
     best.run.stopped, best.run.cut_short = run.stopped, run.cut_short
@@ -192,10 +191,9 @@ def _given(model: Structure, record: Record, journal: Journal | None, run: Run) 
     """The model as given, fitted, under wider priors where its own bind; laws are compiled meanwhile."""
     compiling = _compile_ahead(model, record, run)
     posterior, modes = _fit_given(model, record, journal, run)
-    run.binding = binding_sentences(posterior, modes[0])
-    wider, freed = with_wider_priors(posterior, modes[0]), let_harden(posterior, modes[0])
+    binding = Binding(given=posterior, best=modes[0])
+    wider, freed = binding.widened, binding.hardening
     hardening = None if freed is None else _explained(*_refitted(posterior, modes, freed, run))
-    of_hardening = binding_sentences(posterior, modes[0], hardens=True)
     if wider is not None:
         run.say("a prior of the model binds: fitting with a wider one")
         posterior, modes = _refitted(posterior, modes, wider, run)
@@ -205,7 +203,7 @@ def _given(model: Structure, record: Record, journal: Journal | None, run: Run) 
     if compiling is not None:
         run.say("waiting for the law of all effects to be compiled, once for all specimens")
         compiling.join()
-    return _Given(as_it_is=given, hardening=hardening, binding=run.binding, binding_of_hardening=of_hardening)
+    return _Given(as_it_is=given, hardening=hardening, binding=binding)
 
 
 def _tell_limits(model: Structure, record: Record, run: Run) -> None:

@@ -16,7 +16,7 @@ from bwbn_bayes import (
     simulate,
 )
 from bwbn_bayes.discovery import workflow
-from bwbn_bayes.discovery.binding import binding_sentences, let_harden, with_wider_priors
+from bwbn_bayes.discovery.binding import Binding
 from bwbn_bayes.discovery.run import Run
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import Asymmetry
@@ -51,8 +51,16 @@ def fitted(*, unseen: str = "", **at: float) -> Fitted:
     return posterior, Mode(point=point, log_likelihood=0.0, gradient=np.zeros(len(names)), information=np.diag(seen))
 
 
+def binding_sentences(posterior: Posterior, best: Mode, *, hardens: bool = False) -> tuple[str, ...]:
+    return Binding(given=posterior, best=best).sentences(hardens=hardens)
+
+
 def widened(given: Fitted) -> Structure | None:
-    return with_wider_priors(*given)
+    return Binding(given=given[0], best=given[1]).widened
+
+
+def let_harden(posterior: Posterior, best: Mode) -> Structure | None:
+    return Binding(given=posterior, best=best).hardening
 
 
 def priors_of(given: Fitted) -> dict[str, Prior]:
@@ -205,9 +213,8 @@ def test_loops_harden_where_what_the_model_lacks_is_no_better_reason(
 
     monkeypatch.setattr(workflow, "search", search)
     plain, hardening = (SimpleNamespace(name=n, is_noise=n in quiet) for n in ("as it is", "hardening"))
-    given = workflow._Given(
-        as_it_is=cast(Any, plain), hardening=cast(Any, hardening), binding=("binds",), binding_of_hardening=("widened",)
-    )
+    binding: Any = SimpleNamespace(sentences=lambda hardens=False: ("widened",) if hardens else ("binds",))
+    given = workflow._Given(as_it_is=cast(Any, plain), hardening=cast(Any, hardening), binding=binding)
     pool: Any = workflow._searched(given, Run(DiscoverySettings(), np.random.default_rng(1), None))
     assert found == asked
     assert pool.name == kept

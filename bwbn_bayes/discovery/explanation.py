@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.cross_validation import CrossValidation, cross_validated
-from bwbn_bayes.discovery.evidence import Evidence
+from bwbn_bayes.discovery.evidence import Evidence, laplace
 from bwbn_bayes.discovery.where import Disagreement, disagreement
 from bwbn_bayes.inference.least_squares import squares
 from bwbn_bayes.inference.likelihood import Posterior
@@ -129,6 +129,10 @@ class Explanation:
     def best(self) -> Floats:
         """Its best fit ``(n_dim,)``, in the unit cube."""
         return self.modes[0].point
+
+    def with_modes(self, modes: tuple[Mode, ...]) -> Explanation:
+        """The same with other optima of its posterior, and Laplace's evidence of these."""
+        return replace(self, modes=modes, evidence=laplace(self.posterior, modes))
 
     @property
     def points(self) -> Floats:

@@ -14,7 +14,6 @@ from bwbn_bayes.discovery.evidence import (
     autoregressive_bound,
     autoregressive_outlook,
     beside_force,
-    laplace,
     law_alone,
     sampled,
 )
@@ -297,7 +296,7 @@ class Pool:
             found = (*one.modes[:_N_SETTLED], *anew)
             modes = settled(one.posterior, found[:N_CANDIDATES], self.run.rng)
             if not one.is_noise:
-                optima = [_with_modes(one, modes[number:]) for number in range(len(modes))]
+                optima = [one.with_modes(modes[number:]) for number in range(len(modes))]
                 one = optima[int(np.argmax(self.run.beside(_score_ahead, optima)))]
             elif modes[0].log_likelihood > one.modes[0].log_likelihood:
                 one = replace(one, modes=modes)
@@ -333,11 +332,6 @@ def _coloured(one: Explanation) -> Evidence:
 
 def _score_ahead(one: Explanation) -> float:
     return one.cross_validation.log_score
-
-
-def _with_modes(one: Explanation, modes: tuple[Mode, ...]) -> Explanation:
-    """A law alone with some of its optima."""
-    return replace(one, modes=modes, evidence=laplace(one.posterior, modes))
 
 
 def _alone(one: Explanation) -> Evidence:

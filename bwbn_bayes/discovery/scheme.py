@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bwbn_bayes.discovery.evidence import LAPLACE_SE, laplace
+from bwbn_bayes.discovery.evidence import LAPLACE_SE
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, rung_of
@@ -49,7 +49,7 @@ def finely_solved(one: Explanation) -> Explanation:
     posterior = one.posterior.with_engine(scheme)
     points = np.array([mode.point for mode in one.modes[:N_CANDIDATES]])
     modes = distinct(*polish(posterior, points, n_iterations=_N_ITERATIONS))
-    return replace(one, posterior=posterior, modes=modes, evidence=laplace(posterior, modes)) if modes else one
+    return replace(one, posterior=posterior).with_modes(modes) if modes else one
 
 
 def _suffices(facts: Discretisation) -> bool:

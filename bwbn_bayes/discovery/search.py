@@ -30,7 +30,6 @@ from bwbn_bayes.discovery.build import (
     rebuilt,
 )
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis
-from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation, Key, key_of
 from bwbn_bayes.discovery.outcome import Step
 from bwbn_bayes.discovery.pool import Pool
@@ -197,7 +196,7 @@ def _next(pool: Pool, run: Run) -> Explanation | None:
         own = pool.searched[key]
         modes = settled(own.posterior, own.modes[:N_CANDIDATES], run.rng) if one.added else own.modes
         if modes[0].log_likelihood > own.modes[0].log_likelihood + 0.5:
-            pool.add([replace(own, modes=modes, evidence=laplace(own.posterior, modes))])
+            pool.add([own.with_modes(modes)])
         return pool.searched[key]
     return None
 
@@ -318,7 +317,7 @@ def _anew(pair: tuple[Explanation, np.random.Generator]) -> Explanation:
         return one
     points = [mode.point for mode in (*one.modes, *anew)[:N_CANDIDATES]]
     modes = distinct(*polish(one.posterior, np.array(points), n_iterations=_N_ITERATIONS, reach=FAR))
-    return replace(one, modes=modes, evidence=laplace(one.posterior, modes)) if modes else one
+    return one.with_modes(modes) if modes else one
 
 
 def _tell(what: str, parent: str, pool: Pool, run: Run) -> None:

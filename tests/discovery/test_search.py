@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery import build as building
+from bwbn_bayes.discovery import explanation as explaining
 from bwbn_bayes.discovery import search as searching
 from bwbn_bayes.discovery.build import rebuilt
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
@@ -214,7 +215,7 @@ def test_what_is_built_upon_is_looked_around_first(monkeypatch: pytest.MonkeyPat
     """A better optimum beside those of the race replaces the explanation before anything is added to it."""
     better: Any = (SimpleNamespace(log_likelihood=60.0),)
     monkeypatch.setattr(searching, "settled", lambda *_: better)
-    monkeypatch.setattr(searching, "laplace", lambda _, modes: SimpleNamespace(log_evidence=modes[0].log_likelihood))
+    monkeypatch.setattr(explaining, "laplace", lambda _, modes: SimpleNamespace(log_evidence=modes[0].log_likelihood))
     script = {"": 0.0, "a": 50.0}
     pool = Pool(run=run_of())
     pool.run.consider(ALPHABET)
@@ -355,7 +356,7 @@ def spoilt(one: Explanation) -> Explanation:
     """A law that leaves noise, it is said, at a place from which its optimum is far."""
     start = np.full((1, one.posterior.n_dim), 0.02)
     modes = distinct(*polish(one.posterior, start, n_iterations=1))
-    result = replace(one, modes=modes, evidence=laplace(one.posterior, modes))
+    result = one.with_modes(modes)
     result.__dict__["is_noise"] = True
     return result
 

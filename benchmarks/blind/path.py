@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind.simulator import N_OWN, Floats, storey_rates
+from benchmarks.blind.simulator import N_OWN, Floats, packed, storey_rates
 from benchmarks.blind.storey import Storey, compiled, ultimate_displacement
 
 FINE, COARSE = 100.0, 15.0
@@ -51,8 +51,7 @@ def follow(storey: Storey, displacement: Floats, steps: float = FINE) -> Loop:
     steps : float
         Integration steps per bound of z; at least one between two points.
     """
-    names = [item.name for item in fields(Storey)]
-    law = np.array([tuple(getattr(storey, name) for name in names)], dtype=[(name, np.float64) for name in names])
+    law = packed([storey], Storey)
     force, own = follow_law(law, displacement, ultimate_displacement(storey) / steps)
     return Loop(
         displacement=displacement, force=force, hysteretic_displacement=own[:, 0], energy=own[:, 1], path=own[:, 5]

@@ -7,7 +7,7 @@ acceleration linear between samples. Floors measure ``x_i'' + a_g``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +117,9 @@ def respond(building: Building, ground: Floats, time_step: float, steps: int = S
         Not finite where the structure blew up.
     """
     n = len(building.storeys)
-    states, fine = integrate(_packed(building.storeys), _packed([building.whole]), ground, time_step, steps)
+    states, fine = integrate(
+        packed(building.storeys, Storey), packed([building.whole], Whole), ground, time_step, steps
+    )
     table = states[:, : 4 * n].reshape(-1, 4, n)
     base, base_rate = states[:, 8 * n], states[:, 8 * n + 1]
     return Motion(
@@ -129,10 +131,11 @@ def respond(building: Building, ground: Floats, time_step: float, steps: int = S
     )
 
 
-def _packed(parts: Sequence[Storey] | Sequence[Whole]) -> NDArray[np.void]:
-    """Numbers as a structured array, whose fields the compiled code reads by name."""
-    kind = np.dtype([(item.name, np.float64) for item in fields(parts[0])])
-    return np.array([astuple(part) for part in parts], dtype=kind)
+def packed(parts: Sequence[Storey] | Sequence[Whole], kind: type[Storey | Whole]) -> NDArray[np.void]:
+    """Numbers of a kind as a structured array, whose fields the compiled code reads by name, and no others."""
+    names = [item.name for item in fields(kind)]
+    rows = [tuple(getattr(part, name) for name in names) for part in parts]
+    return np.array(rows, dtype=[(name, np.float64) for name in names])
 
 
 def _sensed(p: Storey, fine: Floats, time_step: float, steps: int) -> Floats:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytensor.tensor as pt
 
+from bwbn_bayes import Record
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.structures.structure import Structure
 
@@ -60,3 +61,11 @@ def chain(model: Structure, values: Any) -> Chain:
         ]
         law[name] = pt.stack(own)
     return Chain(masses=masses, law=law)
+
+
+def squared_residuals(record: Record, response: pt.TensorVariable) -> pt.TensorVariable:
+    """Sums ``(n_channels,)`` over samples, floors ``(n_times - 1, n_storeys)`` being those after the first, at rest."""
+    floors = [floor - 1 for floor in record.floors]
+    first = np.sum(np.square(record.measured[:, 0]))
+    rest = pt.constant(record.measured[:, 1:].T) - response[:, floors]
+    return pt.sum(pt.square(rest), axis=0) + first

@@ -12,7 +12,7 @@ import pytensor
 import pytensor.tensor as pt
 from pymc.ode import DifferentialEquation
 
-from benchmarks.gradients_of.equations import N_ROWS, chain
+from benchmarks.gradients_of.equations import N_ROWS, chain, squared_residuals
 from bwbn_bayes import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -36,7 +36,4 @@ def ode_misfit(model: Structure, record: Record, values: pt.TensorVariable) -> p
     response = pytensor.graph.replace.vectorize_graph(
         building.total(one := pt.matrix("state", shape=(N_ROWS, n_storeys))), {one: rows}
     )
-    floors = [floor - 1 for floor in record.floors]
-    first = np.sum(np.square(record.measured[:, 0]))  # at rest
-    rest = pt.constant(record.measured[:, 1:].T) - response[:, floors]
-    return pt.sum(pt.square(rest), axis=0) + first
+    return squared_residuals(record, response)

@@ -8,7 +8,7 @@ import numpy as np
 import pytensor
 import pytensor.tensor as pt
 
-from benchmarks.gradients_of.equations import N_ROWS, chain
+from benchmarks.gradients_of.equations import N_ROWS, chain, squared_residuals
 from bwbn_bayes import Record
 from bwbn_bayes.structures.structure import Structure
 
@@ -35,7 +35,4 @@ def scan_misfit(model: Structure, record: Record, values: pt.TensorVariable, sub
         outputs_info=[pt.zeros((N_ROWS, len(building.masses))), None],
         return_updates=False,
     )
-    floors = [floor - 1 for floor in record.floors]
-    first = np.sum(np.square(record.measured[:, 0]))  # at rest
-    rest = pt.constant(record.measured[:, 1:].T) - response[:, floors]
-    return pt.sum(pt.square(rest), axis=0) + first
+    return squared_residuals(record, response)

@@ -1,4 +1,4 @@
-"""A loss that grows with the work on the hysteretic spring or with the path: without end, up to a limit, or freely.
+"""A loss that grows with work, with the path, or with excursions: without end, up to a limit, or freely.
 
 What degradation of stiffness and of strength share; each adds the loss to a factor of its own, ``eta`` or ``nu``.
 
@@ -17,6 +17,9 @@ References
 .. [5] M.-L. Wang and S. P. Shah, "Reinforced Concrete Hysteresis Model Based on the Damage Concept", Earthquake Eng.
    Struct. Dyn. 15(8), 1987: damage by the displacement that has been gone through (cited from memory, not consulted);
    that it is lost in proportion is our use.
+.. [6] H. Krawinkler and M. Zohrei, "Cumulative Damage in Steel Structures Subjected to Earthquake Ground Motions",
+   Computers & Structures 16(1-4), 1983: damage as a sum over excursions of a power of their size, after Coffin, Manson
+   and Miner (cited from memory, not consulted); what is lost by it, and that it grows along each excursion, is our use.
 """
 
 from __future__ import annotations
@@ -25,15 +28,16 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
+import numpy as np
 import sympy as sp
 
-from bwbn_bayes.elements.law import ENERGY, PATH, symbol
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, ENERGY, PATH, AddedState, symbol
 from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.signature import PlaceResponse
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import HalfNormal, LogNormal, Parameter, Value
+from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, Parameter, Value
 
 DEGRADATION = "a loss of strength or stiffness"
 """What both are; loops that lose the one look much like loops that lose the other."""
@@ -41,6 +45,7 @@ LINEAR_SOURCE = "Baber and Wen 1981"
 SATURATING_SOURCE = "Foliente 1995 (the work's function in the depth of the pinch)"
 STRETCHED_SOURCE = "Weibull 1951 (the stretched exponential)"
 PATH_SOURCE = "Wang and Shah 1987 (damage by the displacement gone through)"
+FATIGUE_SOURCE = "Krawinkler and Zohrei 1983 (damage by a power of each excursion)"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,6 +115,7 @@ class LinearLoss:
     what: str
     delta: str
     driver: Driver = WORK
+    states: ClassVar[tuple[AddedState, ...]] = ()
 
     @property
     def form(self) -> str:
@@ -152,6 +158,7 @@ class SaturatingLoss:
     limit: str
     rate: str
     driver: Driver = WORK
+    states: ClassVar[tuple[AddedState, ...]] = ()
 
     @property
     def form(self) -> str:
@@ -189,7 +196,7 @@ def risen(share: Any, bend: Any, power: Any) -> Any:
     """``W(share) / W(1)`` with ``W(x) = 1 - exp(-bend x^power)``: how far wear has come, of numbers or symbols."""
 
     def worn(x: Any) -> Any:
-        return 1 - sp.exp(bend * (_OFFSET**power - (x + _OFFSET) ** power))
+        return 1 - sp.exp(-bend * _raised(x, power, _OFFSET))
 
     return worn(share) / worn(sp.S.One)
 
@@ -218,6 +225,7 @@ class StretchedLoss:
     power: str
     at: str
     driver: Driver = WORK
+    states: ClassVar[tuple[AddedState, ...]] = ()
 
     @property
     def form(self) -> str:
@@ -251,7 +259,85 @@ class StretchedLoss:
         return at[self.loss] * float(risen(share, at[self.bend], at[self.power]))
 
 
-Loss = LinearLoss | SaturatingLoss | StretchedLoss
+_TINY = 1e-12
+"""The same of excursions, whose power may be small: where the largest alone count, each of them is many of half its
+size."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FatigueLoss:
+    """``loss (x/N)^power`` with excursions ``x``, each of which counts by a power of its size: low-cycle fatigue.
+
+    ``dx/dt = (exponent + 1) |v|/reach (|u|/reach)^exponent``, so that one way from zero to the drift ``reach``, or
+    back, counts as one, and one to half of it as ``2^-(exponent + 1)``. An exponent of zero counts the path; with a
+    large one the largest drifts alone count, as if damage came of their first time.
+
+    Attributes
+    ----------
+    what : str
+        What is lost.
+    loss, power, exponent, at, reach : str
+        Symbols of the loss by N excursions [1], of the powers of their number and of their size, of N, which is known
+        [1], and of the drift that counts as one, which is known [m].
+    state : Symbol
+        The excursions.
+    """
+
+    what: str
+    loss: str
+    power: str
+    exponent: str
+    at: str
+    reach: str
+    state: sp.Symbol
+    form: ClassVar[str] = "with the amplitude"
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The loss, its two powers, and the excursions and the drift that it is measured by."""
+        what = self.what
+        told = (
+            (self.loss, "", 0.0, 0.0, f"loss of {what} by a known number of excursions"),
+            (self.power, "", 1.0, 0.05, f"power of the number of excursions in the loss of {what}"),
+            (self.exponent, "", 1.0, 0.1, f"power of the drift in what an excursion does to {what}"),
+            (self.at, "", 1.0, 1e-6, f"excursions at which the loss of {what} is measured, known"),
+            (self.reach, "m", 1.0, 1e-12, "drift of an excursion that counts as one, known"),
+        )
+        return tuple(
+            Parameter(symbol=s, unit=unit, neutral=neutral, lower=lower, description=text, source=FATIGUE_SOURCE)
+            for s, unit, neutral, lower, text in told
+        )
+
+    @property
+    def states(self) -> tuple[AddedState, ...]:
+        """The excursions, as a state of the link."""
+        exponent, reach = symbol(self.exponent), symbol(self.reach)
+        share = (sp.Abs(DRIFT) / reach + _TINY) ** exponent
+        return (AddedState(state=self.state, rate=(exponent + 1) * sp.Abs(DRIFT_RATE) / reach * share),)
+
+    @property
+    def expression(self) -> sp.Expr:
+        """What is added to the factor."""
+        return symbol(self.loss) * _raised(sp.Abs(self.state) / symbol(self.at), symbol(self.power), _TINY)
+
+    def reached(self, at: PlaceResponse) -> float:
+        """The loss by the end of a response."""
+        excursions = _excursions(at.histories["drift"], at[self.reach], at[self.exponent])
+        return at[self.loss] * float(_raised(excursions / at[self.at], at[self.power], _TINY))
+
+
+def _raised(share: Any, power: Any, offset: float) -> Any:
+    """A share to a power, of numbers or symbols, with a slope at zero."""
+    return (share + offset) ** power - offset**power
+
+
+def _excursions(drift: Floats, reach: float, exponent: float) -> float:
+    """How many excursions to ``reach`` [m] a drift ``(n_times,)`` [m] has done the damage of, there and back alike."""
+    done = np.sign(drift) * np.abs(drift / reach) ** (exponent + 1.0)
+    return float(np.sum(np.abs(np.diff(done))))
+
+
+Loss = LinearLoss | SaturatingLoss | StretchedLoss | FatigueLoss
 
 
 def share_left(factor: float, *, power: float = 1.0) -> float:
@@ -267,6 +353,11 @@ _GROWN = 3.0
 
 BEND, POWER = LogNormal(0.5, 2.0).truncated(1e-3, 100.0), LogNormal(1.0, 0.5).truncated(0.3, 3.0)
 """Priors of a free shape: any between an early step and a late one."""
+_FATIGUE_POWER = LogNormal(1.0, 0.8).truncated(0.15, 6.0)
+"""Of excursions: from a loss that comes with the first of them to one that comes late and suddenly, as by fracture."""
+_FATIGUE_EXPONENT = LogNormal(2.0, 1.0).truncated(0.3, 12.0)
+"""Of their size: Krawinkler and Zohrei give 1.5 to 2 as the power of a whole excursion, this and one; a large one lets
+the largest drifts alone count."""
 
 
 def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Value | None]) -> Loss:
@@ -287,11 +378,19 @@ def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Valu
 
 def priors_of(loss: Loss, scales: Scales) -> dict[str, Value]:
     """What a search gives the parameters of a loss, by symbol: by the end a quarter may be left, or less."""
-    whole = loss.driver.of_scales(scales)
     match loss:
+        case FatigueLoss():
+            return {
+                loss.loss: HalfNormal(_GROWN),
+                loss.power: _FATIGUE_POWER,
+                loss.exponent: _FATIGUE_EXPONENT,
+                loss.at: scales.path / scales.drift,
+                loss.reach: scales.drift,
+            }
         case LinearLoss():
-            return {loss.delta: HalfNormal(_GROWN / whole)}
+            return {loss.delta: HalfNormal(_GROWN / loss.driver.of_scales(scales))}
         case SaturatingLoss():
+            whole = loss.driver.of_scales(scales)
             # Most of it within a tenth to all of the work. With slower rates the loss is the linear one; with faster
             # ones it is there before the first cycle has ended, and the storey's own parameters say the same.
             rate = LogNormal(5.0 / whole, 1.0).truncated(0.5 / whole, 100.0 / whole)
@@ -301,12 +400,14 @@ def priors_of(loss: Loss, scales: Scales) -> dict[str, Value]:
                 loss.loss: HalfNormal(_GROWN),
                 loss.bend: BEND,
                 loss.power: POWER,
-                loss.at: whole,
+                loss.at: loss.driver.of_scales(scales),
             }
 
 
 def starts_of(loss: Loss, scales: Scales) -> Mapping[str, tuple[float, ...]]:
     """Where fits of a loss start, by symbol: small, large, and all but all of it."""
+    if isinstance(loss, FatigueLoss):  # with every excursion or at the end, of all of them or of the largest
+        return {loss.loss: (0.2, 2.0), loss.power: (0.4, 1.0, 3.0), loss.exponent: (1.0, 5.0)}
     whole = loss.driver.of_scales(scales)
     match loss:
         case LinearLoss():

@@ -109,7 +109,8 @@ def test_a_form_is_tried_on_a_base_once(pool: Pool) -> None:
 
 def test_a_name_shares_its_prior_over_its_forms_of_free_shape_too(pool: Pool) -> None:
     """Each usual form and the free one, once at every place: what is tried later is no gift."""
-    assert pool.run.variants["stiffness_degradation"] == 5  # linear, saturating, with the path, and free with either
+    # Linear, saturating, with the amplitude; free with the work and with the path.
+    assert pool.run.variants["stiffness_degradation"] == 5
     usual = {h.symbols for h in pool.run.considered_first}
     assert len(usual) == 3
 

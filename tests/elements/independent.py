@@ -16,6 +16,8 @@ PLAIN = {
     "k": 10.0, "c": 0.05, "alpha": 0.01, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 1.5,
     "delta_nu": 0.0, "delta_eta": 0.0, "delta_s": 0.0, "sigma": 1.0,
     "nu_inf": 0.0, "p_nu": 1.0, "eta_inf": 0.0, "p_eta": 1.0, "theta_nu": 0.0, "theta_eta": 0.0,
+    "nu_a": 0.0, "s_nu": 1.0, "q_nu": 1.0, "N_nu": 1.0, "u_nu": 1.0,
+    "eta_a": 0.0, "s_eta": 1.0, "q_eta": 1.0, "N_eta": 1.0, "u_eta": 1.0,
     "zeta_s": 0.0, "p": 1.0, "q": 0.0, "psi_0": 1.0, "delta_psi": 0.0, "lambda_": 1.0,
     "phi": 0.0, "phi_uv": 0.0, "u_uv": 1.0, "phi_u": 0.0, "u_u": 1.0, "k3": 0.0, "c2": 0.0, "k_geo": 0.0,
     "F_v": 0.0, "p_v": 1.0, "v_v": 1.0,
@@ -30,13 +32,18 @@ def storey(p: dict[str, float], u: float, v: float, *states: float) -> tuple[flo
     """Storey force with damping, and the rates of its states.
 
     The states are z, eps, a Maxwell branch's force q, the place d in a play, the deflection of a contact that sticks,
-    the path and the place s in slack. [m]
+    the path and the place s in slack [m], and excursions that wear the strength, and the stiffness.
     """
-    z, eps, q, d, stuck, path, s = states
+    z, eps, q, d, stuck, path, s, *worn = states
+    worn = worn or [0.0, 0.0]
     beside = parallel_force(p, u, v) + q + p["F_dahl"] / p["x_dahl"] * stuck + p["c"] * v
     stuck_rate = v * (1.0 - stuck / p["x_dahl"] * sign(v))
     q_rate = p["k_m"] * v - q / p["tau"]
     path_rate = abs(v)
+    worn_rates = [
+        (p[f"q_{one}"] + 1.0) * abs(v) / p[f"u_{one}"] * abs(u / p[f"u_{one}"]) ** p[f"q_{one}"]
+        for one in ("nu", "eta")
+    ]
     d_rate = v * min(max((p["b"] - d * sign(v)) / p["w"], 0.0), 1.0)
     u_turn = {width: math.tanh(u / p[width]) for width in ("u_uv", "u_u")}
     loose = min(max(1.0 + sign(v) / p["w_0"] * (p["alpha"] * (u - s) + (1.0 - p["alpha"]) * z), 0.0), 1.0)
@@ -44,6 +51,8 @@ def storey(p: dict[str, float], u: float, v: float, *states: float) -> tuple[flo
     u, v = u - d - s, v - d_rate - s_rate
     nu = 1.0 + p["delta_nu"] * eps + p["nu_inf"] * (1.0 - math.exp(-p["p_nu"] * eps)) + p["theta_nu"] * path
     eta = 1.0 + p["delta_eta"] * eps + p["eta_inf"] * (1.0 - math.exp(-p["p_eta"] * eps)) + p["theta_eta"] * path
+    nu += p["nu_a"] * (worn[0] / p["N_nu"]) ** p["s_nu"]
+    eta += p["eta_a"] * (worn[1] / p["N_eta"]) ** p["s_eta"]
     shape = p["beta"] * sign(z * v) + p["gamma"] + p["phi"] * (sign(z) + sign(v))
     shape += p["phi_uv"] * u_turn["u_uv"] * sign(v) + p["phi_u"] * u_turn["u_u"]
     f = (p["A"] - nu * abs(z) ** p["n"] * shape) / eta
@@ -54,7 +63,16 @@ def storey(p: dict[str, float], u: float, v: float, *states: float) -> tuple[flo
         f *= 1.0 - z1 * math.exp(-((z * sign(v) - p["q"] * z_u) ** 2) / z2**2)
     slip = p["delta_s"] * eps * math.sqrt(2.0 / math.pi) / p["sigma"] * math.exp(-0.5 * (z / p["sigma"]) ** 2)
     spring = (1.0 - p["alpha"]) * p["k"] * z
-    rates = f * v / (1.0 + slip * f), spring * v, q_rate, d_rate, stuck_rate, path_rate, s_rate
+    rates = (
+        f * v / (1.0 + slip * f),
+        spring * v,
+        q_rate,
+        d_rate,
+        stuck_rate,
+        path_rate,
+        s_rate,
+        *worn_rates[: len(states) - 7],
+    )
     return p["alpha"] * p["k"] * u + spring + beside, *rates
 
 
@@ -102,7 +120,7 @@ def respond(
     m, n, times = np.asarray(masses), len(masses), dt * np.arange(len(ground))
 
     def rates(t: float, y: np.ndarray, parameters: list[dict[str, float]]) -> tuple[np.ndarray, np.ndarray]:
-        x, w, *others = y.reshape(9, n)
+        x, w, *others = y.reshape(11, n)
         rows = (row.tolist() for row in (between(x), between(w), *others))
         parts = [storey(at(p, t), *state) for p, *state in zip(parameters, *rows, strict=True)]
         force, *inner_rates = (np.array(part) for part in zip(*parts, strict=True))
@@ -113,7 +131,7 @@ def respond(
 
     ends = [p["k_ramp_time"] + share * p["k_ramp_duration"] for p in before if p["k_ramp"] for share in (0.0, 1.0)]
     breaks = sorted({jump_time, *ends})
-    y = np.zeros(9 * n)
+    y = np.zeros(11 * n)
     states, accelerations = [y], [rates(0.0, y, before)[1]]
     for j in range(len(ground) - 1):
         start, end = j * dt, (j + 1) * dt
@@ -126,7 +144,7 @@ def respond(
             y = piece.y[:, -1]
         states.append(y)
         accelerations.append(rates(end, y, after if end >= jump_time else before)[1])
-    table = np.array(states).reshape(-1, 9, n)
+    table = np.array(states).reshape(-1, 11, n)
     return {
         "acceleration": np.array(accelerations).T,
         "drift": np.diff(table[:, 0], prepend=0.0, axis=1).T,

@@ -15,6 +15,7 @@ from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import StiffnessDegradation, StrengthDegradation
 from bwbn_bayes.elements.equations import slot_equations
 from bwbn_bayes.elements.law import DRIFT_RATE, ENERGY, HYSTERETIC_DISPLACEMENT, PATH, Effect, Slots
+from bwbn_bayes.elements.loops import large_half_cycles
 from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.elements.signature import PlaceResponse
 from bwbn_bayes.engines.reference import Reference
@@ -24,10 +25,10 @@ from bwbn_bayes.structures.specimen import Specimen
 CYCLES = [0.8, -0.8] * 4
 
 
-def force(effect: Effect | None = None, **element: float) -> np.ndarray:
+def force(effect: Effect | None = None, cycles: list[float] = CYCLES, **element: float) -> np.ndarray:
     model = Specimen(storey=storey(c=0.0, **element))
     model = model if effect is None else model.with_effect(effect)
-    return Reference(rtol=1e-10).simulate(model, NO_DRAW, cyclic_test(CYCLES, 60), ["force"]).values[0, 0]
+    return Reference(rtol=1e-10).simulate(model, NO_DRAW, cyclic_test(cycles, 60), ["force"]).values[0, 0]
 
 
 @pytest.mark.parametrize(
@@ -63,8 +64,8 @@ def test_peaks_fall_to_a_limit():
 @pytest.mark.parametrize("effect_class", [StiffnessDegradation, StrengthDegradation])
 def test_the_form_follows_from_what_is_given(effect_class):
     forms = effect_class.neutral_forms()
-    (delta,), (limit, rate), (path,) = (tuple(p.symbol for p in form.parameters) for form in forms)
-    assert [form.form for form in forms] == ["linear", "saturating", "linear, with the path"]
+    (delta,), (limit, rate), (path,), _ = (tuple(p.symbol for p in form.parameters) for form in forms)
+    assert [form.form for form in forms] == ["linear", "saturating", "linear, with the path", "with the amplitude"]
     sentence = f"{effect_class.__name__}: the form follows from what is given: give {delta}, or {limit} and {rate}"
     pair = {delta: 0.1, limit: 0.1}
     for given in ({}, {delta: 0.1, path: 0.1}, pair, {limit: 0.1}, {rate: 0.1}, {**pair, rate: 1.0}):
@@ -87,6 +88,34 @@ def test_the_equations_say_so(form_name, equations):
         if form.form == form_name
     }
     assert set(written.values()) == equations
+
+
+def worn_strength(drift: np.ndarray, **sizes: float) -> float:
+    """Share of the strength that is left at the end of a drift history, by the size that names are judged by."""
+    at = PlaceResponse(histories={"drift": drift}, parameters={**sizes, "n": 1.0}, scales=NOMINAL)
+    size = StrengthDegradation.neutral_forms()[3].signature.size
+    assert size is not None
+    return (1.0 - size(at)) ** max(0.5 * len(large_half_cycles(drift)), 1.0)
+
+
+@pytest.mark.parametrize("exponent", [0.3, 1.0, 6.0])
+def test_excursions_count_by_a_power_of_their_size(exponent):
+    """Fifteen ways to the largest drift or back count as fifteen; ways to half of it as 2^-(q + 1) each."""
+    drift = cyclic_test(CYCLES, 60).excitation
+    sizes = {"nu_a": 0.5, "s_nu": 1.0, "q_nu": exponent, "N_nu": 15.0, "u_nu": 0.8}
+    assert worn_strength(drift, **sizes) == pytest.approx(1.0 / 1.5)
+    assert worn_strength(0.5 * drift, **sizes) == pytest.approx(1.0 / (1.0 + 0.5 * 0.5 ** (exponent + 1.0)))
+
+
+def test_a_new_drift_wears_more_than_one_that_is_repeated():
+    """With a large exponent and its inverse as the power the loss follows the largest drift, as no law of path does."""
+    sizes = {"nu_a": 0.5, "q_nu": 9.0, "s_nu": 0.1, "N_nu": 15.0, "u_nu": 0.8}
+    once, thrice, larger = ([0.4, -0.4], [0.4, -0.4] * 3, [0.4, -0.4, 0.8, -0.8])
+    left = [force(StrengthDegradation(**sizes), cycles=cycles)[-1] for cycles in (once, thrice, larger)]
+    whole = [force(cycles=cycles)[-1] for cycles in (once, thrice, larger)]
+    lost = [1.0 - own / other for own, other in zip(left, whole, strict=True)]
+    assert lost[0] < lost[1] < 1.25 * lost[0]
+    assert lost[2] > 1.5 * lost[0]
 
 
 def test_all_that_goes_with_the_path_shares_one_state():

@@ -1,4 +1,4 @@
-"""Stiffness that falls with the work done on the hysteretic spring, or with the path."""
+"""Stiffness that falls with the work done on the hysteretic spring, with the path or with excursions."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self, override
 
+import sympy as sp
+
 from bwbn_bayes.elements.degradation import (
     DEGRADATION,
     DRIFT_PATH,
+    FATIGUE_SOURCE,
     LINEAR_SOURCE,
     PATH_SOURCE,
     SATURATING_SOURCE,
+    FatigueLoss,
     LinearLoss,
     Loss,
     SaturatingLoss,
@@ -29,11 +33,16 @@ from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Parameter, Value
 
+_EXCURSIONS = sp.Symbol("x_eta", real=True)
+"""Excursions of the drift, each by what it does to the stiffness."""
 _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="stiffness", delta="delta_eta"),
     SaturatingLoss(what="stiffness", limit="eta_inf", rate="p_eta"),
-    LinearLoss(what="stiffness", delta="theta_eta", driver=DRIFT_PATH),
+    FatigueLoss(
+        what="stiffness", loss="eta_a", power="s_eta", exponent="q_eta", at="N_eta", reach="u_eta", state=_EXCURSIONS
+    ),
 )
+_WITH_PATH = LinearLoss(what="stiffness", delta="theta_eta", driver=DRIFT_PATH)
 _FREE = (
     StretchedLoss(what="stiffness", loss="eta_e", bend="b_eta", power="m_eta", at="E_eta"),
     StretchedLoss(what="stiffness", loss="eta_c", bend="a_eta", power="r_eta", at="U_eta", driver=DRIFT_PATH),
@@ -49,6 +58,8 @@ class StiffnessDegradation(Effect):
     ``W(x) = 1 - exp(-b_eta (x/E_eta)^m_eta)``.
     Or, with ``theta_eta``, with the path: ``eta = 1 + theta_eta u_c``, ``du_c/dt = |v|``; with ``eta_c`` and its three
     likes in the free shape, of ``u_c`` in place of ``epsilon`` and ``U_eta`` in place of ``E_eta``.
+    Or, with ``eta_a`` and its four likes, with excursions that count by their size:
+    ``eta = 1 + eta_a (x_eta/N_eta)^s_eta``, ``dx_eta/dt = (q_eta + 1) |v|/u_eta (|u|/u_eta)^q_eta``.
 
     Parameters
     ----------
@@ -76,6 +87,16 @@ class StiffnessDegradation(Effect):
         Power of the path in the free shape.
     U_eta : float, optional
         Path at which ``eta_c`` is measured. [m]
+    eta_a : float, Prior or PerStorey, optional
+        What eta has grown by at ``N_eta`` excursions to the drift ``u_eta``.
+    s_eta : float, Prior or PerStorey, optional
+        Power of their number.
+    q_eta : float, Prior or PerStorey, optional
+        Power of the drift in what an excursion does: with a large one the largest alone count.
+    N_eta : float, optional
+        Excursions, one way each, at which ``eta_a`` is measured.
+    u_eta : float, optional
+        Drift of an excursion that counts as one. [m]
 
     Raises
     ------
@@ -102,11 +123,16 @@ class StiffnessDegradation(Effect):
     a_eta: Value | None = None
     r_eta: Value | None = None
     U_eta: Value | None = None
+    eta_a: Value | None = None
+    s_eta: Value | None = None
+    q_eta: Value | None = None
+    N_eta: Value | None = None
+    u_eta: Value | None = None
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "stiffness_degradation"
-    summary: ClassVar[str] = "stiffness falls with the work done on the hysteretic spring, or with the path"
-    source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}; {PATH_SOURCE}"
+    summary: ClassVar[str] = "stiffness falls with the work done on the hysteretic spring, the path or excursions"
+    source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}; {PATH_SOURCE}; {FATIGUE_SOURCE}"
     residual: ClassVar[str] = "the period grows with the work done"
     confusable: ClassVar[str] = "slow damage, base flexibility"
 
@@ -116,7 +142,7 @@ class StiffnessDegradation(Effect):
     @cached_property
     def loss(self) -> Loss:
         """By which it is lost: the form whose parameters are given."""
-        every = (*_LOSSES, *_FREE)
+        every = (*_LOSSES, *_FREE, _WITH_PATH)
         given = {p.symbol: getattr(self, p.symbol) for loss in every for p in loss.parameters}
         return loss_of(type(self).__name__, every, given)
 
@@ -150,11 +176,17 @@ class StiffnessDegradation(Effect):
     @classmethod
     @override
     def neutral_forms(cls) -> tuple[Self, ...]:
-        return cls(delta_eta=0.0), cls(eta_inf=0.0, p_eta=1.0), cls(theta_eta=0.0)
+        return (
+            cls(delta_eta=0.0),
+            cls(eta_inf=0.0, p_eta=1.0),
+            cls(theta_eta=0.0),
+            cls(eta_a=0.0, s_eta=1.0, q_eta=1.0, N_eta=1.0, u_eta=1.0),
+        )
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        return replace(slots, eta=slots.eta + self.loss.expression)
+        states = (*slots.added_states, *self.loss.states)
+        return replace(slots, eta=slots.eta + self.loss.expression, added_states=states)
 
 
 @guides(StiffnessDegradation)

@@ -1,4 +1,4 @@
-"""Strength that falls with the work done on the hysteretic spring, or with the path."""
+"""Strength that falls with the work done on the hysteretic spring, with the path or with excursions."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self, override
 
+import sympy as sp
+
 from bwbn_bayes.elements.degradation import (
     DEGRADATION,
     DRIFT_PATH,
+    FATIGUE_SOURCE,
     LINEAR_SOURCE,
     PATH_SOURCE,
     SATURATING_SOURCE,
+    FatigueLoss,
     LinearLoss,
     Loss,
     SaturatingLoss,
@@ -29,11 +33,16 @@ from bwbn_bayes.elements.search_guide import SearchGuide, guides
 from bwbn_bayes.elements.signature import Signature
 from bwbn_bayes.parameters import Parameter, Value
 
+_EXCURSIONS = sp.Symbol("x_nu", real=True)
+"""Excursions of the drift, each by what it does to the strength."""
 _LOSSES: tuple[Loss, ...] = (
     LinearLoss(what="strength", delta="delta_nu"),
     SaturatingLoss(what="strength", limit="nu_inf", rate="p_nu"),
-    LinearLoss(what="strength", delta="theta_nu", driver=DRIFT_PATH),
+    FatigueLoss(
+        what="strength", loss="nu_a", power="s_nu", exponent="q_nu", at="N_nu", reach="u_nu", state=_EXCURSIONS
+    ),
 )
+_WITH_PATH = LinearLoss(what="strength", delta="theta_nu", driver=DRIFT_PATH)
 _FREE = (
     StretchedLoss(what="strength", loss="nu_e", bend="b_nu", power="m_nu", at="E_nu"),
     StretchedLoss(what="strength", loss="nu_c", bend="a_nu", power="r_nu", at="U_nu", driver=DRIFT_PATH),
@@ -49,6 +58,8 @@ class StrengthDegradation(Effect):
     ``W(x) = 1 - exp(-b_nu (x/E_nu)^m_nu)``.
     Or, with ``theta_nu``, with the path: ``nu = 1 + theta_nu u_c``, ``du_c/dt = |v|``; with ``nu_c`` and its three
     likes in the free shape, of ``u_c`` in place of ``epsilon`` and ``U_nu`` in place of ``E_nu``.
+    Or, with ``nu_a`` and its four likes, with excursions that count by their size:
+    ``nu = 1 + nu_a (x_nu/N_nu)^s_nu``, ``dx_nu/dt = (q_nu + 1) |v|/u_nu (|u|/u_nu)^q_nu``.
 
     Parameters
     ----------
@@ -76,6 +87,16 @@ class StrengthDegradation(Effect):
         Power of the path in the free shape.
     U_nu : float, optional
         Path at which ``nu_c`` is measured. [m]
+    nu_a : float, Prior or PerStorey, optional
+        What nu has grown by at ``N_nu`` excursions to the drift ``u_nu``.
+    s_nu : float, Prior or PerStorey, optional
+        Power of their number.
+    q_nu : float, Prior or PerStorey, optional
+        Power of the drift in what an excursion does: with a large one the largest alone count.
+    N_nu : float, optional
+        Excursions, one way each, at which ``nu_a`` is measured.
+    u_nu : float, optional
+        Drift of an excursion that counts as one. [m]
 
     Raises
     ------
@@ -102,11 +123,16 @@ class StrengthDegradation(Effect):
     a_nu: Value | None = None
     r_nu: Value | None = None
     U_nu: Value | None = None
+    nu_a: Value | None = None
+    s_nu: Value | None = None
+    q_nu: Value | None = None
+    N_nu: Value | None = None
+    u_nu: Value | None = None
 
     elements: ClassVar[tuple[str, ...]] = ("bouc_wen", "hardening_bouc_wen")
     name: ClassVar[str] = "strength_degradation"
-    summary: ClassVar[str] = "strength falls with the work done on the hysteretic spring, or with the path"
-    source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}; {PATH_SOURCE}"
+    summary: ClassVar[str] = "strength falls with the work done on the hysteretic spring, the path or excursions"
+    source: ClassVar[str] = f"{LINEAR_SOURCE}; saturating: {SATURATING_SOURCE}; {PATH_SOURCE}; {FATIGUE_SOURCE}"
     residual: ClassVar[str] = "peaks are clipped more as work is done"
     confusable: ClassVar[str] = "falling n or beta"
 
@@ -116,7 +142,7 @@ class StrengthDegradation(Effect):
     @cached_property
     def loss(self) -> Loss:
         """By which it is lost: the form whose parameters are given."""
-        every = (*_LOSSES, *_FREE)
+        every = (*_LOSSES, *_FREE, _WITH_PATH)
         given = {p.symbol: getattr(self, p.symbol) for loss in every for p in loss.parameters}
         return loss_of(type(self).__name__, every, given)
 
@@ -150,11 +176,17 @@ class StrengthDegradation(Effect):
     @classmethod
     @override
     def neutral_forms(cls) -> tuple[Self, ...]:
-        return cls(delta_nu=0.0), cls(nu_inf=0.0, p_nu=1.0), cls(theta_nu=0.0)
+        return (
+            cls(delta_nu=0.0),
+            cls(nu_inf=0.0, p_nu=1.0),
+            cls(theta_nu=0.0),
+            cls(nu_a=0.0, s_nu=1.0, q_nu=1.0, N_nu=1.0, u_nu=1.0),
+        )
 
     @override
     def fill(self, slots: Slots) -> Slots:
-        return replace(slots, nu=slots.nu + self.loss.expression)
+        states = (*slots.added_states, *self.loss.states)
+        return replace(slots, nu=slots.nu + self.loss.expression, added_states=states)
 
 
 @guides(StrengthDegradation)

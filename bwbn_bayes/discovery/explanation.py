@@ -102,6 +102,11 @@ class Explanation:
         """Names of its effects."""
         return frozenset(hypothesis.name for hypothesis in self.added)
 
+    def loop_shows(self, name: str) -> bool:
+        """Whether the record itself measures what one of its effects does: a specimen's loop, of some signatures."""
+        signatures = (own.effect.signature for own in self.added if own.name == name)
+        return self.is_specimen and any(one.of_loop is not None for one in signatures)
+
     @property
     def n_parameters(self) -> int:
         """Identified parameters that its effects bring."""

@@ -100,7 +100,8 @@ class Added:
         None where the effect has no measure.
     borne_out : float
         Where more than noise is left, so that no explanation is the right one: probability that the best with the
-        effect explains more than the best without its mechanism, by their scatter over stretches; else 1.
+        effect explains more than the best without its mechanism, by their scatter over stretches, and that nothing
+        without a name looks like it; else 1.
     moments : mapping of str to (float, float)
         Posterior mean and standard deviation of the parameters it brought.
     separation : tuple of str

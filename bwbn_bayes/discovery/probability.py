@@ -18,6 +18,7 @@ from scipy.special import gammaln, logsumexp
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.consistency import probability_of_being_better
 from bwbn_bayes.discovery.explanation import Explanation, forced_storeys
+from bwbn_bayes.discovery.where import unexplained_share
 from bwbn_bayes.parameters import Floats
 
 NOTHING_MISSING = 0.5
@@ -220,14 +221,14 @@ class Beliefs:
 
     @cached_property
     def borne_out(self) -> dict[str, float]:
-        """Of each probable name whether the record agrees on its gain; none where a law leaves noise.
+        """Of each probable name whether the record agrees on its gain, and nothing else looks like it.
 
-        Which law of its mechanism has it, evidence tells. A building's explanation with an unnamed force has no fit of
-        its own: it is not asked.
+        None where a law leaves noise. Which law of its mechanism has the gain, evidence tells. A building's explanation
+        with an unnamed force has no fit of its own: it is not asked.
         """
         if self._has_right_law:
             return {}
-        return {name: self._agreed_on(frozenset({name})) for name, p in self.names.items() if p > 1.0 - NAMED}
+        return {name: self._shown(frozenset({name})) for name, p in self.names.items() if p > 1.0 - NAMED}
 
     @cached_property
     def families(self) -> tuple[Family, ...]:
@@ -250,7 +251,7 @@ class Beliefs:
         return Family(
             title=title,
             names=names,
-            probability=there * (self._agreed_on(names) if asked else 1.0),
+            probability=there * (self._shown(names) if asked else 1.0),
             log_bayes_factor=self.bayes_factor(names)[0],
         )
 
@@ -264,18 +265,23 @@ class Beliefs:
         """That the law of each name is part of the model, and borne out."""
         return {name: p * self.borne_out.get(name, 1.0) for name, p in self.names.items()}
 
-    def _agreed_on(self, names: frozenset[str]) -> float:
+    def _shown(self, names: frozenset[str]) -> float:
         """That the best with one of some effects explains further stretches better than the best without all of them.
 
-        Another law of a mechanism of theirs is no rival.
+        And that this is no imitation, unless a measured loop itself shows what the names say. Another law of a
+        mechanism of theirs is no rival.
         """
         asked = [one for one in self.explanations if one.estimate is None]
         mechanisms = {h.name: h.effect.mechanism for one in asked for h in one.added}
         own_mechanisms = {mechanisms[name] for name in names if name in mechanisms}
         alike = {other for other, mechanism in mechanisms.items() if mechanism in own_mechanisms}
         compared = [one for one in asked if names & one.names or not alike & one.names]
-        own = [one.evidence for one in sides(compared, lambda one: bool(names & one.names))]
-        return probability_of_being_better(*own) if len(own) > 1 else 1.0
+        own = sides(compared, lambda one: bool(names & one.names))
+        agreed = probability_of_being_better(*(one.evidence for one in own)) if len(own) > 1 else 1.0
+        laws = sides((one for one in compared if not one.has_unnamed), lambda one: bool(names & one.names))
+        if len(laws) < 2 or any(one.loop_shows(name) for one in laws[:1] for name in names & one.names):
+            return agreed
+        return agreed * of_no_imitation(unexplained_share(laws[1].disagreement, laws[0].disagreement))
 
     def bayes_factor(self, names: frozenset[str]) -> tuple[float, float]:
         """Evidence of the best with one of some effects over that of the best without all of them, and its error [nat].
@@ -290,6 +296,22 @@ class Beliefs:
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
         own = [p for one, p in self._pairs if wanted(one)]
         return float(min(sum(own), 1.0))
+
+
+def of_no_imitation(left: float) -> float:
+    """Probability that an effect is there and not something without a name that looks like it.
+
+    Where laws leave more than noise, something is there that they lack, and one of them may gain by bending towards it.
+    What an effect leaves that is there is an error of its law, from :data:`LAW_ERROR` of what it does up to all of it,
+    of whatever order of magnitude; an imitation explains any share alike.
+
+    Parameters
+    ----------
+    left : float
+        Share of the residual energy beyond noise that the best law without the effect leaves, left with it.
+    """
+    there = (1.0 - ANOTHER) / (max(left, LAW_ERROR**2) * np.log(LAW_ERROR**-2))
+    return float(there / (there + ANOTHER))
 
 
 def sides[T](explanations: Iterable[T], has: Callable[[T], bool]) -> list[T]:

@@ -155,8 +155,8 @@ def _effect(one: Added) -> str:
     if one.is_plain:
         text += f"; {_without_a_name(one)}"
     if one.borne_out < NAMED:
-        agreed = probability_in_words(one.borne_out)
-        text += f"; more than noise is left, and not all of the record bears it out (probability {agreed})"
+        shown = probability_in_words(one.borne_out)
+        text += f"; more than noise is left, and something else may look like it (borne out with probability {shown})"
     if one.signature is not None and not one.signature.unmeasured:
         text += f"; {signature_in_words(one.signature)}"
     return f"{capital(text)}."

@@ -168,7 +168,7 @@ def test_what_a_law_is_forgiven_makes_it_predict_no_better() -> None:
 
 def test_the_law_that_is_delivered_has_one_of_a_family_that_is_certain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither loss is certain beside the other; without any the law would contradict what is said."""
-    monkeypatch.setattr(Beliefs, "_agreed_on", lambda *_: 1.0)
+    monkeypatch.setattr(Beliefs, "_shown", lambda *_: 1.0)
     strength, stiffness = (hypothesis(f"{what}_degradation", 1) for what in ("strength", "stiffness"))
     forced = [explanation(90.0, one, unnamed=(1,), is_noise=False) for one in (strength, stiffness)]
     alone = [explanation(v, one, is_noise=False) for v, one in ((60.0, CUBIC), (40.0, strength), (30.0, stiffness))]

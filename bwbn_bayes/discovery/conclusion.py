@@ -33,9 +33,7 @@ _SHARES_PROBABILITY = 0.1
 """Probability from which another effect or place shares that of one that was added."""
 
 
-def conclude(
-    pool: Pool, held_out: HeldOut | None, name: str, assumptions: Sequence[str], binding: tuple[str, ...], run: Run
-) -> Discovery:
+def conclude(pool: Pool, held_out: HeldOut | None, name: str, assumptions: Sequence[str]) -> Discovery:
     """Turn a finished search into what it found.
 
     Parameters
@@ -48,11 +46,8 @@ def conclude(
         The model's name in reports.
     assumptions : sequence of str
         What the model as given takes for granted.
-    binding : tuple of str
-        Priors that bind, in sentences.
-    run : Run
     """
-    believed, given = pool.beliefs, pool.plain[frozenset()]
+    run, believed, given = pool.run, pool.beliefs, pool.plain[frozenset()]
     present = pool.delivered(believed)
     run.say("looking for the smallest effects that this record could have shown")
     limits = _limits(present, run)
@@ -86,10 +81,10 @@ def conclude(
         verdict_probabilities=believed.verdicts,
         probabilities=_of_names(believed, added),
         families=families,
-        sentences=(*told[:1], *run.cut_short, *told[1:], *binding, *run.notes, *badly_sampled(result.facts)),
+        sentences=(*told[:1], *run.cut_short, *told[1:], *run.binding, *run.notes, *badly_sampled(result.facts)),
         unexplained_share=share,
         unnamed=unnamed,
-        binding=binding,
+        binding=run.binding,
         added=added,
         steps=tuple(run.steps),
         limits=limits,

@@ -110,7 +110,7 @@ def discover(
         if journal is not None:
             _go_on(journal, model, record, run)
         pool = _searched(_given(model, record, journal, run), run)
-        return conclude(pool, apart, name, assumptions, pool.run.binding, pool.run)
+        return conclude(pool, apart, name, assumptions)
 
 
 def _journal(checkpoint: Path, settings: DiscoverySettings) -> AbstractContextManager[Journal]:

@@ -122,10 +122,15 @@ def find_modes(
     return modes
 
 
-def settled(view: Posterior, modes: Sequence[Mode], rng: np.random.Generator) -> tuple[Mode, ...]:
-    """The modes again, after a cloud around them has looked for something better nearby."""
+def settled(
+    view: Posterior, modes: Sequence[Mode], rng: np.random.Generator, *, reach: float = 50.0
+) -> tuple[Mode, ...]:
+    """The modes again, after a cloud around them has looked for something better nearby.
+
+    Those that are further below the best than ``reach`` [nat] may not have come to their ends.
+    """
     points = np.concatenate([np.array([mode.point for mode in modes]), cloud(view, tuple(modes), rng)])
-    return distinct(*polish(view, best_of(view, points, N_CANDIDATES), n_iterations=40, reach=50.0))
+    return distinct(*polish(view, best_of(view, points, N_CANDIDATES), n_iterations=40, reach=reach))
 
 
 def best_of(view: Posterior, points: Floats, n: int) -> Floats:

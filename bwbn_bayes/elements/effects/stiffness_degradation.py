@@ -158,7 +158,7 @@ class StiffnessDegradation(Effect):
         reached = self.loss.reached
         return Signature(
             measure="stiffness lost per cycle",
-            plain_name="the slope of later loops (a stiffness law in the work done)",
+            plain_name="the slope of later loops (a law of stiffness)",
             reason="a tenth of a per cent of the stiffness lost per cycle: some three per cent in a test of thirty",
             size=lambda at: at.per_cycle(share_left(1.0 + reached(at))),
             least=0.001,

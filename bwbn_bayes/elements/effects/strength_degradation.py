@@ -158,7 +158,7 @@ class StrengthDegradation(Effect):
         reached = self.loss.reached
         return Signature(
             measure="strength lost per cycle",
-            plain_name="the height of later loops (a strength law in the work done)",
+            plain_name="the height of later loops (a law of strength)",
             reason="a tenth of a per cent of the strength lost per cycle: some three per cent in a test of thirty",
             size=lambda at: at.per_cycle(share_left(1.0 + reached(at), power=1.0 / at["n"])),
             least=0.001,

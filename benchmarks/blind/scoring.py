@@ -236,8 +236,18 @@ def _class_size(first: Json | None) -> int:
 
 
 def _confusion(truth: Json, effects: Sequence[Json], verdict: str) -> tuple[Confusion, ...]:
+    """What was named for each hidden effect; and each further name, where nothing of the kind is hidden."""
     hidden: Sequence[Json] = truth["effects"]
     extra = [e for e in effects if not any(is_right(e, h) for h in hidden)]
+    cells = _named_for(truth, effects, extra, verdict)
+    told = {cell.named for cell in cells}
+    row = hidden[0]["name"] if truth["kind"] == "outside" else NOTHING
+    beside = [Confusion(hidden=row, named=str(e["name"]), right=False) for e in extra if e["name"] not in told]
+    return (*cells, *beside)
+
+
+def _named_for(truth: Json, effects: Sequence[Json], extra: Sequence[Json], verdict: str) -> tuple[Confusion, ...]:
+    hidden: Sequence[Json] = truth["effects"]
     first = _column(effects[0] if effects else None, verdict)
     if not hidden or truth["kind"] == "outside":
         row = hidden[0]["name"] if hidden else NOTHING

@@ -69,6 +69,16 @@ def test_one_hidden_effect(given: dict[str, Any], right: str) -> None:
     assert found.floor_ratio == pytest.approx(0.031 / 0.03)
 
 
+def test_a_wrong_name_beside_the_right_one_stands_in_the_matrix() -> None:
+    """It was seen in the row of shares and in the list of misses alone."""
+    wrong = ("nothing", "gap_impact", False)
+    found = case_outcome(truth(SLIP), answer(effect("slip_lock", 2), effect("gap_impact", 1)))
+    assert found.confusion == (("slip_lock", "slip_lock", True), wrong)
+    both = truth(SLIP, hidden("input_scale"), kind="pairs")
+    every = answer(effect("slip_lock", 2), effect("input_scale"), effect("gap_impact", 1))
+    assert case_outcome(both, every).confusion[2:] == (wrong,)
+
+
 def test_naming_none_is_wrong_but_not_with_confidence() -> None:
     for verdict, column in (("no_missing_effect", "nothing"), ("unexplained", "unexplained")):
         found = case_outcome(truth(SLIP), answer(verdict=verdict))

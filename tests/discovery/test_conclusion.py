@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery import conclusion, probability
+from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.probability import Beliefs
+from bwbn_bayes.elements.effects import CubicStiffness, SlipLock
+from bwbn_bayes.elements.law import Effect
 
 MECHANISMS = {"a": "wear", "b": "play", "c": "wear", "d": "rust"}
 FAMILIES = {"a": "a loss", "b": "", "c": "", "d": "a loss"}
@@ -84,6 +87,20 @@ def test_what_leaves_much_may_be_an_imitation(left: float, shown: str, expected:
     """By hand: densities of what is left, 1 / (x ln(1e4)) of what is there and 1 of what looks like it, at 4 to 1."""
     every = believed(explanation("a", 50.0, left=left, shown=shown), explanation("", 0.0, left=1.0))
     assert every.borne_out["a"] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("effect", "is_specimen", "shown"),
+    [
+        (SlipLock(delta_s=0.1, sigma=0.1), True, True),
+        (SlipLock(delta_s=0.1, sigma=0.1), False, False),  # no loop was measured
+        (CubicStiffness(k3=1.0), True, False),  # no loop shows a cubic spring by itself
+    ],
+)
+def test_what_a_measured_loop_shows(effect: Effect, is_specimen: bool, shown: bool) -> None:
+    one: Any = SimpleNamespace(is_specimen=is_specimen, added=(SimpleNamespace(name=effect.name, effect=effect),))
+    assert Explanation.loop_shows(one, effect.name) is shown
+    assert not Explanation.loop_shows(one, "another")
 
 
 def test_from_a_twentieth_on_a_name_is_not_given() -> None:

@@ -13,7 +13,7 @@ import sympy as sp
 import xarray as xr
 from numpy.typing import NDArray
 
-from bwbn_bayes.elements.law import TIME, StoreyLaw
+from bwbn_bayes.elements.law import ENERGY, TIME, StoreyLaw, step, symbol
 from bwbn_bayes.parameters import Floats
 
 Landmark = tuple[tuple[str, ...], Floats | NDArray[np.float32]]
@@ -255,11 +255,12 @@ def engineering_quantities(
     Dataset
         ``peak_drift``, ``residual_drift`` (signed mean of the last 5 % of the record) [m], ``ductility`` (peak over
         :func:`yield_drift` at the start), ``stiffness_lost`` (``1 - 1/eta`` at the end), ``strength_lost``
-        (``1 - z_u(nu)/z_u(1) = 1 - nu^(-1/n)`` at the end), ``dissipated_energy`` [J], and with heights
+        (``1 - z_u(nu)/z_u(1) = 1 - nu^(-1/n)`` at the end), each not a number where the loss goes with the path, with
+        excursions or in a free shape, which landmarks do not tell; ``dissipated_energy`` [J], and with heights
         ``peak_drift_ratio`` (peak over storey height), each (draw, storey);
         ``modal_period`` [s] and ``modal_damping_ratio`` at the start, each (draw, mode);
-        ``period`` [s], the first period against time, (draw, time_point) with the coordinate ``time``. Units are
-        attributes.
+        ``period`` [s], the first period against time, (draw, time_point) with the coordinate ``time``, where what is
+        lost of the stiffness is known. Units are attributes.
     """
     energy = landmarks["hysteretic_energy"].transpose("draw", "storey", "time_point")
     at_the_end = landmarks[["hysteretic_displacement"]].assign(hysteretic_energy=energy.isel(time_point=-1, drop=True))
@@ -284,9 +285,21 @@ def engineering_quantities(
     dataset = dataset.merge(
         _modal_quantities(energy, storey_parameters, np.asarray(masses, dtype=np.float64), law, joints)
     )
+    for lost, factor in (("strength_lost", "nu"), ("stiffness_lost", "eta")):
+        if not _goes_with_work(law, factor):
+            dataset[lost] = xr.full_like(dataset[lost], np.nan)
+    if not _goes_with_work(law, "eta"):
+        dataset = dataset.drop_vars("period")
     for name, values in dataset.items():
         values.attrs = {"units": _UNITS[str(name)]}
     return dataset
+
+
+def _goes_with_work(law: StoreyLaw, factor: str) -> bool:
+    """Whether ``eta`` or ``nu`` of a law is what :func:`_degradation_factor` takes it for: linear, or saturating."""
+    known = {ENERGY, *(symbol(name) for name in (f"delta_{factor}", f"{factor}_inf", f"p_{factor}"))}
+    own = (one.expression for one in law.definitions if one.subject == step(factor))
+    return all(expression.free_symbols <= known for expression in own)
 
 
 def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset) -> xr.DataArray:

@@ -7,7 +7,7 @@ from scipy import linalg
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
-from bwbn_bayes.elements.effects import StiffnessDegradation, StoreyParameter, SuddenDamage
+from bwbn_bayes.elements.effects import StiffnessDegradation, StoreyParameter, StrengthDegradation, SuddenDamage
 from bwbn_bayes.elements.law import Slots, StoreyLaw
 from bwbn_bayes.structures.quantities import (
     dissipated_energy,
@@ -23,6 +23,7 @@ from bwbn_bayes.structures.quantities import (
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
 VALUES = {"k": 10.0, "c": 0.05, "alpha": 0.1, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 2.0}
+LOST = ("strength_lost", "stiffness_lost")
 PLAIN = ShearBuilding(masses=[1.0, 1.0], storey=BoucWen(**VALUES))
 
 
@@ -185,6 +186,26 @@ def test_a_loss_that_saturates_is_lost_all_the_same():
     found = engineering_quantities(landmarks_of(ramp_response()), given, [1.0, 1.0], PLAIN.law)
     np.testing.assert_allclose(found["stiffness_lost"], 1.0 - 1.0 / (1.0 + 0.6 * (1.0 - np.exp(-0.4 * 2.0))))
     np.testing.assert_allclose(found["strength_lost"], 1.0 - (1.0 + 1.5 * (1.0 - np.exp(-0.7 * 2.0))) ** -0.5)
+
+
+@pytest.mark.parametrize(
+    ("effect", "lost", "other"),
+    [
+        (StrengthDegradation(theta_nu=0.1), *LOST),
+        (
+            StiffnessDegradation(eta_a=0.5, s_eta=1.0, q_eta=2.0, N_eta=9.0, u_eta=0.1),
+            "stiffness_lost",
+            "strength_lost",
+        ),
+    ],
+    ids=lambda one: getattr(one, "name", one),
+)
+def test_a_loss_that_does_not_go_with_work_is_not_said_to_be_none(effect, lost, other):
+    law = law_with(effect)
+    found = engineering_quantities(landmarks_of(ramp_response()), parameters(**effect.values), [1.0, 1.0], law)
+    assert np.all(np.isnan(found[lost]))
+    np.testing.assert_array_equal(found[other], 0.0)
+    assert ("period" in found) == (lost == "strength_lost")
 
 
 def test_absent_effects_lose_nothing_and_keep_the_period():

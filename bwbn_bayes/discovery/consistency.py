@@ -37,23 +37,8 @@ def probability_of_being_better(one: Evidence, other: Evidence) -> float:
         Student's distribution of the difference of log evidence over its error by the scatter of stretches.
     """
     gained = of_stretches(one) - of_stretches(other)
-    return _agreed(one.log_evidence - other.log_evidence, gained)
-
-
-def probability_of_predicting_better(one: Floats, other: Floats) -> float:
-    """That the first predicts further stretches better than the second, by what each scored ``(n_stretches,)`` [nat].
-
-    One that could not predict some of them, of minus infinity, never does.
-    """
-    if not np.all(np.isfinite(one)):
-        return 0.0
-    return _agreed(float(np.sum(one - other)), one - other) if np.all(np.isfinite(other)) else 1.0
-
-
-def _agreed(total: float, gained: Floats) -> float:
-    """Student's distribution of a gain over its error by the scatter of the stretches that it comes from."""
     error = float(np.std(gained, ddof=1)) * np.sqrt(len(gained))
-    return float(student.cdf(total / max(error, 1e-300), len(gained) - 1))
+    return float(student.cdf((one.log_evidence - other.log_evidence) / max(error, 1e-300), len(gained) - 1))
 
 
 def of_stretches(evidence: Evidence) -> Floats:

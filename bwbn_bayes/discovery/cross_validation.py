@@ -48,19 +48,14 @@ class CrossValidation:
 
     Attributes
     ----------
-    scores : tuple of float
-        Log density of each block, normal with the noise level that the others show. [nat]
+    log_score : float
+        Log density of all blocks, each normal with the noise level that the others show. [nat]
     nrmse : float
         Root mean square over the channels of each one's rms error over its rms.
     """
 
-    scores: tuple[float, ...]
+    log_score: float
     nrmse: float
-
-    @property
-    def log_score(self) -> float:
-        """Log density of all blocks, in nat."""
-        return sum(self.scores)
 
 
 def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
@@ -91,7 +86,7 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
     n_blocks = len(record.blocks)
     as_one = posterior.noise.as_one if isinstance(posterior.noise, IntegratedNoise) else np.ones(n_blocks)
     as_one = np.broadcast_to(as_one, n_blocks)
-    scores, missed, measured = np.zeros(len(asked)), np.zeros(n_blocks), np.zeros(n_blocks)
+    log_score, missed, measured = 0.0, np.zeros(n_blocks), np.zeros(n_blocks)
     for number, (part, own) in enumerate(asked):
         for position, block in enumerate(record.blocks):
             if block.part == part:
@@ -100,13 +95,13 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
                 level = float(np.mean(scaled[number, block.channel, fitted]))
                 inside = float(np.sum(scaled[number, block.channel, own]))
                 density = inside / level + len(own) * np.log(2.0 * np.pi * level * slopes.noise[position] ** 2)
-                scores[number] -= 0.5 * float(density / as_one[position])
+                log_score -= 0.5 * float(density / as_one[position])
                 missed[position] += np.sum(squared[number, block.channel, own])
                 measured[position] += np.sum(np.square(record.measured[block.channel, own]))
-    if not np.all(np.isfinite(scores)):
-        return CrossValidation(scores=(-np.inf,) * len(asked), nrmse=np.inf)
+    if not np.isfinite(log_score):
+        return CrossValidation(log_score=-np.inf, nrmse=np.inf)
     shares = missed[measured > 0.0] / measured[measured > 0.0]
-    return CrossValidation(scores=tuple(scores.tolist()), nrmse=float(np.sqrt(np.mean(shares))))
+    return CrossValidation(log_score=log_score, nrmse=float(np.sqrt(np.mean(shares))))
 
 
 def _later(record: Record) -> list[tuple[int, NDArray[np.int64]]]:

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from bwbn_bayes.discovery.consistency import probability_of_predicting_better
 from bwbn_bayes.discovery.evidence import (
     Evidence,
     autoregressive,
@@ -19,7 +18,7 @@ from bwbn_bayes.discovery.evidence import (
     sampled,
 )
 from bwbn_bayes.discovery.explanation import SPECIMEN, Explanation, Key, Place
-from bwbn_bayes.discovery.probability import NAMED, Beliefs, beliefs
+from bwbn_bayes.discovery.probability import Beliefs, beliefs
 from bwbn_bayes.discovery.race import FAR
 from bwbn_bayes.discovery.run import Run
 from bwbn_bayes.discovery.scheme import finely_solved
@@ -29,7 +28,6 @@ from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, find_modes, settled
 from bwbn_bayes.inference.residuals import has_past
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.specimen import fitted_basis
-from bwbn_bayes.parameters import Floats
 
 _MOST_COLOURED, _COLOURED_REACH = 4, 400.0
 """Explanations that are refitted under autoregressive errors in each round, and how far below the best: a law has been
@@ -269,23 +267,8 @@ class Pool:
         self.add(_with_force(one, own) for one, own in found)
 
     def delivered(self, believed: Beliefs) -> Explanation:
-        """The explanation to predict by, settled.
-
-        Of a specimen's laws that leave more than noise that of the largest evidence, which is the score of predicting
-        one sample further, unless stretches of its test agree that another predicts them better, each from what came
-        before it: none of the laws is right, and what is wanted is the cycles to come.
-        """
-        best = believed.predictive
-        if not self.has_force or best.is_noise:
-            return self._settled(best.effects_key)
-        every = [self.plain[one.effects_key] for one in believed.deliverable]
-        self.run.say(f"predicting later cycles from earlier ones with {len(every)} laws")
-        scores = self.run.beside(_scores_ahead, every)
-        chosen = 0
-        for number in range(1, len(every)):
-            if probability_of_predicting_better(scores[number], scores[chosen]) >= NAMED:
-                chosen = number
-        return self._settled(every[chosen].effects_key)
+        """The explanation to predict by, settled."""
+        return self._settled(believed.predictive.effects_key)
 
     def _settled(self, key: Key) -> Explanation:
         """An explanation without an unnamed force, to predict by; a specimen's after a search all over its priors.
@@ -303,8 +286,7 @@ class Pool:
             modes = settled(one.posterior, found[:N_CANDIDATES], self.run.rng, reach=np.inf)
             if not one.is_noise:
                 optima = [one.with_modes(modes[number:]) for number in range(len(modes))]
-                scores = self.run.beside(_scores_ahead, optima)
-                one = optima[int(np.argmax([np.sum(own) for own in scores]))]
+                one = optima[int(np.argmax(self.run.beside(_score_ahead, optima)))]
             elif modes[0].log_likelihood > one.modes[0].log_likelihood:
                 one = replace(one, modes=modes)
             self.plain[key] = one
@@ -337,8 +319,8 @@ def _coloured(one: Explanation) -> Evidence:
     return autoregressive(*_at(one))
 
 
-def _scores_ahead(one: Explanation) -> Floats:
-    return np.array(one.cross_validation.scores)
+def _score_ahead(one: Explanation) -> float:
+    return one.cross_validation.log_score
 
 
 def _alone(one: Explanation) -> Evidence:

@@ -8,11 +8,7 @@ import pytest
 from scipy.stats import multivariate_normal, norm, ttest_rel
 
 from bwbn_bayes.discovery import consistency
-from bwbn_bayes.discovery.consistency import (
-    of_stretches,
-    probability_of_being_better,
-    probability_of_predicting_better,
-)
+from bwbn_bayes.discovery.consistency import of_stretches, probability_of_being_better
 from bwbn_bayes.discovery.cross_validation import N_BLOCKS
 from bwbn_bayes.inference.correlation import Correlation, SharedFunctions
 from bwbn_bayes.inference.likelihood import IntegratedNoise
@@ -78,19 +74,3 @@ def test_what_more_parameters_cost_counts(leaving: Any) -> None:
     cheap, dear = (leaving(left[0], log_evidence=value) for value in (30.0, -30.0))
     other = leaving(left[1], log_evidence=0.0)
     assert probability_of_being_better(cheap, other) > 0.5 > probability_of_being_better(dear, other)
-
-
-def test_what_predicts_better_is_told_by_scipys_paired_test() -> None:
-    rng = np.random.default_rng(8)
-    one, other = rng.normal(3.0, 4.0, 8), rng.normal(0.0, 4.0, 8)
-    expected = 1.0 - ttest_rel(one, other, alternative="greater").pvalue
-    assert probability_of_predicting_better(one, other) == pytest.approx(expected)
-    assert probability_of_predicting_better(one, other) + probability_of_predicting_better(other, one) == pytest.approx(
-        1
-    )
-
-
-def test_what_cannot_predict_never_predicts_better() -> None:
-    lost, kept = np.full(4, -np.inf), np.zeros(4)
-    assert probability_of_predicting_better(lost, kept) == probability_of_predicting_better(lost, lost) == 0.0
-    assert probability_of_predicting_better(kept, lost) == 1.0

@@ -190,20 +190,12 @@ class Beliefs:
     def _absent(self) -> frozenset[str]:
         return frozenset(name for name, p in self.names.items() if p < 1.0 - NAMED)
 
-    @property
+    @cached_property
     def predictive(self) -> Explanation:
         """The effects to deliver, as an explanation without an unnamed force, which knows nothing of what comes.
 
-        The most probable one of those that may be delivered: the evidence of a record is the score of predicting each
-        sample from those before it.
-        """
-        return self.deliverable[0]
-
-    @cached_property
-    def deliverable(self) -> tuple[Explanation, ...]:
-        """Explanations without an unnamed force that have what is said to be there, the most probable first.
-
-        What is likely, that is, and nothing that could be named as absent. Where the best of them leaves more than
+        The most probable of those that have what is likely, and nothing that could be named as absent: the evidence of
+        a record is the score of predicting each sample from those before it. Where the best of them leaves more than
         noise, none is right; what the force takes up is not absent then, and what is named must be there alone. There
         the evidence counts as it is: that laws may err, which the force tells, lets none of them predict better.
         """
@@ -217,7 +209,7 @@ class Beliefs:
             by_evidence = [self.explanations[n] for n in np.argsort(self.forgiven - self.log_joint, kind="stable")]
             plain = [one for one in by_evidence if not one.has_unnamed]
             tried = [one for one in plain if named <= one.names and all(names & one.names for names in kin)]
-        return tuple(tried or plain)
+        return next(iter(tried or plain))
 
     @cached_property
     def borne_out(self) -> dict[str, float]:

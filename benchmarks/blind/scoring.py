@@ -241,7 +241,7 @@ def _confusion(truth: Json, effects: Sequence[Json], verdict: str) -> tuple[Conf
     extra = [e for e in effects if not any(is_right(e, h) for h in hidden)]
     cells = _named_for(truth, effects, extra, verdict)
     told = {cell.named for cell in cells}
-    row = hidden[0]["name"] if truth["kind"] == "outside" else NOTHING
+    row = cells[0].hidden if truth["kind"] == "outside" else NOTHING
     beside = [Confusion(hidden=row, named=str(e["name"]), right=False) for e in extra if e["name"] not in told]
     return (*cells, *beside)
 

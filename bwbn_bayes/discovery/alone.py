@@ -58,17 +58,12 @@ def build_alone(pool: Pool, run: Run) -> None:
         built.add(parent.effects_key)
         pool.add_alone(built_upon(parent, run))
         failures += pool.alone[0] is best
-    _leave_out(pool, run)
-    pool.let_compete(pool.alone[:N_BESIDE])
-
-
-def _leave_out(pool: Pool, run: Run) -> None:
-    """Fit the best law without each of its effects, as long as one of these is better."""
     for _ in range(MOST_EFFECTS):
         best = pool.alone[0]
         pool.add_alone(left_out(best, pool.plain, run))
         if pool.alone[0] is best:
             break
+    pool.let_compete(pool.alone[:N_BESIDE])
 
 
 def _next(laws: Sequence[Explanation], built: set[Key]) -> Explanation | None:

@@ -259,26 +259,27 @@ class StretchedLoss:
         return at[self.loss] * float(risen(share, at[self.bend], at[self.power]))
 
 
-_TINY = 1e-12
+_TINY = 1e-24
 """The same of excursions, whose power may be small: where the largest alone count, each of them is many of half its
 size."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FatigueLoss:
-    """``loss (x/N)^power`` with excursions ``x``, each of which counts by a power of its size: low-cycle fatigue.
+    """``loss (x/N)^(power/(exponent + 1))`` with excursions ``x``, each of which counts by a power of its size.
 
     ``dx/dt = (exponent + 1) |v|/reach (|u|/reach)^exponent``, so that one way from zero to the drift ``reach``, or
-    back, counts as one, and one to half of it as ``2^-(exponent + 1)``. An exponent of zero counts the path; with a
-    large one the largest drifts alone count, as if damage came of their first time.
+    back, counts as one, and one to half of it as ``2^-(exponent + 1)``: low-cycle fatigue. An exponent of zero counts
+    the path; with a large one the largest drifts alone count, as if damage came of their first time. The loss by a
+    first excursion grows with the ``power`` of its drift, by further ones of its size with less.
 
     Attributes
     ----------
     what : str
         What is lost.
     loss, power, exponent, at, reach : str
-        Symbols of the loss by N excursions [1], of the powers of their number and of their size, of N, which is known
-        [1], and of the drift that counts as one, which is known [m].
+        Symbols of the loss by N excursions [1], of the powers of the drift in the loss by a first excursion and in what
+        each of them counts for, of N, which is known [1], and of the drift that counts as one, which is known [m].
     state : Symbol
         The excursions.
     """
@@ -298,8 +299,8 @@ class FatigueLoss:
         what = self.what
         told = (
             (self.loss, "", 0.0, 0.0, f"loss of {what} by a known number of excursions"),
-            (self.power, "", 1.0, 0.05, f"power of the number of excursions in the loss of {what}"),
-            (self.exponent, "", 1.0, 0.1, f"power of the drift in what an excursion does to {what}"),
+            (self.power, "", 1.0, 0.05, f"power of the drift in the loss of {what} by a first excursion"),
+            (self.exponent, "", 1.0, 0.1, "power of the drift by which further excursions count, less one"),
             (self.at, "", 1.0, 1e-6, f"excursions at which the loss of {what} is measured, known"),
             (self.reach, "m", 1.0, 1e-12, "drift of an excursion that counts as one, known"),
         )
@@ -318,17 +319,24 @@ class FatigueLoss:
     @property
     def expression(self) -> sp.Expr:
         """What is added to the factor."""
-        return symbol(self.loss) * _raised(sp.Abs(self.state) / symbol(self.at), symbol(self.power), _TINY)
+        share = sp.Abs(self.state) / symbol(self.at)
+        return symbol(self.loss) * _grown(share, symbol(self.power), symbol(self.exponent))
 
     def reached(self, at: PlaceResponse) -> float:
         """The loss by the end of a response."""
         excursions = _excursions(at.histories["drift"], at[self.reach], at[self.exponent])
-        return at[self.loss] * float(_raised(excursions / at[self.at], at[self.power], _TINY))
+        return at[self.loss] * float(_grown(excursions / at[self.at], at[self.power], at[self.exponent]))
 
 
 def _raised(share: Any, power: Any, offset: float) -> Any:
     """A share to a power, of numbers or symbols, with a slope at zero."""
     return (share + offset) ** power - offset**power
+
+
+def _grown(excursions: Any, power: Any, exponent: Any) -> Any:
+    """What such excursions over those at which a loss is measured have done of it, of numbers or symbols."""
+    by_number = power / (exponent + 1)
+    return _raised(excursions, by_number, _TINY) / (1 - _TINY**by_number)
 
 
 def _excursions(drift: Floats, reach: float, exponent: float) -> float:
@@ -353,11 +361,12 @@ _GROWN = 3.0
 
 BEND, POWER = LogNormal(0.5, 2.0).truncated(1e-3, 100.0), LogNormal(1.0, 0.5).truncated(0.3, 3.0)
 """Priors of a free shape: any between an early step and a late one."""
-_FATIGUE_POWER = LogNormal(1.0, 0.8).truncated(0.15, 6.0)
-"""Of excursions: from a loss that comes with the first of them to one that comes late and suddenly, as by fracture."""
+_FATIGUE_POWER = LogNormal(1.5, 1.0).truncated(0.05, 6.0)
+"""Of the drift, in the loss by a first excursion: damage goes with the drift itself, or comes early as cracks do, or
+late as fracture."""
 _FATIGUE_EXPONENT = LogNormal(2.0, 1.0).truncated(0.3, 12.0)
-"""Of their size: Krawinkler and Zohrei give 1.5 to 2 as the power of a whole excursion, this and one; a large one lets
-the largest drifts alone count."""
+"""By which further excursions count: Krawinkler and Zohrei give 1.5 to 2 as the power of a whole one, this and one;
+with a large one the largest drifts alone count."""
 
 
 def loss_of(effect_name: str, losses: tuple[Loss, ...], given: Mapping[str, Value | None]) -> Loss:
@@ -406,8 +415,8 @@ def priors_of(loss: Loss, scales: Scales) -> dict[str, Value]:
 
 def starts_of(loss: Loss, scales: Scales) -> Mapping[str, tuple[float, ...]]:
     """Where fits of a loss start, by symbol: small, large, and all but all of it."""
-    if isinstance(loss, FatigueLoss):  # with every excursion or at the end, of all of them or of the largest
-        return {loss.loss: (0.2, 2.0), loss.power: (0.4, 1.0, 3.0), loss.exponent: (1.0, 5.0)}
+    if isinstance(loss, FatigueLoss):  # with small drifts or with large ones, by all of them or by new ones
+        return {loss.loss: (0.2, 2.0), loss.power: (0.7, 1.5, 4.0), loss.exponent: (1.0, 5.0)}
     whole = loss.driver.of_scales(scales)
     match loss:
         case LinearLoss():

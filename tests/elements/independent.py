@@ -51,8 +51,8 @@ def storey(p: dict[str, float], u: float, v: float, *states: float) -> tuple[flo
     u, v = u - d - s, v - d_rate - s_rate
     nu = 1.0 + p["delta_nu"] * eps + p["nu_inf"] * (1.0 - math.exp(-p["p_nu"] * eps)) + p["theta_nu"] * path
     eta = 1.0 + p["delta_eta"] * eps + p["eta_inf"] * (1.0 - math.exp(-p["p_eta"] * eps)) + p["theta_eta"] * path
-    nu += p["nu_a"] * (worn[0] / p["N_nu"]) ** p["s_nu"]
-    eta += p["eta_a"] * (worn[1] / p["N_eta"]) ** p["s_eta"]
+    nu += p["nu_a"] * (worn[0] / p["N_nu"]) ** (p["s_nu"] / (p["q_nu"] + 1.0))
+    eta += p["eta_a"] * (worn[1] / p["N_eta"]) ** (p["s_eta"] / (p["q_eta"] + 1.0))
     shape = p["beta"] * sign(z * v) + p["gamma"] + p["phi"] * (sign(z) + sign(v))
     shape += p["phi_uv"] * u_turn["u_uv"] * sign(v) + p["phi_u"] * u_turn["u_u"]
     f = (p["A"] - nu * abs(z) ** p["n"] * shape) / eta

@@ -59,7 +59,7 @@ class StiffnessDegradation(Effect):
     Or, with ``theta_eta``, with the path: ``eta = 1 + theta_eta u_c``, ``du_c/dt = |v|``; with ``eta_c`` and its three
     likes in the free shape, of ``u_c`` in place of ``epsilon`` and ``U_eta`` in place of ``E_eta``.
     Or, with ``eta_a`` and its four likes, with excursions that count by their size:
-    ``eta = 1 + eta_a (x_eta/N_eta)^s_eta``, ``dx_eta/dt = (q_eta + 1) |v|/u_eta (|u|/u_eta)^q_eta``.
+    ``eta = 1 + eta_a (x_eta/N_eta)^(s_eta/(q_eta + 1))``, ``dx_eta/dt = (q_eta + 1) |v|/u_eta (|u|/u_eta)^q_eta``.
 
     Parameters
     ----------
@@ -90,9 +90,9 @@ class StiffnessDegradation(Effect):
     eta_a : float, Prior or PerStorey, optional
         What eta has grown by at ``N_eta`` excursions to the drift ``u_eta``.
     s_eta : float, Prior or PerStorey, optional
-        Power of their number.
+        Power of the drift in the loss by a first excursion.
     q_eta : float, Prior or PerStorey, optional
-        Power of the drift in what an excursion does: with a large one the largest alone count.
+        Power of the drift by which further excursions count, less one: with a large one the largest alone count.
     N_eta : float, optional
         Excursions, one way each, at which ``eta_a`` is measured.
     u_eta : float, optional

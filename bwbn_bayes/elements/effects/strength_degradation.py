@@ -59,7 +59,7 @@ class StrengthDegradation(Effect):
     Or, with ``theta_nu``, with the path: ``nu = 1 + theta_nu u_c``, ``du_c/dt = |v|``; with ``nu_c`` and its three
     likes in the free shape, of ``u_c`` in place of ``epsilon`` and ``U_nu`` in place of ``E_nu``.
     Or, with ``nu_a`` and its four likes, with excursions that count by their size:
-    ``nu = 1 + nu_a (x_nu/N_nu)^s_nu``, ``dx_nu/dt = (q_nu + 1) |v|/u_nu (|u|/u_nu)^q_nu``.
+    ``nu = 1 + nu_a (x_nu/N_nu)^(s_nu/(q_nu + 1))``, ``dx_nu/dt = (q_nu + 1) |v|/u_nu (|u|/u_nu)^q_nu``.
 
     Parameters
     ----------
@@ -90,9 +90,9 @@ class StrengthDegradation(Effect):
     nu_a : float, Prior or PerStorey, optional
         What nu has grown by at ``N_nu`` excursions to the drift ``u_nu``.
     s_nu : float, Prior or PerStorey, optional
-        Power of their number.
+        Power of the drift in the loss by a first excursion.
     q_nu : float, Prior or PerStorey, optional
-        Power of the drift in what an excursion does: with a large one the largest alone count.
+        Power of the drift by which further excursions count, less one: with a large one the largest alone count.
     N_nu : float, optional
         Excursions, one way each, at which ``nu_a`` is measured.
     u_nu : float, optional

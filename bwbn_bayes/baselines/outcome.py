@@ -15,7 +15,6 @@ from bwbn_bayes.inference.arrays import (
     observed_dataset,
     parameter_dataset,
     response_dataset,
-    storey_parameters,
 )
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.residuals import residual_checks
@@ -33,7 +32,7 @@ from bwbn_bayes.records.noise import noise_sds
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check, Equation, Facts, ParameterFacts, Result, StageFacts
 from bwbn_bayes.structures.equations import structure_equations
-from bwbn_bayes.structures.quantities import engineering_quantities, landmarks_of
+from bwbn_bayes.structures.quantities import engineering_quantities, landmarks_of, storey_parameters
 from bwbn_bayes.structures.structure import Structure
 
 NAN = float("nan")
@@ -123,7 +122,7 @@ def genetic_result(
         "parameters_by_storey": by_storey,
     }
     if not model.is_driven:
-        known = landmarks_of(response)
+        known = landmarks_of(response, model.law, by_storey, [run.start for _, run in record.runs])
         groups["quantities"] = engineering_quantities(
             known, by_storey, model.masses, model.law, model.heights, model.joints
         )

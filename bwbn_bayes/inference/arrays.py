@@ -16,7 +16,7 @@ from bwbn_bayes.parameters import Floats, FreeParameter
 from bwbn_bayes.records.blocks import counts, labels, measured_or_nan, over_time
 from bwbn_bayes.records.record import Record, si_unit
 from bwbn_bayes.results import POINTS
-from bwbn_bayes.structures.quantities import engineering_quantities, time_points
+from bwbn_bayes.structures.quantities import engineering_quantities, storey_parameters, time_points
 from bwbn_bayes.structures.structure import Structure
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
@@ -220,15 +220,6 @@ def _by_sample(
         coords={"chain": [0], "draw": chosen, "channel": list(record.channels), "time": times[begins]},
     )
     return pointwise, _measured(record, dims, replicates[None]).assign_coords(chain=[0], draw=chosen[whole])
-
-
-def storey_parameters(model: Structure, values: Floats) -> xr.Dataset:
-    """Every parameter of the storey law, by symbol ``(draw, storey)``, from identified ones ``(n_draws, n_dim)``."""
-    local = model.table.local(values)
-    return xr.Dataset(
-        {p.symbol: (("draw", "storey"), local[:, :, i], {"units": p.unit}) for i, p in enumerate(model.law.parameters)},
-        coords={"storey": list(range(1, model.n_links + 1))},
-    )
 
 
 def response_dataset(

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, cast
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from bwbn_bayes.engines.base import Engine
@@ -18,7 +19,7 @@ from bwbn_bayes.engines.exact import observable
 from bwbn_bayes.engines.lane_source import LANES
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
-from bwbn_bayes.structures.quantities import Landmark, landmarks
+from bwbn_bayes.structures.quantities import Landmark, landmarks, storey_parameters
 from bwbn_bayes.structures.structure import Structure
 
 Singles = NDArray[np.float32]
@@ -115,7 +116,7 @@ def summarised(
         )
         for row, name in enumerate(measured)
     }
-    found = _Found(kept=kept, noise=noise)
+    found = _Found(kept=kept, noise=noise, parameters=storey_parameters(model, values))
     at_once = max(1, _HELD // (len(draws) * record.n_times))
     for first in range(0, len(names), at_once):
         _solve(engine, model, record, values, names[first : first + at_once], found)
@@ -133,9 +134,13 @@ def summarised(
 
 @dataclass(frozen=True, kw_only=True)
 class _Found:
-    """What is kept so far, by channel; ``noise`` holds each measured channel's scales where it has them, and stream."""
+    """What is kept so far, by channel; ``noise`` holds each measured channel's scales where it has them, and stream.
+
+    ``parameters`` are every link's, of all draws.
+    """
 
     kept: NDArray[np.int64]
+    parameters: xr.Dataset
     noise: Mapping[str, tuple[tuple[tuple[slice, Floats], ...], np.random.Generator]]
     means: dict[str, Floats] = field(default_factory=dict)
     bands: dict[str, Singles] = field(default_factory=dict)
@@ -150,6 +155,7 @@ def _solve(
     """Solve all draws for some channels, and reduce each."""
     held = np.empty((len(names), len(values), record.n_times), dtype=np.float32)
     total = np.zeros((len(names), record.n_times))
+    begins = [run.start for _, run in record.runs]
     for rows in batches(len(values), len(names) * record.n_times):
         solved = np.moveaxis(engine.simulate(model, values[rows], record, names).values, 1, 0)
         total += np.sum(solved, axis=1)
@@ -159,8 +165,9 @@ def _solve(
         found.means[name] = mean
         found.bands[name] = _band(history, mean)
         found.whole[name] = history[found.kept]
-        kind = name.rpartition("_")[0]
-        found.landmarks[name] = landmarks(kind, history[:, None], record.times)
+        kind, _, place = name.rpartition("_")
+        own = found.parameters.isel(storey=[int(place) - 1]) if kind == "drift" else found.parameters
+        found.landmarks[name] = landmarks(kind, history[:, None], record.times, model.law, own, begins)
         if name in found.noise:
             scales, rng = found.noise[name]
             for number, one in enumerate(history):  # in place: nobody reads it without noise any more

@@ -1,7 +1,7 @@
 """What an engineer asks next: peaks, losses, energies and periods from response histories, draw by draw.
 
 Every function is pure and works on any leading dimensions; draws stay separate, so that bands come from percentiles.
-Parameters that a model does not have (no ``delta_eta``) count as zero: nothing is lost.
+What is lost of strength and stiffness follows from the law's own ``nu`` and ``eta``, whatever effects they are made of.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ import sympy as sp
 import xarray as xr
 from numpy.typing import NDArray
 
-from bwbn_bayes.elements.law import ENERGY, TIME, StoreyLaw, step, symbol
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, ENERGY, TIME, StoreyLaw, step
 from bwbn_bayes.parameters import Floats
+from bwbn_bayes.structures.structure import Structure
 
 Landmark = tuple[tuple[str, ...], Floats | NDArray[np.float32]]
 """A variable of a Dataset: dimensions and values."""
@@ -35,6 +36,15 @@ _UNITS = {
     "modal_damping_ratio": "",
     "period": "s",
 }
+
+
+def storey_parameters(model: Structure, values: Floats) -> xr.Dataset:
+    """Every parameter of the storey law, by symbol ``(draw, storey)``, from identified ones ``(n_draws, n_dim)``."""
+    local = model.table.local(values)
+    return xr.Dataset(
+        {p.symbol: (("draw", "storey"), local[:, :, i], {"units": p.unit}) for i, p in enumerate(model.law.parameters)},
+        coords={"storey": list(range(1, model.n_links + 1))},
+    )
 
 
 def parameters_at(law: StoreyLaw, parameters: xr.Dataset, time: xr.DataArray | float) -> xr.Dataset:
@@ -101,7 +111,7 @@ def yield_drift(parameters: xr.Dataset) -> xr.DataArray:
     return ultimate_hysteretic_displacement(parameters) / _initial_rate(parameters)
 
 
-def tangent_stiffness(parameters: xr.Dataset, energy: xr.DataArray) -> xr.DataArray:
+def tangent_stiffness(parameters: xr.Dataset, eta: xr.DataArray) -> xr.DataArray:
     """Initial tangent ``alpha k + (1 - alpha) k A / eta`` of each storey, degraded as it is at a time, in N/m.
 
     It is the slope at z = 0 without slip or pinching: what a small vibration around rest sees.
@@ -109,16 +119,16 @@ def tangent_stiffness(parameters: xr.Dataset, energy: xr.DataArray) -> xr.DataAr
     Parameters
     ----------
     parameters : Dataset (draw, storey, ...)
-        ``k`` [N/m], ``alpha``, and ``A``, those of ``eta`` where present, at the times of ``energy``.
-    energy : DataArray (draw, storey, ...)
-        Work on the hysteretic spring. [J]
+        ``k`` [N/m], ``alpha``, and where it is not 1 ``A``, at the times of ``eta``.
+    eta : DataArray (draw, storey, ...)
+        What the stiffness is divided by.
 
     Returns
     -------
     DataArray (draw, storey, ...)
     """
     k, alpha = parameters["k"], parameters["alpha"]
-    return alpha * k + (1.0 - alpha) * k * _initial_rate(parameters) / _degradation_factor("eta", parameters, energy)
+    return alpha * k + (1.0 - alpha) * k * _initial_rate(parameters) / eta
 
 
 Joints = Sequence[tuple[int, int]]
@@ -179,7 +189,14 @@ def modes(stiffness: Floats, damping: Floats, masses: Floats, joints: Joints | N
     return 2.0 * np.pi / omega, modal_damping / (2.0 * omega)
 
 
-def landmarks(kind: str, history: Floats | NDArray[np.float32], times: Floats) -> dict[str, Landmark]:
+def landmarks(
+    kind: str,
+    history: Floats | NDArray[np.float32],
+    times: Floats,
+    law: StoreyLaw,
+    parameters: xr.Dataset,
+    begins: Sequence[int] = (0,),
+) -> dict[str, Landmark]:
     """What :func:`engineering_quantities` reads from one kind of history, so that the history need not be kept.
 
     Parameters
@@ -189,6 +206,11 @@ def landmarks(kind: str, history: Floats | NDArray[np.float32], times: Floats) -
     history : (n_draws, n_storeys, n_times) array
     times : (n_times,) array
         [s]
+    law : StoreyLaw
+    parameters : Dataset (draw, storey)
+        Storey parameters by symbol, of the same draws and storeys.
+    begins : sequence of int
+        Samples at which nothing has been worn: the first, and that of each further record that finds it new.
 
     Returns
     -------
@@ -196,15 +218,40 @@ def landmarks(kind: str, history: Floats | NDArray[np.float32], times: Floats) -
         Variables of a Dataset by name: their dimensions and values.
     """
     storeys = ("draw", "storey")
+    points = time_points(len(times))
     if kind == "drift":
         n_tail = max(1, round(RESIDUAL_SHARE * len(times)))
+        worn = _worn(np.asarray(history, dtype=np.float64), law, parameters, begins)
         return {
             "peak_drift": (storeys, np.max(np.abs(history), axis=2)),
             "residual_drift": (storeys, np.asarray(np.mean(history[..., -n_tail:], axis=2), dtype=history.dtype)),
+            **{name: ((*storeys, "time_point"), values[..., points]) for name, values in worn.items()},
         }
     if kind == "hysteretic_energy":
-        return {kind: ((*storeys, "time_point"), history[..., time_points(len(times))])}
+        return {kind: ((*storeys, "time_point"), history[..., points])}
     return {kind: (storeys, history[..., -1])} if kind == "hysteretic_displacement" else {}
+
+
+def _worn(drift: Floats, law: StoreyLaw, parameters: xr.Dataset, begins: Sequence[int]) -> dict[str, Floats]:
+    """States ``(n_draws, n_storeys, n_times)`` by name that ``nu`` and ``eta`` depend on, where the drift makes them.
+
+    Such a state grows in proportion to the drift rate, so that it goes by strides, however fast they are made.
+    """
+    wanted = {own for factor in ("nu", "eta") for own in _expression(law, factor).free_symbols}
+    own = [parameters[one.name].transpose("draw", "storey").values[..., None] for one in law.symbols]
+    stride, middle = np.diff(drift), 0.5 * (drift[..., 1:] + drift[..., :-1])
+    for sample in begins[1:]:
+        stride[..., sample - 1] = 0.0
+    result = {}
+    for state, rate in zip(law.states, law.rates, strict=True):
+        if state in wanted and rate.free_symbols <= {DRIFT, DRIFT_RATE, *law.symbols}:
+            evaluate = sp.lambdify((DRIFT, DRIFT_RATE, *law.symbols), rate, "numpy", dummify=True)
+            done = np.zeros_like(drift)
+            np.cumsum(evaluate(middle, stride, *own), axis=2, out=done[..., 1:])
+            for sample in begins[1:]:
+                done[..., sample:] -= done[..., sample : sample + 1]
+            result[state.name] = done
+    return result
 
 
 def time_points(n_times: int) -> NDArray[np.int64]:
@@ -212,12 +259,15 @@ def time_points(n_times: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, n_times - 1, min(N_TIME_POINTS, n_times)).round().astype(np.int64))
 
 
-def landmarks_of(response: xr.Dataset) -> xr.Dataset:
-    """The landmarks of whole histories ``(draw, storey, time)``."""
+def landmarks_of(
+    response: xr.Dataset, law: StoreyLaw, parameters: xr.Dataset, begins: Sequence[int] = (0,)
+) -> xr.Dataset:
+    """The landmarks of whole histories ``(draw, storey, time)``; the rest as for :func:`landmarks`."""
     times = np.asarray(response["time"].values)
     variables: dict[str, Landmark] = {}
     for kind in ("drift", "hysteretic_displacement", "hysteretic_energy"):
-        variables |= landmarks(kind, response[kind].transpose("draw", "storey", "time").values, times)
+        history = response[kind].transpose("draw", "storey", "time").values
+        variables |= landmarks(kind, history, times, law, parameters, begins)
     coords = {name: response[name] for name in ("draw", "storey") if name in response.coords}
     return xr.Dataset(variables, coords={**coords, "time_point": times[time_points(len(times))]})
 
@@ -236,10 +286,10 @@ def engineering_quantities(
     ----------
     landmarks : Dataset
         ``peak_drift, residual_drift`` [m] and ``hysteretic_displacement`` [m] at the end, each (draw, storey), and
-        ``hysteretic_energy`` [J], (draw, storey, time_point), with the coordinate ``time_point`` [s]: what
-        :func:`landmarks_of` reads from histories.
+        ``hysteretic_energy`` [J] and further states by which the law wears, (draw, storey, time_point), with the
+        coordinate ``time_point`` [s]: what :func:`landmarks_of` reads from histories.
     storey_parameters : Dataset (draw, storey)
-        Every parameter of the storey law by symbol; effects that are absent cost nothing.
+        Every parameter of the storey law by symbol.
     masses : (n_floors,) array
         Floor masses. [kg] An identified error of a mass, and damping in proportion to the masses, are taken from
         ``storey_parameters``; periods are those on a rigid base and without appendages.
@@ -255,19 +305,17 @@ def engineering_quantities(
     Dataset
         ``peak_drift``, ``residual_drift`` (signed mean of the last 5 % of the record) [m], ``ductility`` (peak over
         :func:`yield_drift` at the start), ``stiffness_lost`` (``1 - 1/eta`` at the end), ``strength_lost``
-        (``1 - z_u(nu)/z_u(1) = 1 - nu^(-1/n)`` at the end), each not a number where the loss goes with the path, with
-        excursions or in a free shape, which landmarks do not tell; ``dissipated_energy`` [J], and with heights
+        (``1 - z_u(nu)/z_u(1) = 1 - nu^(-1/n)`` at the end), ``dissipated_energy`` [J], and with heights
         ``peak_drift_ratio`` (peak over storey height), each (draw, storey);
         ``modal_period`` [s] and ``modal_damping_ratio`` at the start, each (draw, mode);
-        ``period`` [s], the first period against time, (draw, time_point) with the coordinate ``time``, where what is
-        lost of the stiffness is known. Units are attributes.
+        ``period`` [s], the first period against time, (draw, time_point) with the coordinate ``time``. Units are
+        attributes. A loss that a user's effect makes depend on anything but work, drift and parameters is not a
+        number, and has no ``period``.
     """
-    energy = landmarks["hysteretic_energy"].transpose("draw", "storey", "time_point")
-    at_the_end = landmarks[["hysteretic_displacement"]].assign(hysteretic_energy=energy.isel(time_point=-1, drop=True))
+    at_the_end = landmarks.isel(time_point=-1, drop=True)
     at_start = parameters_at(law, storey_parameters, 0.0)
     at_end = parameters_at(law, storey_parameters, float(landmarks["time_point"][-1]))
-    nu = _degradation_factor("nu", at_end, at_the_end["hysteretic_energy"])
-    eta = _degradation_factor("eta", at_end, at_the_end["hysteretic_energy"])
+    nu, eta = (_factor(law, name, at_end, at_the_end) for name in ("nu", "eta"))
     dataset = xr.Dataset(
         {
             "peak_drift": landmarks["peak_drift"],
@@ -275,7 +323,7 @@ def engineering_quantities(
             "ductility": landmarks["peak_drift"] / yield_drift(at_start),
             "stiffness_lost": 1.0 - 1.0 / eta,
             "strength_lost": 1.0 - nu ** (-1.0 / at_end["n"]),
-            "dissipated_energy": dissipated_energy(at_the_end, at_end),
+            "dissipated_energy": dissipated_energy(at_the_end, at_end, eta),
         }
     ).drop_vars("time_point", errors="ignore")
     if heights is not None:
@@ -283,26 +331,35 @@ def engineering_quantities(
         tall = xr.DataArray(np.concatenate([np.asarray(heights, dtype=np.float64), none]), dims="storey")
         dataset = dataset.assign(peak_drift_ratio=dataset["peak_drift"] / tall)
     dataset = dataset.merge(
-        _modal_quantities(energy, storey_parameters, np.asarray(masses, dtype=np.float64), law, joints)
+        _modal_quantities(landmarks, storey_parameters, np.asarray(masses, dtype=np.float64), law, joints)
     )
-    for lost, factor in (("strength_lost", "nu"), ("stiffness_lost", "eta")):
-        if not _goes_with_work(law, factor):
-            dataset[lost] = xr.full_like(dataset[lost], np.nan)
-    if not _goes_with_work(law, "eta"):
-        dataset = dataset.drop_vars("period")
     for name, values in dataset.items():
         values.attrs = {"units": _UNITS[str(name)]}
     return dataset
 
 
-def _goes_with_work(law: StoreyLaw, factor: str) -> bool:
-    """Whether ``eta`` or ``nu`` of a law is what :func:`_degradation_factor` takes it for: linear, or saturating."""
-    known = {ENERGY, *(symbol(name) for name in (f"delta_{factor}", f"{factor}_inf", f"p_{factor}"))}
-    own = (one.expression for one in law.definitions if one.subject == step(factor))
-    return all(expression.free_symbols <= known for expression in own)
+def _expression(law: StoreyLaw, factor: str) -> sp.Expr:
+    """``nu`` or ``eta`` of a law: 1 where nothing is lost."""
+    return next((one.expression for one in law.definitions if one.subject == step(factor)), sp.S.One)
 
 
-def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset) -> xr.DataArray:
+def _factor(law: StoreyLaw, factor: str, parameters: xr.Dataset, worn: xr.Dataset) -> xr.DataArray:
+    """``nu`` or ``eta`` with what has been worn by a time; parameters that jump act on the past wear too."""
+    expression = _expression(law, factor)
+    own = {one: parameters[one.name] for one in law.symbols}
+    own |= {state: worn[state.name] for state in law.states if state.name in worn}
+    own[ENERGY] = worn["hysteretic_energy"]
+    none: xr.DataArray = xr.zeros_like(parameters["k"] * own[ENERGY])
+    if not expression.free_symbols <= set(own):
+        return xr.full_like(none, np.nan)
+    symbols = sorted(expression.free_symbols, key=str)
+    arrays = xr.broadcast(none, *(own[one] for one in symbols))
+    evaluate = sp.lambdify(symbols, expression, "numpy", dummify=True)
+    result: xr.DataArray = xr.zeros_like(arrays[0]) + evaluate(*(array.values for array in arrays[1:]))
+    return result
+
+
+def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset, eta: xr.DataArray) -> xr.DataArray:
     """Hysteretic energy dissipated up to an instant, in J.
 
     The work on the hysteretic spring less what unloading to z = 0 would return, ``(1 - alpha) k eta z^2 / (2 A)``:
@@ -314,25 +371,15 @@ def dissipated_energy(at_end: xr.Dataset, parameters: xr.Dataset) -> xr.DataArra
         ``hysteretic_energy`` [J] and ``hysteretic_displacement`` [m].
     parameters : Dataset (draw, storey)
         Storey parameters by symbol, at that instant.
+    eta : DataArray (draw, storey)
+        What the stiffness is divided by then.
 
     Returns
     -------
     DataArray (draw, storey)
     """
     energy, z, alpha = at_end["hysteretic_energy"], at_end["hysteretic_displacement"], parameters["alpha"]
-    eta = _degradation_factor("eta", parameters, energy)
     return energy - (1.0 - alpha) * parameters["k"] * eta * z**2 / (2.0 * _initial_rate(parameters))
-
-
-def _degradation_factor(factor: str, parameters: xr.Dataset, energy: xr.DataArray) -> xr.DataArray:
-    """``eta`` or ``nu``, ``1 + delta epsilon`` and what saturates; a jump of ``delta`` acts on the past work too."""
-    saturated = -np.expm1(-_or_zero(parameters, f"p_{factor}") * energy)
-    linear = _or_zero(parameters, f"delta_{factor}") * energy
-    return 1.0 + linear + _or_zero(parameters, f"{factor}_inf") * saturated
-
-
-def _or_zero(parameters: xr.Dataset, symbol: str) -> xr.DataArray:
-    return parameters[symbol] if symbol in parameters else xr.zeros_like(parameters["k"])
 
 
 def _initial_rate(parameters: xr.Dataset) -> xr.DataArray:
@@ -340,10 +387,12 @@ def _initial_rate(parameters: xr.Dataset) -> xr.DataArray:
 
 
 def _modal_quantities(
-    energy: xr.DataArray, given: xr.Dataset, masses: Floats, law: StoreyLaw, joints: Joints | None
+    worn: xr.Dataset, given: xr.Dataset, masses: Floats, law: StoreyLaw, joints: Joints | None
 ) -> xr.Dataset:
-    time = energy["time_point"]
-    stiffness = tangent_stiffness(parameters_at(law, given, time), energy).transpose("draw", "time_point", "storey")
+    time = worn["time_point"]
+    then = parameters_at(law, given, time)
+    eta = _factor(law, "eta", then, worn)
+    stiffness = tangent_stiffness(then, eta.fillna(1.0)).transpose("draw", "time_point", "storey")
     parameters = parameters_at(law, given, float(time[0]))
     if "e_m" in parameters:
         masses = masses * (1.0 + parameters["e_m"].transpose("draw", "storey").values[:, : len(masses)])
@@ -355,7 +404,7 @@ def _modal_quantities(
     if "c_m" in parameters:
         # Of c_m M each mode gains c_m / (2 omega): the same in every storey's row.
         damping_ratio = damping_ratio + parameters["c_m"].isel(storey=[0]).values * modal_period / (4.0 * np.pi)
-    return xr.Dataset(
+    found = xr.Dataset(
         {
             "modal_period": (("draw", "mode"), modal_period),
             "modal_damping_ratio": (("draw", "mode"), damping_ratio),
@@ -363,3 +412,4 @@ def _modal_quantities(
         },
         coords={"mode": np.arange(1, masses.shape[1] + 1), "time": ("time_point", time.values, {"units": "s"})},
     )
+    return found if bool(eta.notnull().all()) else found.drop_vars("period")

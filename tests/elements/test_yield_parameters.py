@@ -24,11 +24,10 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.arrays import storey_parameters
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.parameters import LogNormal, PerStorey, Uniform, Value
 from bwbn_bayes.structures.model_file import load_model_file
-from bwbn_bayes.structures.quantities import parameters_at, yield_drift
+from bwbn_bayes.structures.quantities import parameters_at, storey_parameters, yield_drift
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
 

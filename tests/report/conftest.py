@@ -218,7 +218,9 @@ def build_result(
     if truth:
         groups["true_response"] = response_dataset(true_values, time, ())
     if quantities:
-        groups["quantities"] = engineering_quantities(landmarks_of(response), storeys, masses, PLAIN.law)
+        groups["quantities"] = engineering_quantities(
+            landmarks_of(response, PLAIN.law, storeys), storeys, masses, PLAIN.law
+        )
     residual = np.sqrt(np.mean((measured - response_values["acceleration"].mean(0)) ** 2, axis=1))
     nrmse = {name: float(residual[i] / np.sqrt(np.mean(measured[i] ** 2))) for i, name in enumerate(channels)}
     noise = {name: float(noise_sd[i]) for i, name in enumerate(channels)}

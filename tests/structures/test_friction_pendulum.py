@@ -211,7 +211,7 @@ def test_quantities_are_those_of_the_slider():
     )
     own = dict(zip([p.symbol for p in model.law.parameters], model.table.fixed[0], strict=True))
     parameters = xr.Dataset({name: (("draw", "storey"), [[value]]) for name, value in own.items()})
-    found = engineering_quantities(landmarks_of(response), parameters, model.masses, model.law)
+    found = engineering_quantities(landmarks_of(response, model.law, parameters), parameters, model.masses, model.law)
     stiffness = 4.0 * G * (1.0 / 2.0 + 0.05 / 0.001)
     np.testing.assert_allclose(found["modal_period"].values, 2.0 * np.pi * np.sqrt(4.0 / stiffness))
     np.testing.assert_allclose(found["ductility"].values, np.max(np.abs(values[0, 0])) / 0.001)

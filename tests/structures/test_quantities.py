@@ -1,14 +1,18 @@
 """Engineering quantities against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import sympy as sp
 import xarray as xr
 from scipy import linalg
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
+from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import StiffnessDegradation, StoreyParameter, StrengthDegradation, SuddenDamage
-from bwbn_bayes.elements.law import Slots, StoreyLaw
+from bwbn_bayes.elements.law import HYSTERETIC_DISPLACEMENT, Slots, StoreyLaw
 from bwbn_bayes.structures.quantities import (
     dissipated_energy,
     engineering_quantities,
@@ -23,7 +27,6 @@ from bwbn_bayes.structures.quantities import (
 from bwbn_bayes.structures.shear_building import ShearBuilding
 
 VALUES = {"k": 10.0, "c": 0.05, "alpha": 0.1, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 2.0}
-LOST = ("strength_lost", "stiffness_lost")
 PLAIN = ShearBuilding(masses=[1.0, 1.0], storey=BoucWen(**VALUES))
 
 
@@ -61,6 +64,12 @@ def ramp_response(n_draws=3, n_storeys=2, end_energy=2.0):
     drift = np.broadcast_to(np.where(time < 5.0, -0.4 * time, 0.3), shape).copy()
     energy = np.broadcast_to(end_energy * time / 10.0, shape).copy()
     return response(drift, energy, np.zeros(shape), time)
+
+
+def quantities(given, *, law=None, masses=(1.0, 1.0), histories=None, **further):
+    histories = ramp_response() if histories is None else histories
+    law = PLAIN.law if law is None else law
+    return engineering_quantities(landmarks_of(histories, law, given), given, masses, law, **further)
 
 
 def test_two_equal_storeys_have_the_golden_ratio_frequencies():
@@ -118,7 +127,7 @@ def test_a_ramp_and_an_offset_are_seen_everywhere():
     times = xr.DataArray([0.0, 3.0, 4.0, 5.0, 9.0], dims="time_point")
     at = parameters_at(law, given, times)
     np.testing.assert_allclose(at["k"].isel(draw=0, storey=0), [40.0, 40.0, 30.0, 20.0, 20.0])
-    found = engineering_quantities(landmarks_of(ramp_response(end_energy=0.0)), given, [1.0, 1.0], law)
+    found = quantities(given, law=law, histories=ramp_response(end_energy=0.0))
     for column, k in ((0, 40.0), (-1, 20.0)):
         periods, _ = modes(np.array([k, k]), np.zeros(2), np.ones(2))
         np.testing.assert_allclose(found["period"].isel(time_point=column), periods[0])
@@ -146,16 +155,15 @@ def carriers(effect):
 
 
 def test_drift_ratios_need_storey_heights():
-    given = [landmarks_of(ramp_response()), parameters(), [1.0, 1.0], PLAIN.law]
-    found = engineering_quantities(*given, heights=[3.0, 4.0])
+    found = quantities(parameters(), heights=[3.0, 4.0])
     np.testing.assert_allclose(found["peak_drift_ratio"], np.broadcast_to([0.4 * 4.95 / 3.0, 0.4 * 4.95 / 4.0], (3, 2)))
     assert found["peak_drift_ratio"].dims == ("draw", "storey")
-    assert "peak_drift_ratio" not in engineering_quantities(*given)
+    assert "peak_drift_ratio" not in quantities(parameters())
 
 
 def test_every_quantity_has_a_unit():
     """They had none; ratios have the empty one, as parameters without a dimension have."""
-    found = engineering_quantities(landmarks_of(ramp_response()), parameters(), [1.0, 1.0], PLAIN.law, [3.0, 4.0])
+    found = quantities(parameters(), heights=[3.0, 4.0])
     units = {name: values.attrs["units"] for name, values in found.items()}
     assert {name for name, unit in units.items() if unit == ""} == {
         "ductility", "stiffness_lost", "strength_lost", "modal_damping_ratio", "peak_drift_ratio"
@@ -166,9 +174,8 @@ def test_every_quantity_has_a_unit():
 
 
 def test_losses_drifts_and_ductility_from_known_histories():
-    found = engineering_quantities(
-        landmarks_of(ramp_response()), parameters(delta_nu=1.5, delta_eta=0.5), [1.0, 1.0], PLAIN.law
-    )
+    law = law_with(StrengthDegradation(delta_nu=1.5), StiffnessDegradation(delta_eta=0.5))
+    found = quantities(parameters(delta_nu=1.5, delta_eta=0.5), law=law)
     dims = ("draw", "storey")
     for name in ("peak_drift", "residual_drift", "ductility", "stiffness_lost", "strength_lost", "dissipated_energy"):
         assert found[name].dims == dims, name
@@ -182,34 +189,81 @@ def test_losses_drifts_and_ductility_from_known_histories():
 
 def test_a_loss_that_saturates_is_lost_all_the_same():
     """The quantities knew ``delta_eta`` and ``delta_nu`` alone: of the saturating forms they said that nothing was."""
-    given = parameters(eta_inf=0.6, p_eta=0.4, nu_inf=1.5, p_nu=0.7)
-    found = engineering_quantities(landmarks_of(ramp_response()), given, [1.0, 1.0], PLAIN.law)
+    stiffness, strength = StiffnessDegradation(eta_inf=0.6, p_eta=0.4), StrengthDegradation(nu_inf=1.5, p_nu=0.7)
+    given = parameters(**stiffness.values, **strength.values)
+    found = quantities(given, law=law_with(stiffness, strength))
     np.testing.assert_allclose(found["stiffness_lost"], 1.0 - 1.0 / (1.0 + 0.6 * (1.0 - np.exp(-0.4 * 2.0))))
     np.testing.assert_allclose(found["strength_lost"], 1.0 - (1.0 + 1.5 * (1.0 - np.exp(-0.7 * 2.0))) ** -0.5)
 
 
+RAMP_PATH = 0.4 * 4.95 + (0.4 * 4.95 + 0.3)
+"""Of the ramp: out to its largest drift, and back past zero."""
+
+
+def test_a_loss_with_the_path_is_of_the_drift_gone_through():
+    effect = StrengthDegradation(theta_nu=0.1)
+    found = quantities(parameters(theta_nu=0.1), law=law_with(effect))
+    np.testing.assert_allclose(found["strength_lost"], 1.0 - (1.0 + 0.1 * RAMP_PATH) ** -0.5)
+    np.testing.assert_array_equal(found["stiffness_lost"], 0.0)
+
+
+@pytest.mark.parametrize("at", ["the path", "the work"])
+def test_a_loss_in_a_free_shape_is_what_it_is_at_where_it_is_measured(at):
+    effect = {
+        "the path": StiffnessDegradation(eta_c=0.7, a_eta=2.0, r_eta=0.6, U_eta=RAMP_PATH),
+        "the work": StiffnessDegradation(eta_e=0.7, b_eta=2.0, m_eta=0.6, E_eta=2.0),
+    }[at]
+    found = quantities(parameters(**effect.values), law=law_with(effect))
+    np.testing.assert_allclose(found["stiffness_lost"], 1.0 - 1.0 / 1.7)
+    assert np.all(np.diff(found["period"], axis=1) >= 0.0)
+
+
+@pytest.mark.parametrize("q_eta", [0.5, 2.0, 7.0])
+def test_a_loss_with_the_amplitude_counts_excursions_by_their_size(q_eta):
+    """Of the ramp one way out, one back and a small one, for every draw by its own exponent."""
+    effect = StiffnessDegradation(eta_a=0.5, s_eta=1.6, q_eta=1.0, N_eta=9.0, u_eta=0.8)
+    exponents = np.array([1.0, q_eta, 2.0 * q_eta])[:, None]
+    given = parameters(**{**effect.values, "q_eta": exponents})
+    excursions = 2.0 * (0.4 * 4.95 / 0.8) ** (exponents + 1.0) + (0.3 / 0.8) ** (exponents + 1.0)
+    time = np.linspace(0.0, 10.0, 20_001)
+    drift = np.interp(time, [0.0, 4.0, 8.0, 10.0], [0.0, -0.4 * 4.95, 0.3, 0.3])
+    shape = (3, 2, len(time))
+    histories = response(np.broadcast_to(drift, shape), np.zeros(shape), np.zeros(shape), time)
+    found = quantities(given, law=law_with(effect), histories=histories)
+    lost = 0.5 * (excursions / 9.0) ** (1.6 / (exponents + 1.0))
+    np.testing.assert_allclose(found["stiffness_lost"], np.broadcast_to(1.0 - 1.0 / (1.0 + lost), (3, 2)), rtol=1e-3)
+
+
+def test_a_further_record_that_finds_the_structure_new_finds_nothing_worn():
+    effect, histories = StrengthDegradation(theta_nu=0.1), ramp_response()
+    twice = xr.concat([histories, histories.assign_coords(time=histories["time"] + 10.05)], dim="time")
+    law, given = law_with(effect), parameters(theta_nu=0.1)
+    known = landmarks_of(twice, law, given, begins=[0, histories.sizes["time"]])
+    found = engineering_quantities(known, given, [1.0, 1.0], law)
+    np.testing.assert_allclose(found["strength_lost"], quantities(given, law=law)["strength_lost"])
+
+
 @pytest.mark.parametrize(
-    ("effect", "lost", "other"),
-    [
-        (StrengthDegradation(theta_nu=0.1), *LOST),
-        (
-            StiffnessDegradation(eta_a=0.5, s_eta=1.0, q_eta=2.0, N_eta=9.0, u_eta=0.1),
-            "stiffness_lost",
-            "strength_lost",
-        ),
-    ],
-    ids=lambda one: getattr(one, "name", one),
+    ("factor", "lost", "other"),
+    [("nu", "strength_lost", "stiffness_lost"), ("eta", "stiffness_lost", "strength_lost")],
 )
-def test_a_loss_that_does_not_go_with_work_is_not_said_to_be_none(effect, lost, other):
-    law = law_with(effect)
-    found = engineering_quantities(landmarks_of(ramp_response()), parameters(**effect.values), [1.0, 1.0], law)
+def test_a_loss_of_a_users_effect_that_depends_on_more_is_not_told(factor, lost, other):
+    class Weakening:
+        name, level, parameters = "weakening", "link", ()
+
+        def fill(self, slots):
+            return replace(slots, **{factor: getattr(slots, factor) + sp.Abs(HYSTERETIC_DISPLACEMENT)})
+
+    law = combine(PLAIN.law.parameters, (), (Weakening(),))
+    found = quantities(parameters(), law=law)
     assert np.all(np.isnan(found[lost]))
     np.testing.assert_array_equal(found[other], 0.0)
-    assert ("period" in found) == (lost == "strength_lost")
+    assert ("period" in found) == (factor == "nu")
+    np.testing.assert_allclose(found["modal_period"], quantities(parameters())["modal_period"])
 
 
 def test_absent_effects_lose_nothing_and_keep_the_period():
-    found = engineering_quantities(landmarks_of(ramp_response()), parameters(), [1.0, 1.0], PLAIN.law)
+    found = quantities(parameters())
     np.testing.assert_array_equal(found["stiffness_lost"], 0.0)
     np.testing.assert_array_equal(found["strength_lost"], 0.0)
     np.testing.assert_allclose(found["period"], found["period"][0, 0], rtol=1e-13)
@@ -218,11 +272,11 @@ def test_absent_effects_lose_nothing_and_keep_the_period():
 
 def test_period_of_one_storey_follows_the_degraded_tangent():
     mass, k, alpha, delta_eta = 2.0, 10.0, 0.1, 0.5
-    found = engineering_quantities(
-        landmarks_of(ramp_response(n_storeys=1)),
+    found = quantities(
         parameters(n_storeys=1, delta_eta=delta_eta),
-        np.array([mass]),
-        PLAIN.law,
+        law=law_with(StiffnessDegradation(delta_eta=delta_eta)),
+        masses=np.array([mass]),
+        histories=ramp_response(n_storeys=1),
     )
     eta = 1.0 + delta_eta * 2.0 * found["time"].values / 10.0
     expected = 2 * np.pi * np.sqrt(mass / (alpha * k + (1 - alpha) * k / eta))
@@ -236,7 +290,7 @@ def test_a_jump_of_stiffness_shows_in_the_tangent():
     times = xr.DataArray([1.0, 9.0], dims="time_point")
     law = law_with(SuddenDamage(parameter="k", jump=-4.0, time=5.0))
     jumping = parameters_at(law, parameters(k_jump=-4.0, k_time=5.0), times)
-    tangent = tangent_stiffness(jumping, xr.zeros_like(times)).isel(draw=0, storey=0)
+    tangent = tangent_stiffness(jumping, xr.ones_like(times)).isel(draw=0, storey=0)
     np.testing.assert_allclose(tangent, [10.0, 6.0])
 
 
@@ -251,6 +305,7 @@ def test_an_elastic_half_cycle_dissipates_only_the_loop(peak_force_share):
     at_end = response(np.full((1, 1, 1), u), np.full((1, 1, 1), work), np.full((1, 1, 1), z), np.array([1.0])).isel(
         time=0
     )
-    found = dissipated_energy(at_end, parameters(n_storeys=1, n_draws=1, n=1.0))
+    given = parameters(n_storeys=1, n_draws=1, n=1.0)
+    found = dissipated_energy(at_end, given, xr.ones_like(given["k"]))
     np.testing.assert_allclose(found, work - returned, rtol=1e-12)
     assert float(found.squeeze()) > 0.0

@@ -315,11 +315,23 @@ def _subject(writer: _Writer, name: str) -> str:
     return writer.notation.fraction(parts[0], parts[1], above_is_simple=True, below_is_simple=True)
 
 
+_OFFSET = 1e-4
+"""What is added to a number so that a power has a slope at zero is less: it is not read as part of the law."""
+
+
+def _without_offsets(expression: sp.Expr) -> sp.Expr:
+    """The same with decimal numbers that all but are whole ones as these; a power of next to nothing is nothing."""
+    whole = {one: sp.Integer(round(one)) for one in expression.atoms(sp.Float) if abs(one - round(one)) < _OFFSET}
+    nothing = {one: sp.S.Zero for one in expression.atoms(sp.Pow) if whole.get(one.base) == 0}
+    return expression.xreplace({**nothing, **whole})
+
+
 def _equation(
     caption: str, subject: Callable[[_Writer], str], value: sp.Expr, raised: Mapping[sp.Symbol, Raised] | None = None
 ) -> WrittenEquation:
     sides = []
+    read = _without_offsets(value)
     for notation in (UnicodeNotation(), MathmlNotation()):
         writer = _Writer(notation, raised)
-        sides.append(notation.row((subject(writer), notation.operator("="), writer.write(value))))
+        sides.append(notation.row((subject(writer), notation.operator("="), writer.write(read))))
     return WrittenEquation(caption=caption, text=sides[0], mathml=sides[1])

@@ -21,6 +21,7 @@ from bwbn_bayes.elements.effects import (
     MaxwellBranch,
     SlipLock,
     StoreyParameter,
+    StrengthDegradation,
     SuddenDamage,
 )
 from bwbn_bayes.elements.equations import law_equations
@@ -99,6 +100,14 @@ def test_the_full_law_in_text():
         ),
         (GapImpact(k_g=0.0, g=1.0, side="positive"), ["F = α k u + k_gp max(u − g_p, 0) + (1 − α) k z + c v"]),
         (MaxwellBranch(k_m=0.0, tau=1.0), ["dq_m/dt = k_m v − q_m/τ", "F = q_m + α k u + (1 − α) k z + c v"]),
+        (
+            StrengthDegradation(nu_a=0.0, s_nu=1.0, q_nu=1.0, N_nu=1.0, u_nu=1.0),
+            ["ν = 1 + ν_a (|x_ν|/N_ν)^(s_ν / (1 + q_ν))", "dx_ν/dt = (1 + q_ν) (|u|/u_ν)^q_ν |v| / u_ν"],
+        ),
+        (
+            StrengthDegradation(nu_c=0.0, a_nu=1.0, r_nu=1.0, U_nu=1.0),
+            ["ν = 1 + ν_c (1 − exp(−a_ν (|u_c|/U_ν)^r_ν)) / (1 − exp(−a_ν))"],
+        ),
         (StoreyParameter(parameter="alpha", offset=0.0), ["α_i = α + α_offset", "dε/dt = (1 − α_i) k z v"]),
         (
             SuddenDamage(parameter="k", jump=0.0, time=0.0, duration=1.0),

@@ -76,13 +76,15 @@ class Directions:
         some = np.flatnonzero(np.any(moved != nowhere, axis=1) & np.any(wanted, axis=0))
         may_share = _may_share(moved[some], nowhere, wanted[:, some])
         groups: list[list[int]] = []
+        welcome: list[Booleans] = []  # of each group, who may share a direction with all of it
         for own in range(len(some)):
-            for group in groups:
-                if np.all(may_share[own, group]):
-                    group.append(own)
-                    break
-            else:
+            number = next((i for i, group in enumerate(welcome) if group[own]), len(groups))
+            if number == len(groups):
                 groups.append([own])
+                welcome.append(may_share[own].copy())
+            else:
+                groups[number].append(own)
+                welcome[number] &= may_share[own]
         owner = np.full((len(wanted), len(groups)), -1, dtype=np.int64)
         for direction, group in enumerate(groups):
             for own in some[group]:

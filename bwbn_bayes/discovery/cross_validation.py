@@ -6,7 +6,10 @@ equations, a few more follow the model where it is bent. All are solved beside e
 the others predicts is compared with the block.
 
 A cyclic test drives its specimen further with every cycle, and what is wanted of a law is what comes next: a block amid
-known cycles says little of that. There, each block of the second half is predicted by a fit to what came before it.
+known cycles says little of that. There, each block of the second half is predicted by a fit to what came before it. The
+score is of the whole record then: the first half as it is fitted, the second as it is predicted, each with a level of
+errors of its own. No law of a measured test predicts as well as it fits; by the level that its fit shows, the one that
+fits worst would predict best.
 
 References
 ----------
@@ -49,7 +52,8 @@ class CrossValidation:
     Attributes
     ----------
     log_score : float
-        Log density of all blocks, each normal with the noise level that the others show. [nat]
+        Log density of all blocks, each normal with the noise level that the others show; where later ones are asked,
+        of these with one level, and of what comes before them with another. [nat]
     nrmse : float
         Root mean square over the channels of each one's rms error over its rms.
     """
@@ -87,17 +91,19 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
     as_one = posterior.noise.as_one if isinstance(posterior.noise, IntegratedNoise) else np.ones(n_blocks)
     as_one = np.broadcast_to(as_one, n_blocks)
     log_score, missed, measured = 0.0, np.zeros(n_blocks), np.zeros(n_blocks)
-    for number, (part, own) in enumerate(asked):
-        for position, block in enumerate(record.blocks):
-            if block.part == part:
-                fitted = np.arange(record.n_times)[block.samples]
-                fitted = fitted[known[number, fitted]]
-                level = float(np.mean(scaled[number, block.channel, fitted]))
-                inside = float(np.sum(scaled[number, block.channel, own]))
-                density = inside / level + len(own) * np.log(2.0 * np.pi * level * slopes.noise[position] ** 2)
-                log_score -= 0.5 * float(density / as_one[position])
-                missed[position] += np.sum(squared[number, block.channel, own])
-                measured[position] += np.sum(np.square(record.measured[block.channel, own]))
+    for position, block in enumerate(record.blocks):
+        every = np.arange(record.n_times)[block.samples]
+        own = [(number, stretch) for number, (part, stretch) in enumerate(asked) if part == block.part]
+        wrong = [scaled[number, block.channel, stretch] for number, stretch in own]
+        fitted = [scaled[number, block.channel, every[known[number, every]]] for number, _ in own]
+        if ahead and own:
+            wrong = fitted = [fitted[0], np.concatenate(wrong)]
+        for one, level in zip(wrong, map(np.mean, fitted), strict=True):
+            density = np.sum(one) / level + len(one) * np.log(2.0 * np.pi * level * slopes.noise[position] ** 2)
+            log_score -= 0.5 * float(density / as_one[position])
+        for number, stretch in own:
+            missed[position] += np.sum(squared[number, block.channel, stretch])
+            measured[position] += np.sum(np.square(record.measured[block.channel, stretch]))
     if not np.isfinite(log_score):
         return CrossValidation(log_score=-np.inf, nrmse=np.inf)
     shares = missed[measured > 0.0] / measured[measured > 0.0]

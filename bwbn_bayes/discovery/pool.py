@@ -275,8 +275,8 @@ class Pool:
 
         It was found beside the force, from where the best fit without it may lie far, and laws that are built by
         themselves are solved as coarsely as those beside it: a fit may make use of the step. Of its optima that is
-        taken which predicts later stretches best, where more than noise is left: one that was likelier by 85 nats left
-        184 % of the end of a measured test, and this one 17 %.
+        taken which fits the first half of the record and predicts what comes after best, where more than noise is left:
+        one that was likelier by 85 nats left 184 % of the end of a measured test, and this one 17 %.
         """
         one = self.plain[key]
         if self.has_force and key:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from bwbn_bayes.discovery.race import Fit
+from bwbn_bayes.discovery.runaway import runaway_sample
 from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import mean_squares
@@ -30,15 +31,20 @@ def separating_experiment(first: Fit, second: Fit, period: float) -> str:
     """
     record = first.posterior.record
     names = first.hypothesis.name, second.hypothesis.name
-    best, ratio = "", 0.0
+    found = [(0.0, True, "")]
     for description, experiment in _experiments(record, period).items():
-        difference = mean_squares(experiment, _predict(first, experiment) - _predict(second, experiment))
+        one, other = _predict(first, experiment), _predict(second, experiment)
+        difference = mean_squares(experiment, one - other)
         size = float(np.sqrt(np.mean(difference / np.square(noise_floors(experiment)))))
-        if np.isfinite(size) and size > ratio:
-            best, ratio = description, size
+        if np.isfinite(size):
+            runs_away = any(runaway_sample(*pair) is not None for pair in ((one, other), (other, one)))
+            found.append((size, runs_away, description))
+    # What both predict within reason is the better test.
+    ratio, runs_away, best = max(found, key=lambda one: (one[0] >= LEAST_RATIO, not one[1], one[0]))
     if ratio < LEAST_RATIO:
         return f"No experiment tried would tell {names[0]} from {names[1]}."
-    return f"{best} would tell {names[0]} from {names[1]}: predictions lie {ratio:.1f} times the noise apart."
+    apart = "one of the predictions runs away" if runs_away else f"predictions lie {ratio:.1f} times the noise apart"
+    return f"{best} would tell {names[0]} from {names[1]}: {apart}."
 
 
 def _experiments(record: Record, period: float) -> Mapping[str, Record]:

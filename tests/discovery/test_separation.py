@@ -96,6 +96,16 @@ def test_a_sine_is_told_with_its_period_and_its_peak() -> None:
     assert separating_experiment(*pair, PERIOD).startswith(expected)
 
 
+def test_of_predictions_that_run_away_no_number_is_told() -> None:
+    """A reading five times the other under every motion: "145360118722.2 times the noise apart" was said once."""
+    model = building(5.0)
+    record = measured(model)
+    sentence = separating_experiment(
+        *(fit(model, record, SensorGain(gain=Uniform(0.0, 10.0)), 1, value) for value in (1.0, 6.0)), PERIOD
+    )
+    assert sentence.endswith("one of the predictions runs away.")
+
+
 def test_a_motion_that_a_model_cannot_survive_is_no_experiment() -> None:
     """A spring that softens with the cube of the drift holds the record; under stronger motion it runs away."""
     model = building(5.0)

@@ -209,7 +209,7 @@ class Beliefs:
             by_evidence = [self.explanations[n] for n in np.argsort(self.forgiven - self.log_joint, kind="stable")]
             plain = [one for one in by_evidence if not one.has_unnamed]
             tried = [one for one in plain if named <= one.names and all(names & one.names for names in kin)]
-        return next(iter(tried or plain))
+        return (tried or plain)[0]
 
     @cached_property
     def borne_out(self) -> dict[str, float]:

@@ -316,14 +316,21 @@ def _subject(writer: _Writer, name: str) -> str:
 
 
 _OFFSET = 1e-4
-"""What is added to a number so that a power has a slope at zero is less: it is not read as part of the law."""
+"""What is added to the base of a power so that it has a slope at zero is less: it is not read as part of the law."""
 
 
 def _without_offsets(expression: sp.Expr) -> sp.Expr:
-    """The same with decimal numbers that all but are whole ones as these; a power of next to nothing is nothing."""
-    whole = {one: sp.Integer(round(one)) for one in expression.atoms(sp.Float) if abs(one - round(one)) < _OFFSET}
-    nothing = {one: sp.S.Zero for one in expression.atoms(sp.Pow) if whole.get(one.base) == 0}
-    return expression.xreplace({**nothing, **whole})
+    """The same where a decimal number in the base of a power by parameters is all but a whole one, as that one."""
+
+    def is_by_parameters(power: sp.Expr) -> bool:
+        return bool(power.is_Pow and power.exp.free_symbols)
+
+    def even(power: sp.Expr) -> sp.Expr:
+        numbers = [one for one in sp.Add.make_args(power.base) if one.is_Float]
+        base = power.base.xreplace({one: sp.Integer(round(one)) for one in numbers if abs(one - round(one)) < _OFFSET})
+        return base**power.exp if base != 0 else base
+
+    return expression.replace(is_by_parameters, even)
 
 
 def _equation(

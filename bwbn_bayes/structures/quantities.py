@@ -221,7 +221,7 @@ def landmarks(
     points = time_points(len(times))
     if kind == "drift":
         n_tail = max(1, round(RESIDUAL_SHARE * len(times)))
-        worn = _worn(np.asarray(history, dtype=np.float64), law, parameters, begins)
+        worn = _worn(history, law, parameters, begins)
         return {
             "peak_drift": (storeys, np.max(np.abs(history), axis=2)),
             "residual_drift": (storeys, np.asarray(np.mean(history[..., -n_tail:], axis=2), dtype=history.dtype)),
@@ -232,25 +232,32 @@ def landmarks(
     return {kind: (storeys, history[..., -1])} if kind == "hysteretic_displacement" else {}
 
 
-def _worn(drift: Floats, law: StoreyLaw, parameters: xr.Dataset, begins: Sequence[int]) -> dict[str, Floats]:
+def _worn(
+    history: Floats | NDArray[np.float32], law: StoreyLaw, parameters: xr.Dataset, begins: Sequence[int]
+) -> dict[str, Floats]:
     """States ``(n_draws, n_storeys, n_times)`` by name that ``nu`` and ``eta`` depend on, where the drift makes them.
 
     Such a state grows in proportion to the drift rate, so that it goes by strides, however fast they are made.
     """
-    wanted = {own for factor in ("nu", "eta") for own in _expression(law, factor).free_symbols}
+    arguments = (DRIFT, DRIFT_RATE, *law.symbols)
+    asked = {own for factor in ("nu", "eta") for own in _expression(law, factor).free_symbols}
+    rates = {state: rate for state, rate in zip(law.states, law.rates, strict=True) if state in asked}
+    rates = {state: rate for state, rate in rates.items() if rate.free_symbols <= set(arguments)}
+    if not rates:
+        return {}
+    drift = np.asarray(history, dtype=np.float64)
     own = [parameters[one.name].transpose("draw", "storey").values[..., None] for one in law.symbols]
     stride, middle = np.diff(drift), 0.5 * (drift[..., 1:] + drift[..., :-1])
     for sample in begins[1:]:
         stride[..., sample - 1] = 0.0
     result = {}
-    for state, rate in zip(law.states, law.rates, strict=True):
-        if state in wanted and rate.free_symbols <= {DRIFT, DRIFT_RATE, *law.symbols}:
-            evaluate = sp.lambdify((DRIFT, DRIFT_RATE, *law.symbols), rate, "numpy", dummify=True)
-            done = np.zeros_like(drift)
-            np.cumsum(evaluate(middle, stride, *own), axis=2, out=done[..., 1:])
-            for sample in begins[1:]:
-                done[..., sample:] -= done[..., sample : sample + 1]
-            result[state.name] = done
+    for state, rate in rates.items():
+        done = np.zeros_like(drift)
+        evaluate = sp.lambdify(arguments, rate, "numpy", dummify=True)
+        np.cumsum(evaluate(middle, stride, *own), axis=2, out=done[..., 1:])
+        for sample in begins[1:]:
+            done[..., sample:] -= done[..., sample : sample + 1]
+        result[state.name] = done
     return result
 
 

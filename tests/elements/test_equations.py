@@ -125,6 +125,17 @@ def test_the_law_with_one_effect_in_text(effect, texts):
     assert [text for text in texts if text not in written] == [], written
 
 
+def test_a_small_number_that_is_no_offset_is_written():
+    class Faint:
+        name, level, parameters = "faint", "link", ()
+
+        def fill(self, slots):
+            return replace(slots, added_force=slots.added_force + 2e-5 * DRIFT**3)
+
+    texts = [equation.text for equation in law_equations(combine(PLAIN.parameters, (), (Faint(),)))]
+    assert any("2e-05" in text for text in texts), texts
+
+
 def test_mathml_is_well_formed_and_sets_symbols():
     equations = law_equations(combine(PLAIN.parameters, (), EVERYTHING))
     for equation in equations:

@@ -8,13 +8,12 @@ from typing import Any
 
 from benchmarks import markdown
 from benchmarks.markdown import links
-from benchmarks.measured_tests.tables import COMPETITORS, in_per_cent
+from benchmarks.measured_tests.tables import COMPETITORS, OF_SPECIMENS, in_per_cent
 
 Json = Mapping[str, Any]
 
 TITLES = {
-    "bwbn": "BWBN",
-    "pinching4": "Pinching4",
+    **OF_SPECIMENS,
     "linear_chain": "chain",
     "discover": "`discover`, first part",
     "whole": "`discover`, whole record",

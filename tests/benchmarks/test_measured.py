@@ -273,7 +273,25 @@ def test_a_row_holds_the_better_competitor_of_each_part():
     assert found.ours == (pytest.approx(9.0), pytest.approx(19.0))
     assert (found.fits, found.predicts, found.is_hopeless) == (False, True, False)
     assert in_per_cent(found.competitors["pinching4"]) == "12.0 / runs away"
-    assert [total["count"] for total in sums([found])] == [0, 1, 0]
+    assert [total["count"] for total in sums([found])] == [0, 1, 0, 0, 0]
+
+
+def test_each_law_is_counted_beside_the_best_of_the_others():
+    test = measured_test()
+    entries = {
+        "bwbn": entry(test, "bwbn", {"errors": [8.0, 20.0]}),
+        "pinching4": entry(test, "pinching4", {"errors": [12.0, 23.0]}),
+        "discover": entry(test, "discover", discovered(SCHEMA_2, [9.5, 20.0])),
+    }
+    found = row(test, entries)
+    # 19 beside 20, 20 beside 19 and 23 beside 19, a tenth more allowed.
+    assert [found.keeps_up(what) for what in ("discover", "bwbn", "pinching4")] == [True, True, False]
+    assert found.keeps_up("linear_chain") is None
+    told = {total["what"]: (total["count"], total["total"]) for total in sums([found])}
+    assert told["the same of BWBN beside the better of the other and discover"] == (1, 1)
+    assert told["the same of Pinching4 beside the better of the other and discover"] == (0, 1)
+    del entries["discover"]
+    assert row(test, entries).keeps_up("bwbn") is True
 
 
 def test_a_failure_is_told_and_counts_nowhere():

@@ -266,7 +266,7 @@ def discover(
             require_own_results(directory, measured)
         with second_process(wanted=_draws_beside(measured)) as hand:
             discovery = discover_missing(
-                file.model,
+                _model_of(file, measured, apart),
                 measured,
                 held_out=apart,
                 settings=settings,
@@ -613,3 +613,12 @@ def _held_out(
             f"{', '.join(RECORD_SUFFIXES)}: give one of them"
         )
     return read_record(asked, file.columns)
+
+
+def _model_of(file: ModelFile, measured: Record, apart: Record | Literal["end", "repeats"] | None) -> Structure:
+    """The model, for which nothing was read off samples of the file's record that are held out."""
+    from bwbn_bayes.discovery.held_out import set_apart
+
+    if apart in ("end", "repeats") and measured is file.record:
+        return file.model_for(set_apart(file.model, measured, apart)[0])
+    return file.model

@@ -86,7 +86,7 @@ class Pool:
         record = given.posterior.record
         is_specimen = record.excitation_kind == "displacement" and len(record.parts) == 1 and "force" in record.channels
         if is_specimen:
-            largest = UNNAMED_SCALE * float(np.max(np.abs(record.channels["force"])))
+            largest = UNNAMED_SCALE * float(np.max(np.abs(record.channels["force"][record.kept])))
             shared = SharedFunctions.of(fitted_basis(record))
             self._alone = {frozenset()}
             self._force = shared, largest

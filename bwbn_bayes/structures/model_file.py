@@ -53,6 +53,8 @@ class ModelFile:
         Sentences for the report.
     columns : str, optional
         What the columns of a record stand for that is given beside the model file.
+    is_starting : bool
+        Whether the model is the record's starting model.
     """
 
     name: str
@@ -64,6 +66,11 @@ class ModelFile:
     snr_db: float | None = None
     assumptions: tuple[str, ...] = ()
     columns: str | None = None
+    is_starting: bool = False
+
+    def model_for(self, fitted: Record) -> Structure:
+        """The model to fit to a part of the file's record: a starting model reads its sizes off that part alone."""
+        return starting_model(fitted) if self.is_starting else self.model
 
 
 def load_model_file(path: Path | str, columns: str | None = None) -> ModelFile:
@@ -139,6 +146,7 @@ def _of_record(path: Path, columns: str | None) -> ModelFile:
         record=record,
         assumptions=(*told, UNIT_MASSES) if not model.is_driven else told,
         columns=columns,
+        is_starting=True,
     )
 
 

@@ -141,7 +141,8 @@ def first_frequency(record: Record) -> float:
 
 
 def _specimen(record: Record) -> Structure:
-    travel, peak = (float(np.max(np.abs(y))) for y in (record.excitation, record.channels["force"]))
+    force = record.channels["force"][record.kept]
+    travel, peak = (float(np.max(np.abs(y))) for y in (record.excitation, force))
     stiffness = initial_stiffness(record)
     damping: float | Prior = 0.0
     if record.has_time:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -25,12 +25,14 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.parameters import Floats, Uniform
 from bwbn_bayes.records.excitation import el_centro, sine
-from bwbn_bayes.records.readers import write_record
+from bwbn_bayes.records.readers import read_record, write_record
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report.discovery_content import gather_discovery
 from bwbn_bayes.report.discovery_figures import draw_discovery
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
+from bwbn_bayes.structures.starting_model import starting_model
+from bwbn_bayes.structures.structure import Structure
 
 MODEL = ShearBuilding(
     masses=[2.0, 1.0], storey=BoucWen(k=Uniform(20, 100), c=0.3, alpha=0.1, beta=8.0, gamma=2.0, n=1.3)
@@ -284,6 +286,30 @@ def test_the_command_says_that_there_is_no_end(
     assert leaving.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("error: record 'run 3' has no end to hold out")
+
+
+@pytest.mark.parametrize("held_out", ["end", "repeats"])
+def test_a_starting_model_reads_no_size_off_what_is_held_out(
+    held_out: Literal["end", "repeats"], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The priors of ``bwbn discover RECORD --held-out end`` were made of the whole record's peaks."""
+    path, given = pushed(*THRICE), []
+    force = 1e5 * np.tanh(path.excitation / 0.005) + 4e4 * np.sign(np.gradient(path.excitation))
+    _, apart = set_apart(COLUMN, replace(path, channels={"force": force}), held_out)
+    assert apart is not None
+    force[apart.counted] *= 1.5
+    write_record(replace(path, channels={"force": force}), tmp_path / "column.csv")
+
+    def noted(model: Structure, *_: object, **__: object) -> None:
+        given.append(model)
+        raise UserError("enough")
+
+    monkeypatch.setattr(workflow, "discover", noted)
+    with pytest.raises(SystemExit):
+        main(["discover", str(tmp_path / "column.csv"), "--held-out", held_out, "--out", str(tmp_path / "out")])
+    record = read_record(tmp_path / "column.csv")
+    assert given == [starting_model(set_apart(COLUMN, record, held_out)[0])]
+    assert given != [starting_model(record)]
 
 
 def test_what_is_left_of_a_short_record_can_be_fitted() -> None:

@@ -201,3 +201,13 @@ def test_a_record_without_sizes_is_refused(change: dict[str, object], sentence: 
 def test_a_specimen_has_no_masses():
     with pytest.raises(UserError, match="a cyclic test has none"):
         starting_model(cyclic(STEEL, 0.005, 0.02), masses=[1.0])
+
+
+def test_samples_that_do_not_count_tell_no_size():
+    record = cyclic(STEEL, 0.005, 0.01, 0.02)
+    spike = record.channels["force"].copy()
+    spike[record.n_times // 2] *= 20.0
+    counted = np.ones(record.n_times, dtype=np.bool_)
+    counted[record.n_times // 2] = False
+    masked, spiked = replace(record, counted=counted), replace(record, counted=counted, channels={"force": spike})
+    assert starting_model(spiked) == starting_model(masked)

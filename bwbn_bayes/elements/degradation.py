@@ -28,6 +28,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -83,8 +84,8 @@ WORK = Driver(
     state=ENERGY,
     form="",
     source=LINEAR_SOURCE,
-    by_the_end=lambda at: at.energy,
-    of_scales=lambda scales: scales.energy,
+    by_the_end=attrgetter("energy"),
+    of_scales=attrgetter("energy"),
 )
 DRIFT_PATH = Driver(
     name="path",
@@ -92,8 +93,8 @@ DRIFT_PATH = Driver(
     state=PATH,
     form=", with the path",
     source=PATH_SOURCE,
-    by_the_end=lambda at: at.path,
-    of_scales=lambda scales: scales.path,
+    by_the_end=attrgetter("path"),
+    of_scales=attrgetter("path"),
 )
 """With every cycle, whether the spring yields in it or not."""
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 import pytest
 import sympy as sp
-from laboratory import FREE, building, nrmse, shaking, solve, storey
+from laboratory import FREE, FURTHER_LOSSES, building, nrmse, shaking, solve, storey
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import SuddenDamage
 from bwbn_bayes.elements.friction_pendulum import FrictionPendulum
-from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Addition, Effect, StoreyLaw
+from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, Addition, Effect, Slots, StoreyLaw
 from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.engines.codegen import derivatives
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -155,3 +156,13 @@ def test_the_order_of_composition_does_not_matter():
     assert forward.law == backward.law
     response = [solve(m, shaking(), ["acceleration_1"], 1)["acceleration_1"] for m in (forward, backward)]
     np.testing.assert_array_equal(*response)
+
+
+def test_what_was_used_can_be_sent_to_another_process():
+    """Losses held functions that could not be pickled, once they had been asked for anything."""
+    forms = [form for effect_class in registered() for form in effect_class.neutral_forms()]
+    assert len(forms) > len(FURTHER_LOSSES)
+    for form in forms:
+        filled = form.fill(Slots())
+        sent = pickle.loads(pickle.dumps(form))
+        assert (sent, sent.form, sent.fill(Slots())) == (form, form.form, filled)

@@ -288,7 +288,7 @@ def sums(rows: Sequence[Row]) -> list[dict[str, Any]]:
             for title, kept in others.items()
         ),
         {
-            "what": f"no held-out error below 100 %: {', '.join(hopeless) or 'none'}",
+            "what": f"tests of whose held-out part every law misses more than 100 %: {', '.join(hopeless) or 'none'}",
             "count": len(hopeless),
             "total": len(told),
             "asked": "",

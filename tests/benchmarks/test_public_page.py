@@ -66,11 +66,11 @@ def test_figures_effects_and_what_is_left_stand_on_the_page(tmp_path: Path, monk
     assert "| found from a linear oscillator | 6 | both in sequence | 17.3 % | 52.0 % | 50.0 % | 42 |" in text
     assert "| hysteresis (a Bouc-Wen spring) | named | > 0.99 |" in text
     assert "| backlash | possible | 0.62 |" in text
-    assert "`appendage` has a probability of 0.03" in text
+    assert "Considered and not added: `appendage`, probability 0.03." in text
     assert "gap_impact" not in text
     assert "from 34.6 to 2.34 % of the signal; noise\nalone would leave 1.2." in text
     assert "Its errors are 3.50 and 1.04 times those of the spring" in " ".join(text.split())
-    assert "of the drift alone, 2.1 % of the force" in text
+    assert "a force of the drift alone, its rms 2.1 % of the storey force's." in text
     assert "- floor 1, 3 to 4 s: residual 2.9 times the noise" in text
     assert "abc1234 on some processor" in text
     assert "All true parameters lie in their 99 % intervals." in text

@@ -14,7 +14,6 @@ from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from bwbn_bayes.discovery.alone import build_alone
 from bwbn_bayes.discovery.build import (
@@ -72,26 +71,25 @@ def search(given: Explanation, run: Run) -> Pool:
     given = pool.begin(given)
     run.consider(hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED))
     followed = given.is_specimen  # a specimen's laws never leave noise
-    with threadpool_limits(limits=1, user_api="blas"):  # hypotheses are what runs beside each other
-        for number in range(run.settings.most_rounds):
-            _look_wider(number, given, pool, run)
+    for number in range(run.settings.most_rounds):
+        _look_wider(number, given, pool, run)
+        parent = _next(pool, run)
+        if not followed and (parent is None or number == _FOLLOWED_AFTER) and not pool.laws.best.is_noise:
+            followed = True
+            follow(pool, run)
             parent = _next(pool, run)
-            if not followed and (parent is None or number == _FOLLOWED_AFTER) and not pool.laws.best.is_noise:
-                followed = True
-                follow(pool, run)
-                parent = _next(pool, run)
-            if parent is None:
-                break
-            _round(parent, pool, run)
-        if not given.is_specimen:
-            _exchange(pool, run)
-        if not run.stopped:
-            _change_forms(pool, run)
-        if not given.is_specimen:
-            _search_anew(pool, run)
-        done = _beside_a_force(given, pool, run)
-        if done and not run.stopped:
-            _tell(done, pool.ranked()[0].label, pool, run)
+        if parent is None:
+            break
+        _round(parent, pool, run)
+    if not given.is_specimen:
+        _exchange(pool, run)
+    if not run.stopped:
+        _change_forms(pool, run)
+    if not given.is_specimen:
+        _search_anew(pool, run)
+    done = _beside_a_force(given, pool, run)
+    if done and not run.stopped:
+        _tell(done, pool.ranked()[0].label, pool, run)
     if run.stopped:
         sentence = (
             f"The search was stopped by the time limit of {run.settings.time_limit_s:g} s, "

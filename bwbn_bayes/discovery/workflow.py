@@ -14,6 +14,7 @@ from threading import Thread
 from typing import Literal
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from bwbn_bayes.discovery.binding import Binding
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, moment_of_share, sharing_laws, symbols_of
@@ -104,6 +105,8 @@ def discover(
     _tell_limits(model, record, run)
     record = _with_noise(_thinned(record, run), run)
     with (
+        # Hypotheses are what runs beside each other; and sums come out alike on however many cores.
+        threadpool_limits(limits=1, user_api="blas"),
         opened(settings.workers, settings.scheduler) as run.executor,
         nullcontext() if settings.checkpoint is None else _journal(settings.checkpoint, settings) as journal,
     ):

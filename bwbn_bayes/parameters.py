@@ -157,6 +157,8 @@ class Normal(Prior):
 
     def __post_init__(self) -> None:
         _require_positive(self, "scale", self.scale)
+        if not np.isfinite(self.location):
+            raise UserError(f"{self}: location must be a finite number")
 
     @property
     @override

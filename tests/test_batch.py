@@ -7,12 +7,15 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 from full_disk import full_at
 
 from bwbn_bayes import BoucWen, ShearBuilding, UserError, simulate, sine, write_record
 from bwbn_bayes.cli import batch
 from bwbn_bayes.cli.batch import Job, jobs_of, records_of, run_batch
+from bwbn_bayes.cli.interruption import UNFINISHED_SEARCH
+from bwbn_bayes.engines.journal import Journal
 
 MODEL = """from bwbn_bayes import BoucWen, ShearBuilding, Uniform
 model = ShearBuilding(masses=[1.0], storey=BoucWen(
@@ -40,7 +43,11 @@ def fleet(tmp_path: Path) -> Path:
 def _jobs(fleet: Path, particles: str = "100") -> list[Job]:
     options = ("--particles", particles)
     return jobs_of(
-        records_of(str(fleet / "data")), fleet / "out", model=fleet / "model.py", discover=False, options=options
+        records_of(str(fleet / "data"), fleet / "out"),
+        fleet / "out",
+        model=fleet / "model.py",
+        discover=False,
+        options=options,
     )
 
 
@@ -105,6 +112,46 @@ def test_a_changed_record_model_or_option_is_run_again(fleet: Path, monkeypatch:
     assert len(ran) == 10
 
 
+def test_a_batch_takes_none_of_its_own_files_for_a_record(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With --out beside the records, batch.csv was refused as one, and each report's record.csv was run again."""
+    out = fleet / "data"
+    before = records_of(str(out), out)
+    jobs = jobs_of(before, out, model=fleet / "model.py", discover=False, options=())
+
+    def ran(job: Job) -> str:
+        job.directory.mkdir()
+        (job.directory / "begun.txt").write_text(job.key)
+        (job.directory / "record.csv").write_bytes(job.record.read_bytes())
+        return ""
+
+    monkeypatch.setattr(batch, "_run", ran)
+    run_batch(jobs, out, 1, lambda _: None)
+    assert (out / "batch.csv").exists() and (out / "r1" / "record.csv").exists()
+    assert records_of(str(out), out) == before == records_of(str(out / "**" / "*.csv"), out)
+
+
+def test_the_unfinished_search_of_a_record_that_was_corrected_is_not_gone_on_with(fleet: Path) -> None:
+    """It was refused each time, with the advice to leave out a --resume that nobody had given."""
+
+    def arguments() -> dict[str, tuple[str, ...]]:
+        found = records_of(str(fleet / "data"), fleet / "out")
+        jobs = jobs_of(found, fleet / "out", model=None, discover=True, options=())
+        for job in jobs:
+            if not job.directory.exists():
+                job.directory.mkdir(parents=True)
+                (job.directory / "begun.txt").write_text(job.key)
+                with Journal.opened(job.directory / UNFINISHED_SEARCH) as journal:
+                    journal.mark(b"begun".ljust(32))
+                    journal.kept("kind", b"question".ljust(32), 1, lambda _: (np.zeros(1),))
+        return {job.name: job.arguments for job in jobs}
+
+    arguments()
+    assert all("--resume" in own for own in arguments().values())
+    with (fleet / "data" / "r1.csv").open("a") as file:
+        file.write("\n")
+    assert {name: "--resume" in own for name, own in arguments().items()} == {"broken": True, "r1": False, "r2": True}
+
+
 def test_records_that_would_share_a_folder_are_named(tmp_path: Path) -> None:
     places = [tmp_path / one / "same" / "r1.csv" for one in ("a", "b")]
     with pytest.raises(UserError, match=rf"{places[0]} and {places[1]} have the same name"):
@@ -115,7 +162,9 @@ def test_a_name_that_is_no_text_is_told_and_linked(tmp_path: Path, monkeypatch: 
     """A record whose name is bytes of another encoding ended the batch in a traceback."""
     name = os.fsdecode(b"caf\xe9")
     (tmp_path / f"{name}.csv").write_text("time [s]")
-    jobs = jobs_of(records_of(str(tmp_path)), tmp_path / "out", model=None, discover=False, options=())
+    jobs = jobs_of(
+        records_of(str(tmp_path), tmp_path / "out"), tmp_path / "out", model=None, discover=False, options=()
+    )
     monkeypatch.setattr(batch, "_run", lambda job: f"{job.record}: nothing in it")
     (row,) = run_batch(jobs, tmp_path / "out", 1, lambda _: None)
     assert (row.record, row.sentence) == ("caf\ufffd", f"{tmp_path}/caf\ufffd.csv: nothing in it")
@@ -139,7 +188,7 @@ def test_a_place_without_records_is_the_user_s_mistake(tmp_path: Path) -> None:
     (tmp_path / "a.md").touch()
     for pattern in (str(tmp_path), str(tmp_path / "*.csv")):
         with pytest.raises(UserError, match="no record"):
-            records_of(pattern)
+            records_of(pattern, tmp_path / "out")
 
 
 def test_a_full_disk_is_one_sentence(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:

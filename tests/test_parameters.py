@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import (
     Constraint,
     FreeParameter,
@@ -173,3 +174,9 @@ def test_per_storey_keeps_a_tuple():
     values[0] = 9.0
     assert each.value == (1.0, 2.0)
     assert each == PerStorey((1.0, 2.0)) and hash(each) == hash(PerStorey((1.0, 2.0)))
+
+
+@pytest.mark.parametrize("location", [np.nan, np.inf])
+def test_a_normal_prior_lies_somewhere(location: float) -> None:
+    with pytest.raises(UserError, match="location must be a finite number"):
+        Normal(location, 1.0)

@@ -31,7 +31,7 @@ from bwbn_bayes.records.readers import RECORD_SUFFIXES
 from bwbn_bayes.records.record import one_line
 from bwbn_bayes.report.batch_html import BatchRow, batch_page
 
-_NOTE, _SAID = "batch.json", "said.txt"
+_NOTE, _SAID, _BEGUN = "batch.json", "said.txt", "begun.txt"
 _STARTING = threading.Lock()
 """Processes are started one at a time: the list of this process' children is not made for more."""
 
@@ -80,8 +80,10 @@ class Job:
             return None
 
 
-def records_of(pattern: str) -> tuple[Path, ...]:
+def records_of(pattern: str, out: Path) -> tuple[Path, ...]:
     """The records in a directory, or those that a pattern such as ``data/2011*/*.csv`` names, in order.
+
+    What a batch with the same ``out`` has written is none of them.
 
     Raises
     ------
@@ -96,14 +98,22 @@ def records_of(pattern: str) -> tuple[Path, ...]:
     else:
         found = Path().glob(pattern)
     try:
-        records = tuple(sorted(path for path in found if path.suffix.lower() in RECORD_SUFFIXES and path.is_file()))
+        files = sorted(path for path in found if path.suffix.lower() in RECORD_SUFFIXES and path.is_file())
     except ValueError as error:  # of Python 3.12, where ** is a part of a name
         raise UserError(f"{pattern}: {error}: write ** between slashes") from None
+    records = tuple(path for path in files if not _is_result(path, out))
     if not records:
         raise UserError(
             f"{pattern}: no record (.csv, .nc, .mat ...) is there: give a directory, or a pattern in quotes"
         )
     return records
+
+
+def _is_result(path: Path, out: Path) -> bool:
+    """Whether a batch wrote a file: its table, or what lies in the directory of a record."""
+    return path.absolute() == (out / "batch.csv").absolute() or any(
+        (parent / _BEGUN).exists() for parent in path.parents
+    )
 
 
 def jobs_of(
@@ -124,7 +134,8 @@ def jobs_of(
         taken = (str(model), "--record", str(record)) if model is not None else (str(record),)
         words = (version("bwbn-bayes"), command, *options)
         digest = hashlib.sha256("\n".join(words).encode() + b"\n" + source + b"\n" + _content(record))
-        unfinished = ("--resume",) if has_begun(directory / UNFINISHED_SEARCH) else ()
+        goes_on = has_begun(directory / UNFINISHED_SEARCH) and _text(directory / _BEGUN) == digest.hexdigest()
+        unfinished = ("--resume",) if goes_on else ()
         resumed = unfinished if discover else ("--checkpoint", str(directory / "meanwhile"))
         jobs.append(
             Job(
@@ -137,6 +148,14 @@ def jobs_of(
             )
         )
     return jobs
+
+
+def _text(path: Path) -> str:
+    """Of a file of ours; nothing where it is not there or cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError):
+        return ""
 
 
 def _content(record: Path) -> bytes:
@@ -184,6 +203,7 @@ def _ran(job: Job) -> str:
     writes = partial(writing, f"--out {job.directory}", "make room there, or choose another directory")
     with writes():
         job.directory.mkdir(parents=True, exist_ok=True)
+        (job.directory / _BEGUN).write_text(job.key, encoding="utf-8")
     said = job.directory / _SAID
     process = multiprocessing.get_context("spawn").Process(target=_in_process, args=(job.arguments, str(said)))
     try:

@@ -309,7 +309,7 @@ def batch(
     from bwbn_bayes.cli.files import writable
     from bwbn_bayes.structures.model_file import load_model_file
 
-    found, directory, notes = records_of(records), writable(out), Console(stderr=True)
+    found, directory, notes = records_of(records, out), writable(out), Console(stderr=True)
     if model is not None:
         load_model_file(model)
     options = ("--seed", str(seed), "--particles", str(particles))
@@ -619,6 +619,6 @@ def _model_of(file: ModelFile, measured: Record, apart: Record | Literal["end", 
     """The model, for which nothing was read off samples of the file's record that are held out."""
     from bwbn_bayes.discovery.held_out import set_apart
 
-    if apart in ("end", "repeats") and measured is file.record:
+    if file.is_starting and apart in ("end", "repeats") and measured is file.record:
         return file.model_for(set_apart(file.model, measured, apart)[0])
     return file.model

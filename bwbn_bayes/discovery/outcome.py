@@ -317,7 +317,7 @@ class Discovery:
         ``effects_found``, ``partly_explained``, ``no_missing_effect`` or ``unexplained``: the most probable; or
         ``not_searched``, where the time was over before any effect was tried: nothing is concluded then.
     verdict_probabilities : mapping of str to float
-        None where nothing is concluded.
+        Empty where nothing is concluded.
     probabilities : mapping of str to float
         That each effect is part of the model under its own name, best first.
     families : tuple of Family

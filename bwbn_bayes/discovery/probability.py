@@ -154,7 +154,7 @@ class Beliefs:
         """Probability that each effect is part of the model, over all forms, places and combinations, best first."""
         every = {hypothesis.name for one in self.explanations for hypothesis in one.added}
         found = {name: self.of_name(name) for name in every}
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+        return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 
     def of_name(self, name: str) -> float:
         """Probability that an effect is part of the model."""
@@ -169,7 +169,7 @@ class Beliefs:
         """Probability that an effect is part of the model at each place, best first."""
         places = {h.storeys for one in self.explanations for h in one.added if h.name == name}
         found = {place: self._sum(lambda one, at=place: (name, at) in one.placed) for place in places}  # type: ignore[misc]
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+        return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 
     @cached_property
     def likely(self) -> frozenset[tuple[str, tuple[int, ...]]]:

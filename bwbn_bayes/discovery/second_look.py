@@ -27,8 +27,8 @@ from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
 _LEADING, _SEARCHED = 6, 3
 """Forms of effects that are looked at again, and from draws of their whole priors, each at its best place, the first
 at every place."""
-_LENDING, _N_LENT = 3, 2
-"""Forms of effects that lend the rest of their model to other forms of theirs, and how many of their optima."""
+_LENDING = 3
+"""Forms of effects that lend the rest of their model, at its optimum, to other forms of theirs."""
 _BEYOND = 1e-2
 """Prior probability beyond a size so far out that the prior, not the record, may hold it there."""
 _WIDER, _MOST_TIMES = 4.0, 3
@@ -103,7 +103,7 @@ def crossed(present: Posterior, fits: Sequence[Fit], *, pace: Pace = UNHURRIED) 
         others = [h for h in found if (h.name, h.storeys) == (own.name, own.storeys) and h.symbols != own.symbols]
         names = lender.posterior.space.names
         shared = [names.index(name) for name in present.space.names]
-        for fit in race(present, others, lender.distinct(_N_LENT)[:, shared], pace=pace) if others else ():
+        for fit in race(present, others, lender.distinct(1)[:, shared], pace=pace) if others else ():
             if fit.log_likelihood > found[fit.hypothesis].log_likelihood:
                 found[fit.hypothesis] = fit
     return tuple(sorted(found.values(), key=lambda fit: -fit.log_likelihood))

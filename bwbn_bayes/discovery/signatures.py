@@ -181,7 +181,7 @@ def _responses(hypothesis: Hypothesis, present: Explanation, values: Floats) -> 
             own = {p.symbol: float(v) for p, v in zip(model.parameters, local[draw, place or 0], strict=True)}
             own |= {name: float(value) for name, value in model.law.derived_from(own).items()}
             at = {kind: h if place is None or len(h) <= place else h[place] for kind, h in histories.items()}
-            found.append(PlaceResponse(histories=at, parameters=own, scales=hypothesis.scales))
+            found.append(PlaceResponse(histories=at, parameters=own, scales=hypothesis.scales, joints=model.joints))
         result.append(found)
     return result
 

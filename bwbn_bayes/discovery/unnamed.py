@@ -48,7 +48,7 @@ def follow(pool: Pool, run: Run) -> None:
     beside the model as given first.
     """
     whole = pool.laws.best.effects_key
-    keys = dict.fromkeys([whole, *(whole - {one} for one in whole), *_rivals(pool.laws)])
+    keys = dict.fromkeys([whole, *(whole - {one} for one in sorted(whole)), *_rivals(pool.laws)])
     for kind in _KINDS:
         if kind is not _with_reading_errors or len(pool.laws.best.posterior.record.parts) == 1:
             _ask(kind, [frozenset()], pool, run)

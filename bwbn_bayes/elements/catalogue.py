@@ -57,6 +57,9 @@ class EffectFacts:
 _REGISTRY: dict[str, type[Effect]] = {}
 
 
+_PACKAGE = "bwbn_bayes."
+
+
 def register[EffectClass: type[Effect]](effect_class: EffectClass) -> EffectClass:
     """Add a class of effects to the catalogue; use it as a decorator.
 
@@ -76,7 +79,10 @@ def register[EffectClass: type[Effect]](effect_class: EffectClass) -> EffectClas
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise UserError(f"{where}: name is {name!r}: use lower-case words joined by underscores")
     present = _REGISTRY.get(name)
-    if present is not None and present.__qualname__ != effect_class.__qualname__:
+    is_ours = present is not None and present.__module__.startswith(_PACKAGE)
+    if present is not None and (
+        present.__qualname__ != effect_class.__qualname__ or (is_ours and present.__module__ != effect_class.__module__)
+    ):
         raise UserError(f"{where}: the name {name} belongs to {present.__qualname__}: choose another")
     _check_fields(effect_class, where)
     _REGISTRY[name] = effect_class

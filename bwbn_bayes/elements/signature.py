@@ -29,11 +29,15 @@ class PlaceResponse:
         Every parameter of the law there, by symbol, the storey's own included.
     scales : Scales
         Sizes at the place.
+    joints : tuple of (int, int), optional
+        The nodes that each row of an effect of the whole building joins, the ground being 0; storeys one on another
+        where left out.
     """
 
     histories: Mapping[str, Floats]
     parameters: Mapping[str, float]
     scales: Scales
+    joints: tuple[tuple[int, int], ...] = ()
 
     def __getitem__(self, symbol: str) -> float:
         """A parameter by symbol."""
@@ -42,6 +46,34 @@ class PlaceResponse:
     def peak(self, kind: str) -> float:
         """Largest magnitude of a history; at least 1e-12, as in the scales."""
         return max(float(np.max(np.abs(self.histories[kind]))), 1e-12)
+
+    @property
+    def base_shear(self) -> Floats:
+        """Force ``(n_times,)`` [N] of all that stands on the ground, of an effect of the whole building."""
+        force = self.histories["restoring_force"]
+        on_ground = [row for row, (lower, _) in enumerate(self._joints(len(force))) if lower == 0]
+        return np.asarray(np.sum(force[on_ground], axis=0))
+
+    @property
+    def bending_drifts(self) -> Floats:
+        """Of each storey that others stand on, or that stands on one, the drifts that differ from its own, summed up.
+
+        ``(n_storeys, n_times)``, of an effect of the whole building. [m]
+        """
+        drift = self.histories["drift"]
+        result, carried = np.zeros_like(drift), dict[int, int]()
+        for row, (lower, upper) in enumerate(self._joints(len(drift))):
+            if upper in carried:  # a brace carries no node
+                continue
+            carried[upper] = row
+            if lower in carried:
+                apart = drift[row] - drift[carried[lower]]
+                result[row] += apart
+                result[carried[lower]] -= apart
+        return result
+
+    def _joints(self, n: int) -> tuple[tuple[int, int], ...]:
+        return self.joints or tuple((row, row + 1) for row in range(n))
 
     @property
     def energy(self) -> float:

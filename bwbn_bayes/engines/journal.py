@@ -76,7 +76,7 @@ class Journal:
         self._marks: list[bytes] = []
         self._places: dict[bytes, tuple[int, int]] = {}
         self._believed: set[str] = set()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
 
     @classmethod
     @contextmanager
@@ -227,10 +227,10 @@ class Journal:
         self._append_payload(question, stream.getvalue())
 
     def _append_payload(self, question: bytes, payload: bytes) -> None:
-        while self._marks:
-            self._append(self._marks.pop(), (np.zeros(1),))
         head = _LENGTH.pack(len(payload)) + hashlib.sha256(payload).digest()
         with self._lock, writing(f"checkpoint {self.path}", "what was solved before is kept; make room there"):
+            while self._marks:  # before the first answer, whichever thread has that
+                self._append(self._marks.pop(), (np.zeros(1),))
             begins = self._file.seek(0, os.SEEK_END) + len(head) + _HASH
             self._write(head + payload)
             self._places[question] = (begins, len(payload) - _HASH)

@@ -47,8 +47,9 @@ brought half as near to the fit."""
 _BATCH = 4000
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it starts with this fraction of the draws asked for: each costs it some hundred solves."""
-_MOST_DRAWS, _MOST_ALONE, _MOST_AFAR = 60_000, 20_000, 6_000
-"""Draws at most; where nothing takes over, so that a run ends; and where, besides, none of them came near the fit."""
+_MOST_DRAWS, _MOST_ALONE, _MOST_AFAR, _MOST_EACH = 60_000, 20_000, 6_000, 4
+"""Draws at most; where nothing takes over, so that a run ends; and where, besides, none of them came near the fit; and
+for each effective one that is asked for, however many these are."""
 
 
 class ByImportance(Sampling):
@@ -61,7 +62,7 @@ class ByImportance(Sampling):
         settings, rng, history = given.settings, given.rng, given.history
         # Where nothing takes over, the bent posterior of a model that leaves more than noise is worth fits alone.
         follows = settings.fallback or given.explains
-        most = _MOST_DRAWS if settings.fallback else _MOST_ALONE
+        most = max(_MOST_DRAWS if settings.fallback else _MOST_ALONE, _MOST_EACH * settings.particles)
         weighted, nested = weighted_draws(
             given.target, given.modes, rng, settings.particles, history, follows=follows, most=most
         )

@@ -58,11 +58,12 @@ def unseen_directions(information: Floats) -> list[tuple[float, Floats]]:
     Returns
     -------
     list of (share, direction)
-        Posterior over prior standard deviation along each direction, and the unit vector; widest first.
+        Standard deviation that the data alone leave along each direction over the prior's, and the unit vector; widest
+        first.
     """
     values, vectors = np.linalg.eigh(information)
     sd = 1.0 / np.sqrt(np.maximum(values, 1e-12))
-    found = [(float(min(s / PRIOR_SD, np.inf)), vectors[:, i]) for i, s in enumerate(sd) if s > UNSEEN * PRIOR_SD]
+    found = [(float(s / PRIOR_SD), vectors[:, i]) for i, s in enumerate(sd) if s > UNSEEN * PRIOR_SD]
     return sorted(found, key=lambda pair: -pair[0])
 
 

@@ -561,11 +561,13 @@ def require_single(record: Record, why: str) -> None:
 
 def _mask(counted: Booleans | None, n_times: int) -> Booleans | None:
     """A read-only copy; None where every sample counts."""
-    if counted is None or np.all(counted):
+    if counted is None:
         return None
     mask = np.array(counted, dtype=np.bool_)
     if mask.shape != (n_times,):
         raise UserError(f"counted has shape {mask.shape} where the excitation has {n_times} points: give one for each")
+    if np.all(mask):
+        return None
     if np.count_nonzero(mask) < MIN_TIMES:
         raise UserError(f"{np.count_nonzero(mask)} points of the record count: at least {MIN_TIMES} are needed")
     mask.flags.writeable = False

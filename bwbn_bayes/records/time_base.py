@@ -40,14 +40,18 @@ class Source:
     place: Callable[[int], str]
 
 
+_MOST_DECADES = 300
+"""Of a step: a number of double precision has no more."""
+
+
 def printed_quantum(cells: Sequence[str]) -> float:
     """Smallest step a column of printed numbers resolves, from its decimals and significant digits."""
     parts = [Decimal(cell.strip()).as_tuple() for cell in cells]
     decimals = max(-int(part.exponent) for part in parts)
     # Six digits are what %g prints: fewer mean short numbers, not rounding to significant digits.
     significant = max(6, *(len(part.digits) for part in parts))
-    leading = max(len(part.digits) + int(part.exponent) for part in parts)
-    return 10.0 ** max(-decimals, leading - significant)
+    leading = max((len(part.digits) + int(part.exponent) for part in parts if any(part.digits)), default=-decimals)
+    return 10.0 ** min(max(-decimals, leading - significant), _MOST_DECADES)
 
 
 def stored_quantum(values: Floats) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
+from numbers import Integral, Real
 from pathlib import Path
 from types import MappingProxyType
 
@@ -151,8 +152,8 @@ class ModelWriter:
             return f"{self._class(type(value))}({', '.join(inner_values)})"
         if isinstance(value, bool) or value is None:
             return repr(value)
-        if isinstance(value, (int, float)):
-            return _number_or_inf(value, number)
+        if isinstance(value, Real):  # NumPy's numbers, too
+            return _number_or_inf(int(value) if isinstance(value, Integral) else float(value), number)
         return quoted(value) if isinstance(value, str) else repr(value)
 
     def _named(self, constructor: str) -> str:

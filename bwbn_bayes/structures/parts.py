@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import index
 
 from bwbn_bayes.elements.element import Element
 from bwbn_bayes.elements.law import Effect
+from bwbn_bayes.errors import UserError
 
 SPECIMEN = "the specimen"
 """The one place in a testing machine, in words."""
@@ -27,6 +29,16 @@ class Links:
 
     element: Element
     joins: tuple[tuple[int, int], ...]
+
+    def __post_init__(self) -> None:
+        """Nodes are whole numbers, of whatever kind they were given."""
+        try:
+            joins = tuple((index(lower), index(upper)) for lower, upper in self.joins)
+        except (TypeError, ValueError):
+            raise UserError(
+                f"joins = {self.joins!r}: give the two nodes of each link, such as ((0, 1), (1, 2))"
+            ) from None
+        object.__setattr__(self, "joins", joins)
 
 
 @dataclass(frozen=True, kw_only=True)

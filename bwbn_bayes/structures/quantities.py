@@ -183,7 +183,7 @@ def modes(stiffness: Floats, damping: Floats, masses: Floats, joints: Joints | N
     """
     root = np.sqrt(masses)
     squares, vectors = np.linalg.eigh(link_matrix(stiffness, joints) / (root[..., :, None] * root[..., None, :]))
-    omega = np.sqrt(squares)
+    omega = np.sqrt(np.where(squares > 0.0, squares, np.nan))  # a mode without stiffness has no period
     shapes = vectors / root[..., :, None]
     modal_damping = np.einsum("...im,...ij,...jm->...m", shapes, link_matrix(damping, joints), shapes)
     return 2.0 * np.pi / omega, modal_damping / (2.0 * omega)

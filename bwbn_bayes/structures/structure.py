@@ -7,10 +7,12 @@ ends at node i and stands on a lower one. Further links may join any two nodes.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
-from numbers import Integral
+from numbers import Integral, Real
+from operator import index
 from typing import Self
 
 import numpy as np
@@ -213,12 +215,15 @@ class Structure:
         if self.is_driven and effect.level != "link":
             raise UserError(f"{effect.name} {_NOT_OF_SPECIMENS}")
         possible, n_places = self.places_of(effect), self.n_links if effect.level == "link" else self.n_floors
-        placed = tuple(storeys) if storeys is not None else possible
+        given = possible if storeys is None else storeys
+        told = f"must be numbers from 1 to {n_places} in increasing order"
+        try:
+            placed = tuple(map(index, given))
+        except TypeError:
+            raise UserError(f"{effect.name}: storeys {list(given)} {told}") from None
         wrong = [s for s in placed if not 1 <= s <= n_places]
         if wrong or any(b <= a for a, b in pairwise(placed)) or (storeys is not None and not placed):
-            raise UserError(
-                f"{effect.name}: storeys {list(placed)} must be numbers from 1 to {n_places} in increasing order"
-            )
+            raise UserError(f"{effect.name}: storeys {list(placed)} {told}")
         if not placed:
             raise UserError(f"{effect.name} acts on {' or '.join(effect.elements)} links, of which the model has none")
         return placed
@@ -396,6 +401,8 @@ _LEAST = 1e-30
 
 def _positive(values: object) -> tuple[float, ...]:
     """The numbers of a list, none where one of them is no positive number."""
+    if isinstance(values, str):
+        return ()
     try:
         numbers = tuple(float(value) for value in values)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
@@ -444,7 +451,19 @@ def _check_places(structure: Structure) -> None:
 def _field_of(effect: Effect, name: str) -> str:
     """The field behind a parameter: of its name, or else the one that holds its value."""
     own = [one.name for one in fields(effect)]  # type: ignore[arg-type]
-    held = [name] if name in own else [one for one in own if getattr(effect, one) is effect.values[name]]
+    held = [name] if name in own else [one for one in own if _stands_for(effect, one, name)]
     if len(held) != 1:
         raise UserError(f"{effect.name}: which field stands for {name} cannot be told; name a field {name}")
     return held[0]
+
+
+def _stands_for(effect: Effect, field: str, name: str) -> bool:
+    """Whether a parameter moves with a field: two fields may well hold one number."""
+    value = getattr(effect, field)
+    if isinstance(value, (bool, str)) or not isinstance(value, (Real, Prior, PerStorey)):
+        return False
+    moved = float(value) * (1.0 + 1e-6) + 1e-9 if isinstance(value, Real) else copy(value)
+    try:
+        return replace(effect, **{field: moved}).values[name] is moved  # type: ignore[type-var]
+    except (UserError, TypeError, ValueError):  # an option, whose other values are others altogether
+        return False

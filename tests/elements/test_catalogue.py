@@ -80,6 +80,15 @@ def test_a_taken_name_is_refused():
         register(thief)
 
 
+@pytest.mark.usefixtures("own_registry")
+def test_a_class_of_the_same_name_does_not_take_the_place_of_a_catalogued_one():
+    """A user's class called SlipLock stood in the place of the package's without a word."""
+    thief = type("SlipLock", (Hardening,), {"name": SlipLock.name})
+    with pytest.raises(UserError, match="the name slip_lock belongs to SlipLock"):
+        register(thief)
+    assert SlipLock in registered()
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [

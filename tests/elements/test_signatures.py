@@ -281,6 +281,26 @@ def test_bending_is_the_force_that_it_adds_to_a_storey():
     assert form.signature.of_response(at) == pytest.approx(np.max(np.abs(bending)) / np.max(np.abs(force)))
 
 
+def test_the_whole_building_s_measures_know_which_links_stand_on_what():
+    """Two storeys and a brace from the ground to the roof: it takes shear, and no bending between storeys."""
+    base, bent = (next(form for form in FORMS if form.name == name) for name in ("base_flexibility", "storey_coupling"))
+    phase = np.sin(np.linspace(0.0, 0.5 * np.pi, 500))
+    u = np.array([[0.3], [0.5], [0.8]]) * phase
+    force = np.array([[5.0], [3.0], [2.0]]) * phase
+    at = PlaceResponse(
+        histories={"drift": u, "restoring_force": force}, parameters={"compliance": 0.02, "k_bend": 3.0},
+        scales=SCALES, joints=((0, 1), (1, 2), (0, 2)),
+    )  # fmt: skip
+    np.testing.assert_allclose(at.base_shear, 7.0 * phase)
+    stored = 5.0 * 0.3 + 3.0 * 0.5 + 2.0 * 0.8
+    assert base.signature.of_response(at) == pytest.approx(np.sqrt(1.0 + 0.02 * 7.0**2 / stored) - 1.0)
+    np.testing.assert_allclose(at.bending_drifts, np.array([[-0.2], [0.2], [0.0]]) * phase)
+    assert bent.signature.of_response(at) == pytest.approx(3.0 * 0.2 / 5.0)
+    # Two towers side by side do not bend each other.
+    apart = replace(at, joints=((0, 1), (1, 2), (0, 3)))
+    np.testing.assert_allclose(apart.bending_drifts, np.array([[-0.2], [0.2], [0.0]]) * phase)
+
+
 def test_quadratic_damping_is_worth_the_viscous_one_of_a_steady_vibration():
     """``8 c2 V / (3 pi)`` at velocity amplitude V."""
     form = next(form for form in FORMS if form.name == "quadratic_damping")

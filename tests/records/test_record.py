@@ -338,3 +338,10 @@ def test_what_is_no_plain_file_is_not_read(tmp_path: Path, suffix: str) -> None:
     path.symlink_to("/dev/null")
     with pytest.raises(UserError, match=r"it is no plain file\): give the path of one"):
         read_record(path)
+
+
+@pytest.mark.parametrize("counted", [np.ones(7, dtype=np.bool_), np.arange(7) > 0])
+def test_a_mask_of_another_length_is_refused(counted: np.ndarray) -> None:
+    """One that left nothing out was taken without a word."""
+    with pytest.raises(UserError, match=r"counted has shape \(7,\) where the excitation has 101 points"):
+        building(counted=counted)

@@ -129,3 +129,10 @@ def test_a_stated_step_is_taken_where_the_times_allow_it() -> None:
     assert read_step(cells, stated=1 / 333) == 1 / 333
     with pytest.raises(UserError, match=r"the time_step is stated as 0\.004 s but the times step by 0\.003 s"):
         read_step(cells, stated=0.004)
+
+
+@pytest.mark.parametrize("zero", ["0e400", "0E-999", "0.000e308"])
+def test_a_zero_has_no_leading_digit(zero: str) -> None:
+    """Its exponent made a step of 1e395, and a traceback."""
+    assert printed_quantum([zero, "0.01", "0.02"]) <= 0.01
+    assert np.isfinite(printed_quantum([zero]))

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from test_topology import BRACED, TOWERS
 
 from bwbn_bayes import (
     BoucWen,
+    CoulombFriction,
     FrictionPendulum,
+    HalfNormal,
     InitialState,
     Linear,
     Normal,
     Oscillator,
     PerStorey,
+    QuadraticDamping,
     ShearBuilding,
     Specimen,
     StoreyCoupling,
@@ -52,6 +56,9 @@ STRUCTURES = {
     "isolated, braced": ISOLATED.with_link(LINEAR, joins=(1, 3)),
     "specimen": Specimen(storey=YIELDING),
     "oscillator": Oscillator(mass=2.0, spring=LINEAR).with_effect(InitialState(u_0=Normal(0, 0.1))),
+    "numbers of NumPy": CHAIN.with_effect(
+        CoulombFriction(F_c=np.float32(0.5), v0=np.float64(0.01)), storeys=np.arange(1, 3).tolist()
+    ).with_effect(QuadraticDamping(c2=HalfNormal(np.int64(3))), storeys=tuple(np.arange(1, 4))),
     "oscillator on two links": Oscillator(mass=2.0, spring=YIELDING).with_link(LINEAR, joins=(0, 1)),
 }
 

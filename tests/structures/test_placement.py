@@ -97,6 +97,12 @@ def test_an_option_makes_another_law():
         (lambda: three().with_effect(InputScale(s_g=PerStorey(1.0))), "s_g belongs to the whole building"),
         (lambda: three().with_effect(MassError(e_m=-0.95)), r"e_m = -0.95 lies outside its admissible range"),
         (lambda: three().with_effect(MassError(e_m=0.1), storeys=[4]), "must be numbers from 1 to 3"),
+        (
+            lambda: three().with_effect(MassError(e_m=0.1), storeys=[1.5]),
+            r"storeys \[1.5\] must be numbers from 1 to 3",
+        ),
+        (lambda: ShearBuilding(masses="12", storey=storey()), "masses = '12': give a list with one positive number"),
+        (lambda: Links(element=storey(), joins=((0, 1.5),)), "joins = .*: give the two nodes of each link, such as"),
         (lambda: Specimen(storey=storey()).with_effect(MassError(e_m=0.1)), "mass_error acts on floors"),
         (lambda: Specimen(storey=storey()).with_effect(SensorGain(gain=0.9)), "sensor_gain acts on floors"),
         (lambda: Specimen(storey=storey()).with_effect(InputScale(s_g=0.9)), "input_scale acts on floors"),
@@ -196,6 +202,16 @@ def test_values_are_replaced_by_their_labels():
     assert changed.table.fixed[2, columns.index("k")] == 7.0
     assert model.space.names == ("k[1]", "k[3]", "A", "delta_s[2]", "k_jump[1,3]")
     assert model.with_values({}) == model
+
+
+def test_a_value_is_replaced_in_its_own_field_though_another_holds_the_same():
+    """Two fields with one number ended a search in "which field stands for k_ramp_time cannot be told"."""
+    ramp = SuddenDamage(parameter="k", jump=Normal(0.0, 1.0), time=5.0, duration=5.0)
+    (changed,) = three().with_effect(ramp).with_values({"k_ramp": -1.0}).effects
+    assert changed.effect == replace(ramp, jump=-1.0)
+    prior = Uniform(1.0, 9.0)
+    both = three().with_effect(replace(ramp, time=prior, duration=prior)).with_values({"k_ramp_time": 4.0})
+    assert both.effects[0].effect == replace(ramp, time=4.0, duration=prior)
 
 
 def test_a_label_that_the_model_lacks_is_refused():

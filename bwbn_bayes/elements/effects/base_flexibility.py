@@ -70,7 +70,7 @@ class BaseFlexibility(Effect):
         measure="lengthening of the first period by the base",
         plain_name="a small give below the first storey (a sway spring)",
         reason="0.3 % of the period: daily changes of temperature move it as much",
-        size=lambda at: _lengthening(at["compliance"], at.histories["drift"], at.histories["restoring_force"]),
+        size=lambda at: _lengthening(at["compliance"], *at.loop, at.base_shear),
         least=0.003,
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
@@ -139,13 +139,13 @@ def _critical(scales: Scales) -> float:
     return float(2.0 * np.sqrt(scales.stiffness * scales.mass))
 
 
-def _lengthening(compliance: float, drift: Floats, force: Floats) -> float:
-    """Share by which a base lengthens the first period, of histories ``(n_storeys, n_times)`` [m], [N].
+def _lengthening(compliance: float, drift: Floats, force: Floats, shear: Floats) -> float:
+    """Share by which a base lengthens the first period, of histories ``(n_links, n_times)`` [m], [N].
 
     Period goes as the root of the energy stored for one motion of the floors: at the largest base shear, that of the
-    storeys ``sum F_i u_i / 2`` with and without that of the base, ``compliance F_1^2 / 2`` (Veletsos and Meek's formula
+    links ``sum F_i u_i / 2`` with and without that of the base, ``compliance V^2 / 2`` (Veletsos and Meek's formula
     for sway, with more than one storey; the inertia of the base is left out).
     """
-    at = int(np.argmax(np.abs(force[0])))
+    at = int(np.argmax(np.abs(shear)))
     stored = float(np.sum(force[:, at] * drift[:, at]))
-    return float(np.sqrt(1.0 + compliance * force[0, at] ** 2 / max(stored, 1e-300)) - 1.0)
+    return float(np.sqrt(1.0 + compliance * shear[at] ** 2 / max(stored, 1e-300)) - 1.0)

@@ -239,5 +239,5 @@ def _radius(periods: float, scales: Scales) -> float:
 
 def _shear_over_friction(at: PlaceResponse) -> float:
     """Largest base shear over the friction force near rest, both without the share of the slab."""
-    shear = float(np.max(np.abs(at.histories["restoring_force"][0])))
+    shear = float(np.max(np.abs(at.base_shear)))
     return shear * at["inv_mu"] / (1.0 - at["r_mu"]) / (_GRAVITY * at.scales.total_mass)

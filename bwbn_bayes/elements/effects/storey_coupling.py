@@ -81,7 +81,4 @@ class StoreyCouplingSearch(SearchGuide[StoreyCoupling]):
 
 def _share_of_force(at: PlaceResponse) -> float:
     """``k_bend`` times the largest sum of differences from the drifts above and below, over the peak storey force."""
-    apart = np.diff(at.histories["drift"], axis=0)
-    none = np.zeros((1, apart.shape[1]))
-    bent = np.concatenate([none, apart]) - np.concatenate([apart, none])
-    return at["k_bend"] * float(np.max(np.abs(bent), initial=0.0)) / at.peak("restoring_force")
+    return at["k_bend"] * float(np.max(np.abs(at.bending_drifts), initial=0.0)) / at.peak("restoring_force")

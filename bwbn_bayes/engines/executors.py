@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, is_dataclass, make_dataclass, replace
+from dataclasses import field, fields, is_dataclass, make_dataclass, replace
 from functools import cache, lru_cache, partial
 from typing import Any, ClassVar, Protocol, cast
 
@@ -67,24 +67,6 @@ class Executor(Protocol):
             Asked before each piece is sent; where it says so, that one and those after it come to None.
         """
         ...
-
-
-@dataclass(frozen=True)
-class Serial:
-    """Works in this process, on one piece after the other."""
-
-    n_workers = 1
-
-    def each[P, R](
-        self,
-        task: Callable[[bytes, P], R],
-        problem: bytes,
-        pieces: Sequence[P],
-        must_stop: Callable[[], bool] = lambda: False,
-    ) -> Iterator[R | None]:
-        """One piece when it is asked for."""
-        for piece in pieces:
-            yield None if must_stop() else task(problem, piece)
 
 
 class Processes:

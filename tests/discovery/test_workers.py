@@ -16,6 +16,7 @@ from typing import Any
 import cloudpickle
 import numpy as np
 import pytest
+from serial_executor import Serial
 from threadpoolctl import threadpool_limits
 
 from bwbn_bayes.cli import main
@@ -33,7 +34,7 @@ from bwbn_bayes.discovery.workers import Threads, Workers
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorGain
-from bwbn_bayes.engines.executors import Dask, Processes, Serial
+from bwbn_bayes.engines.executors import Dask, Processes
 from bwbn_bayes.engines.journal import Journal
 from bwbn_bayes.engines.lanes import ALONE, Lanes
 from bwbn_bayes.engines.simulation import simulate

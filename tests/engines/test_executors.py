@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from inference_cases import recorded, sdof_model
+from serial_executor import Serial
 
 from bwbn_bayes import Settings, UserError, identify
-from bwbn_bayes.engines.executors import Dask, Executor, Processes, Serial, spread_over
+from bwbn_bayes.engines.executors import Dask, Executor, Processes, spread_over
 from bwbn_bayes.engines.journal import has_begun, kept
 from bwbn_bayes.engines.lanes import Lanes
 

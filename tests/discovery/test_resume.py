@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from bwbn_bayes.cli import main
 from bwbn_bayes.discovery import pace, race, workflow
@@ -277,3 +278,17 @@ def test_a_count_is_a_whole_number_before_the_search_begins(option: dict[str, An
 def test_a_limit_is_a_positive_number(seconds: float) -> None:
     with pytest.raises(UserError, match="give a positive number of seconds"):
         DiscoverySettings(time_limit_s=seconds)
+
+
+def test_sums_come_out_alike_on_however_many_cores(inputs: Path) -> None:
+    """BLAS adds up in other orders on more threads: on one core a measured column had other laws than on two."""
+    model, record = load_model_file(inputs / "one_storey.py").model, read_record(inputs / "record.csv")
+    threads: dict[str, int] = {}
+
+    def hear(text: str, _: object) -> None:
+        threads[text] = max(one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas")
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        discover(model, record, settings=FEW, listener=hear)
+    for said in ("fitting the model as given", "fitting", "sampling the posterior of the final model"):
+        assert {n for text, n in threads.items() if text.startswith(said)} == {1}

@@ -65,7 +65,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     every = run.considered_first if first else hypotheses_of(parent, run, np.inf)
     if parent.is_quiet or not (first or parent.is_specimen):
         run.say(f"scoring {len(every)} hypotheses")
-        run.scored = (parent.model, score_all(parent, every, run))
+        run.scored = (parent, score_all(parent, every, run))
         ranked = sorted(run.scored[1], key=lambda pair: -pair[1].nats)
         variants = run.variants
         every = tuple(h for h, score in ranked if score.nats > cost_of_another(h.name, variants))

@@ -218,8 +218,8 @@ def _gap_held_out(given: Explanation, present: Explanation, held_out: HeldOut, b
 
 
 def _limits(present: Explanation, run: Run) -> tuple[DetectionLimit, ...]:
-    model, scored = run.scored
-    if model is not present.model:
+    one, scored = run.scored
+    if one is None or not one.is_fitted_as(present):
         scored = score_all(present, hypotheses_of(present, run, np.inf), run)
     # What a name takes against a prior that gives one effect at one place its share of half.
     needed = float(np.log(NAMED / (1.0 - NAMED)) + np.log(max(len(scored), 1)))

@@ -135,6 +135,11 @@ class Explanation:
         """Its best fit ``(n_dim,)``, in the unit cube."""
         return self.modes[0].point
 
+    def is_fitted_as(self, other: Explanation) -> bool:
+        """Whether it is the same model, solved in the same way, at the same fit, in whatever process it was made."""
+        same = self.model == other.model and self.posterior.engine == other.posterior.engine
+        return same and np.array_equal(self.best, other.best)
+
     def with_modes(self, modes: tuple[Mode, ...]) -> Explanation:
         """The same with other optima of its posterior, and Laplace's evidence of these."""
         return replace(self, modes=modes, evidence=laplace(self.posterior, modes))

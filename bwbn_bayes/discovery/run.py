@@ -25,7 +25,6 @@ from bwbn_bayes.engines.lanes import Lanes, usable_processors
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.settings import require_few_particles, require_whole
-from bwbn_bayes.structures.structure import Structure
 
 Listener = Callable[[str, Progress | Unfinished | None], None]
 """Called with what is being done or was found; with how far it is; after each step with all that is known by then."""
@@ -103,8 +102,8 @@ class Run:
     """Whose workers fit hypotheses; the threads of this process where there is none."""
     began: float = field(default_factory=time.perf_counter)
     steps: list[Step] = field(default_factory=list)
-    scored: tuple[Structure | None, tuple[tuple[Hypothesis, Score], ...]] = (None, ())
-    """The model that was scored last, with its hypotheses."""
+    scored: tuple[Explanation | None, tuple[tuple[Hypothesis, Score], ...]] = (None, ())
+    """What was scored last, with its hypotheses."""
     notes: list[str] = field(default_factory=list)
     """What the reader of the verdict must know besides."""
     first_fits: tuple[Fit, ...] = ()

@@ -344,7 +344,7 @@ def test_what_has_no_name_travels_too() -> None:
     for kind in unnamed._KINDS:
         found_by: list[list[Explanation]] = []
         for workers in (Threads(1), BY_VALUE):
-            asked = unnamed._Asked(given, 0.0, np.random.default_rng(1), (), 1)
+            asked = unnamed._Asked(given, 0.0, np.random.default_rng(1), n_threads=1, known=given)
             with threadpool_limits(limits=1, user_api="blas"):
                 found_by += [made[0] for made in workers.each(kind, [asked]) if made is not None]
         own, other = found_by

@@ -83,7 +83,7 @@ class Row:
     @property
     def predicts(self) -> bool | None:
         """Whether it predicts the held-out end within the stated factor; None where either is missing."""
-        return None if self.best is None or self.ours is None else self.ours[1] <= HELD_OUT_FACTOR * self.best[1]
+        return self.keeps_up("discover")
 
     @property
     def laws(self) -> dict[str, Errors]:

@@ -134,7 +134,9 @@ def jobs_of(
         taken = (str(model), "--record", str(record)) if model is not None else (str(record),)
         words = (version("bwbn-bayes"), command, *options)
         digest = hashlib.sha256("\n".join(words).encode() + b"\n" + source + b"\n" + _content(record))
-        goes_on = has_begun(directory / UNFINISHED_SEARCH) and _text(directory / _BEGUN) == digest.hexdigest()
+        goes_on = (
+            has_begun(directory / UNFINISHED_SEARCH) and _content(directory / _BEGUN) == digest.hexdigest().encode()
+        )
         unfinished = ("--resume",) if goes_on else ()
         resumed = unfinished if discover else ("--checkpoint", str(directory / "meanwhile"))
         jobs.append(
@@ -150,18 +152,10 @@ def jobs_of(
     return jobs
 
 
-def _text(path: Path) -> str:
-    """Of a file of ours; nothing where it is not there or cannot be read."""
+def _content(path: Path) -> bytes:
+    """Of a file; nothing of one that cannot be read: the run of a record says why, and the others go on."""
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, ValueError):
-        return ""
-
-
-def _content(record: Path) -> bytes:
-    """Of a file; nothing of one that cannot be read: its run says why, and the others go on."""
-    try:
-        return record.read_bytes()
+        return path.read_bytes()
     except OSError:
         return b""
 

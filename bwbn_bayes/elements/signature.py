@@ -61,15 +61,12 @@ class PlaceResponse:
         ``(n_storeys, n_times)``, of an effect of the whole building. [m]
         """
         drift = self.histories["drift"]
-        result, carried = np.zeros_like(drift), dict[int, int]()
+        result = np.zeros_like(drift)
         for row, (lower, upper) in enumerate(self._joints(len(drift))):
-            if upper in carried:  # a brace carries no node
-                continue
-            carried[upper] = row
-            if lower in carried:
-                apart = drift[row] - drift[carried[lower]]
+            if lower > 0 and upper == row + 1:  # links carry the nodes in order; a brace carries none
+                apart = drift[row] - drift[lower - 1]
                 result[row] += apart
-                result[carried[lower]] -= apart
+                result[lower - 1] -= apart
         return result
 
     def _joints(self, n: int) -> tuple[tuple[int, int], ...]:

@@ -13,6 +13,7 @@ PACKAGE = Path(__file__).parents[1] / "bwbn_bayes"
 ORDER = (
     "__main__", "cli", "__init__", "export", "report", "reproduction", "identification", "discovery", "baselines",
     "inference", "engines", "structures", "elements", "results", "records", "parameters", "errors", "lazily",
+    "versions",
 )  # fmt: skip
 """From the top of the house to the bottom: a module may import its own room and those below."""
 

@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -30,6 +29,7 @@ from bwbn_bayes.errors import UserError, replace_file, writing
 from bwbn_bayes.records.readers import RECORD_SUFFIXES
 from bwbn_bayes.records.record import one_line
 from bwbn_bayes.report.batch_html import BatchRow, batch_page
+from bwbn_bayes.versions import version_of
 
 _NOTE, _SAID, _BEGUN = "batch.json", "said.txt", "begun.txt"
 _STARTING = threading.Lock()
@@ -132,7 +132,7 @@ def jobs_of(
     for name, record in zip(names, records, strict=True):
         directory = out / name
         taken = (str(model), "--record", str(record)) if model is not None else (str(record),)
-        words = (version("bwbn-bayes"), command, *options)
+        words = (version_of(), command, *options)
         digest = hashlib.sha256("\n".join(words).encode() + b"\n" + source + b"\n" + _content(record))
         goes_on = (
             has_begun(directory / UNFINISHED_SEARCH) and _content(directory / _BEGUN) == digest.hexdigest().encode()

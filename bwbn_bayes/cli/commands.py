@@ -11,7 +11,6 @@ import logging
 import sys
 from collections.abc import Sequence
 from functools import partial
-from importlib import metadata
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -31,6 +30,7 @@ from bwbn_bayes.inference.registry import METHODS, require_library, require_poss
 from bwbn_bayes.inference.settings import MOST_PARTICLES, Settings
 from bwbn_bayes.reproduction.options import DamageOrder, Options
 from bwbn_bayes.reproduction.printed import TABLES
+from bwbn_bayes.versions import version_of
 
 if TYPE_CHECKING:
     from bwbn_bayes.discovery.pace import Progress
@@ -90,7 +90,7 @@ def about(
 ) -> None:
     """Print the version, or go on to the command."""
     if version:
-        print(f"bwbn_bayes {metadata.version('bwbn-bayes')}")
+        print(f"bwbn_bayes {version_of()}")
 
 
 @app.command()

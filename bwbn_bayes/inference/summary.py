@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import math
 import platform
 from collections.abc import Callable, Mapping, Sequence
@@ -38,6 +37,7 @@ from bwbn_bayes.results import (
 )
 from bwbn_bayes.structures.equations import structure_equations
 from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.versions import version_of
 
 _NEAR_A_BOUND = 0.01
 """Share of an interval's width within which its outermost draw lies at a bound."""
@@ -342,7 +342,7 @@ def conventions(model: Structure) -> tuple[str, ...]:
 
 def provenance_of(record: Record, seed: int, engine: Engine) -> dict[str, str]:
     """Seed, data hash, versions and processor of a run: label to text."""
-    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _LIBRARIES)
+    versions = ", ".join(f"{name} {version_of(name)}" for name in _LIBRARIES)
     return {
         "seed": str(seed),
         "data hash (SHA-256)": record.content_hash,

@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from bwbn_bayes.reproduction.options import Options
 from bwbn_bayes.reproduction.page import render
 from bwbn_bayes.reproduction.printed import TABLES
 from bwbn_bayes.results import finite
+from bwbn_bayes.versions import version_of
 
 _CACHE = "cases"
 _SETTINGS_OF: Mapping[str, MethodName] = {"particles": "TMCMC", "generations": "GA", "growing": "GA"}
@@ -133,7 +133,7 @@ def fingerprint(options: Options, method: MethodName, *, predicts: bool) -> str:
     """A short name for what a method was run under; more seeds or other methods' settings keep what is finished."""
     aside = {"seed", "seeds", "quick", *(name for name, owner in _SETTINGS_OF.items() if owner != method)}
     plain: dict[str, object] = {name: value for name, value in asdict(options).items() if name not in aside}
-    plain |= {"predicts": predicts, "version": version("bwbn-bayes")}
+    plain |= {"predicts": predicts, "version": version_of()}
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:12]
 
 

@@ -145,7 +145,9 @@ def weighted_draws(
     proposal: Proposal = curved or sheet.proposal
     least = _LEAST_EFFICIENCY if curved is None else _LEAST_CURVED
     while True:
-        n = _BATCH if sheet.nested is not None else int(1.1 * short) if follows else _PILOT
+        # A sheet's draws are learnt from once they are a quarter more, as far as so many are wanted.
+        batch = max(_BATCH, min(int(1.1 * short), len(pool.points) // 4))
+        n = batch if sheet.nested is not None else int(1.1 * short) if follows else _PILOT
         n = min(n, most - len(pool.points))
         pool = pool.drawn(posterior, proposal, rng, n // 16 * 16 + 16)
         found = pool.weighted

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -34,7 +35,7 @@ _ROOMS = ("elements", "structures", "engines", "inference/pymc")
 """Rooms whose code shapes what an operator returns."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(kw_only=True, eq=False)
 class ForwardProblem:
     """A model under a record; get one from :func:`forward_problem`, which gives equal problems the same object.
 
@@ -45,7 +46,7 @@ class ForwardProblem:
     record : Record
         Its channels are what the operators return.
     engine : Engine
-        What solves.
+        What solves; of those that are alike but for their journal, the last one asked for.
     key : str
         Hash of all that shapes an answer.
     correlation : Correlation or None
@@ -91,6 +92,12 @@ class ForwardProblem:
         if multiprocessing.parent_process() is not None and threaded:
             return replace(self.engine, n_threads=1)  # type: ignore[type-var]
         return self.engine
+
+    def solve_by(self, engine: Engine) -> None:
+        """From now on by an engine of the same answers, as one with another journal is."""
+        self.engine = engine
+        for solver in ("solver", "_of_points"):
+            self.__dict__.pop(solver, None)
 
     def response(self, values: Floats) -> Floats:
         """Channels ``(n_draws, n_channels, n_times)``; NaN where the solve failed."""
@@ -162,7 +169,8 @@ class ForwardProblem:
         return np.where(ok[:, None], products, 0.0)
 
 
-_PROBLEMS: dict[str, ForwardProblem] = {}
+_PROBLEMS: WeakValueDictionary[str, ForwardProblem] = WeakValueDictionary()
+"""Those that an operator of some graph still holds."""
 
 
 def forward_problem(
@@ -183,9 +191,12 @@ def forward_problem(
     check_record(model, record)
     key = _key(model, record, engine, correlation)
     known = _PROBLEMS.get(key)
-    if known is None or known.engine != engine:  # another journal of the same answers
-        known = ForwardProblem(model=model, record=record, engine=engine, key=key, correlation=correlation)
-        _PROBLEMS[key] = known
+    if known is None:
+        known = _PROBLEMS[key] = ForwardProblem(
+            model=model, record=record, engine=engine, key=key, correlation=correlation
+        )
+    elif known.engine != engine:
+        known.solve_by(engine)
     return known
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
@@ -27,6 +29,7 @@ from bwbn_bayes.elements.scales import Scales
 from bwbn_bayes.elements.search_guide import guide_of, is_sought
 from bwbn_bayes.engines.base import Engine, NormalEquations, Response
 from bwbn_bayes.engines.cvodes import Cvodes
+from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
@@ -249,6 +252,40 @@ def test_equal_problems_are_one_and_others_differ() -> None:
         forward_problem(model, record, Cvodes()),
     ]
     assert len({problem.key, *(other.key for other in others)}) == 5
+
+
+POINT = np.array(list(TRUTH.values()))
+
+
+def test_a_problem_is_forgotten_with_its_last_graph() -> None:
+    """The registry keeps none alive, and what a graph asks for stays."""
+    problem = forward_problem(small_model(), small_record(seed=77), ENGINE)
+    graph = SquaredResiduals(problem)(pt.constant(POINT))
+    del problem
+    gc.collect()
+    assert np.all(np.isfinite(graph.eval()))
+    unused = forward_problem(small_model(), small_record(seed=79), ENGINE)
+    forgotten, operator = weakref.ref(unused), LogAdmissible(unused)
+    del unused
+    gc.collect()
+    assert forgotten() is operator.problem
+    del operator
+    gc.collect()
+    assert forgotten() is None
+
+
+def test_graphs_of_an_earlier_run_go_on_when_a_later_one_has_gone(tmp_path: Path) -> None:
+    """Each run has a journal of its own, and answers alike."""
+    model, record, x = small_model(), small_record(seed=78), pt.vector("x")
+    with kept(ENGINE, tmp_path / "first") as engine:
+        earlier = pytensor.function([x], SquaredResiduals(forward_problem(model, record, engine))(x))
+        expected = earlier(POINT)
+    with kept(ENGINE, tmp_path / "second") as engine:
+        later = forward_problem(model, record, engine)
+        assert later.engine == later.solver == engine
+        del later
+        gc.collect()
+        np.testing.assert_array_equal(earlier(POINT), expected)
 
 
 SECOND_PROCESS = """

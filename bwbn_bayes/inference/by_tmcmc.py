@@ -3,7 +3,7 @@
 The first start is the inflated approximation at the modes, the second a mixture of the prior and of wide components at
 the modes: what the first leaves out has density there. Where both come to the same evidence, means and spreads, their
 chains were long enough, and the particles are worth enough, the sampler has forgotten where it began; if not, more
-particles are sent out.
+particles are sent out, unless the model leaves more than noise anyway.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ _SHARE_OF_SECOND = 8
 """The second start has this fraction of the particles: it is there to be compared with."""
 _PRIOR_SHARE, _INFLATION = 0.2, 9.0
 _N_ATTEMPTS = 3
-"""Each with twice the particles of the one before."""
+"""Each with twice the particles of the one before; one alone where the model leaves more than noise: what is refused
+need not be known to a hundredth of its spread."""
 _LEAST_WORTH = 200.0
 """Independent draws that a cloud must be worth: a mean is then known to 7 % of the posterior's sd."""
 _LEAST_KURTOSIS = 1.8
@@ -85,7 +86,8 @@ def two_starts(given: Given, nested: NestedLaplace | None = None) -> Sampled:
     nested : NestedLaplace, optional
         The sheet through the modes, where it is known already.
     """
-    for attempt, stream in enumerate(given.seeds.spawn(_N_ATTEMPTS)):
+    n_attempts = _N_ATTEMPTS if given.explains else 1
+    for attempt, stream in enumerate(given.seeds.spawn(n_attempts)):
         starts = _attempt(
             given.target,
             given.modes,
@@ -95,7 +97,7 @@ def two_starts(given: Given, nested: NestedLaplace | None = None) -> Sampled:
             stream,
             given.history,
         )
-        if all(check.passed for check in starts.checks):
+        if all(check.passed for check in starts.checks) or attempt + 1 == n_attempts:
             break
         given.history.say("the two starts do not agree, or their particles are worth too little: sending out more")
     evidences = {

@@ -20,7 +20,7 @@ from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.structure import Structure
 
 SIZES = {
-    "phi": 0.2, "phi_uv": 0.3, "u_uv": 0.1, "phi_u": -0.2, "u_u": 0.1, "b": 0.04, "w": 0.03,
+    "phi": 0.2, "phi_uv": 0.3, "u_uv": 0.1, "phi_u": -0.2, "u_u": 0.1, "b": 0.04, "w": 0.03, "b_0": 0.03, "w_0": 0.04,
     "F_c": 0.3, "v0": 0.2, "F_ratio": 0.2, "v_ratio": 0.2, "F_root": 0.2, "v_root": 0.2, "F_dahl": 0.2, "x_dahl": 0.1,
     "k3": 0.6, "c2": 0.1,
     "k_g": 4.0, "g": 0.15, "k_gp": 3.0, "g_p": 0.02, "k_gn": 2.0, "g_n": 0.1, "k_m": 2.0, "tau": 0.3,
@@ -55,6 +55,9 @@ ENGINES: dict[str, Engine] = {
 }
 """A step that straddles a kink leaves an error of first order in the derivatives: 64 steps leave 2e-3 of w's."""
 CHANNELS = ("acceleration_1", "acceleration_2")
+DIFFERENCES = (1e-4, 1e-3)
+"""Relative steps of the reference's differences, one of which is to agree: of many laws together its solves scatter by
+1e-10, which the shorter step makes up to 3e-3 of a derivative, and the longer one feels how a slope bends."""
 
 
 def record() -> Record:
@@ -71,19 +74,19 @@ def model_of(forms: tuple[Effect, ...]) -> Structure:
 
 
 @cache
-def expected(forms: tuple[Effect, ...]) -> tuple[Structure, Floats, Floats, Floats]:
-    """Model, draw, and the reference's response and derivatives."""
+def expected(forms: tuple[Effect, ...]) -> tuple[Structure, Floats, Floats, list[Floats]]:
+    """Model, draw, and the reference's response and derivatives by each step."""
     model = model_of(forms)
     draw = model.draws({name: SIZES[name] for name in model.space.names})
-    response, slopes = Reference().sensitivities(model, draw, record(), CHANNELS)
-    return model, draw, response.values, slopes
+    found = [Reference(difference_step=h).sensitivities(model, draw, record(), CHANNELS) for h in DIFFERENCES]
+    return model, draw, found[0][0].values, [slopes for _, slopes in found]
 
 
 def check(engine: Engine, forms: tuple[Effect, ...]) -> None:
     model, draw, values, slopes = expected(forms)
     response, own = engine.sensitivities(model, draw, record(), CHANNELS)
     assert nrmse(response.values, values) < 1e-5
-    errors = {name: nrmse(own[:, k], slopes[:, k]) for k, name in enumerate(model.space.names)}
+    errors = {name: min(nrmse(own[:, k], one[:, k]) for one in slopes) for k, name in enumerate(model.space.names)}
     assert max(errors.values()) < 1e-3, errors
 
 

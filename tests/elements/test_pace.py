@@ -16,6 +16,7 @@ from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.combine import combine
 from bwbn_bayes.elements.effects import SlipLock, StiffnessDegradation, StrengthDegradation, SuddenDamage
 from bwbn_bayes.elements.law import DRIFT, DRIFT_RATE, TIME, AddedState, Effect, Slots, symbol
+from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.parameters import Parameter, Value
 from bwbn_bayes.structures.specimen import Specimen
@@ -27,9 +28,12 @@ PATH = [0.3, -0.25, 0.5, -0.55, 0.6]
 SIZES = {
     "delta_eta": 0.3, "eta_inf": 0.8, "p_eta": 1.5, "delta_nu": 0.4, "nu_inf": 1.0, "p_nu": 1.5,
     "theta_eta": 0.3, "theta_nu": 0.4, "F_v": 0.5, "p_v": 0.5, "v_v": 1.0,
+    "eta_a": 0.5, "s_eta": 0.8, "q_eta": 1.5, "N_eta": 6.0, "u_eta": 0.4,
+    "nu_a": 0.6, "s_nu": 1.6, "q_nu": 0.7, "N_nu": 6.0, "u_nu": 0.4,
+    "r_h": 0.8, "beta_h": 1.0, "gamma_h": 0.5, "n_h": 1.3, "x_h": 0.3,
     "delta_s": 0.1, "sigma": 0.05,
     "zeta_s": 0.8, "p": 2.0, "q": 0.2, "psi_0": 0.1, "delta_psi": 0.01, "lambda_": 0.3,
-    "phi": 0.8, "phi_uv": 1.0, "u_uv": 0.05, "phi_u": -1.0, "u_u": 0.05, "b": 0.06, "w": 0.02,
+    "phi": 0.8, "phi_uv": 1.0, "u_uv": 0.05, "phi_u": -1.0, "u_u": 0.05, "b": 0.06, "w": 0.02, "b_0": 0.06, "w_0": 0.02,
     "F_c": 0.5, "v0": 0.3, "F_ratio": 0.5, "v_ratio": 0.3, "F_root": 0.5, "v_root": 0.3, "F_dahl": 0.5, "x_dahl": 0.05,
     "k3": 2.0, "c2": 0.2, "k_g": 5.0, "g": 0.3, "k_gp": 5.0, "g_p": 0.3, "k_gn": 5.0, "g_n": 0.3, "k_m": 2.0,
     "k_geo": 1.0, "tau": 0.3, "alpha_offset": 0.1, "beta_offset": 1.0, "gamma_offset": -1.0, "n_offset": 0.4,
@@ -44,12 +48,14 @@ CHANGES = tuple(form for form in AT_STOREYS if isinstance(form, SuddenDamage))
 CARRIERS = (
     StrengthDegradation(delta_nu=0.1), StiffnessDegradation(delta_eta=0.1), SlipLock(delta_s=0.02, sigma=0.05)
 )  # fmt: skip
+YIELDING = tuple(form for form in AT_STOREYS if form.elements == ("linear",))
 LAWS = (
-    tuple(form for form in AT_STOREYS if form not in CHANGES),
+    tuple(form for form in AT_STOREYS if form not in (*CHANGES, *YIELDING)),
     (*CARRIERS, *CHANGES),
+    YIELDING,
 )
-"""Two laws and so two kernels for all forms, which stand at neutral values but for the one that is tried; what changes
-is kept with the effects whose parameters change."""
+"""Few laws and so few kernels for all forms, which stand at neutral values but for the one that is tried; what changes
+is kept with the effects whose parameters change, and what makes a linear link yield is tried on one."""
 
 
 def label(form: Effect) -> str:
@@ -60,7 +66,7 @@ def label(form: Effect) -> str:
 def forces(law: tuple[Effect, ...], acting: Effect | None, pace: float) -> np.ndarray:
     """Force of an undamped specimen along the path, at so many times the usual pace, in N."""
     record = cyclic_test(PATH, 10, time_step=0.04 / pace)
-    model = Specimen(storey=storey(c=0.0))
+    model = Specimen(storey=Linear(k=10.0, c=0.0) if law == YIELDING else storey(c=0.0))
     for form in law:
         model = model.with_effect(having(form, SIZES) if form == acting else form)
     return Reference(rtol=1e-8).simulate(model, NO_DRAW, record, ["force"]).values[0, 0]

@@ -1,6 +1,6 @@
 """``docs/public_benchmarks.md``, written from the JSON of the benchmarks that others publish figures of, too.
 
-``python -m benchmarks.public --boucwen boucwen.json --silverbox silverbox.json [--frame frame.json]
+``python -m benchmarks.public --boucwen boucwen.json --silverbox silverbox.json --frame frame.json
 --page docs/public_benchmarks.md``
 """
 
@@ -65,11 +65,6 @@ def effect_rows(line: Json) -> list[tuple[str, ...]]:
     return [(one["title"], GRADES[one["grade"]], probability(one["probability"])) for one in line["effects"]]
 
 
-def frame_head(lines: Sequence[Json]) -> list[str]:
-    """Of the table of the frame's models."""
-    return ["model", "parameters", "fitted on", *lines[0]["missed_percent"], "processor [s]"]
-
-
 def frame_rows(lines: Sequence[Json]) -> list[tuple[str, ...]]:
     """Models of the frame, what they were fitted to, and what they miss of each run."""
     return [
@@ -89,11 +84,10 @@ def seconds(lines: Sequence[Json]) -> str:
     return f"{sum(line['processor_seconds'] for line in lines):.0f} s"
 
 
-def write_page(boucwen: Json, silverbox: Json, frame: Json | None, path: Path) -> None:
-    """Write the page from what the benchmarks wrote; that of the frame, which takes an hour, may not have been run."""
-    sources = {"boucwen": boucwen, "silverbox": silverbox, **({} if frame is None else {"frame": frame})}
+def write_page(boucwen: Json, silverbox: Json, frame: Json, path: Path) -> None:
+    """Write the page from what the three benchmarks wrote."""
+    sources = {"boucwen": boucwen, "silverbox": silverbox, "frame": frame}
     context = {
-        "frame": [],
         **{name: source["lines"] for name, source in sources.items()},
         "commits": sorted({str(source["commit"]) for source in sources.values()}),
         "processors": sorted({line["processor"] for source in sources.values() for line in source["lines"]}),
@@ -105,7 +99,7 @@ def write_page(boucwen: Json, silverbox: Json, frame: Json | None, path: Path) -
         "test_rows": test_rows,
         "test_head": test_head,
         "effect_rows": effect_rows,
-        "frame_head": frame_head,
+        "frame_head": ["model", "parameters", "fitted on", *frame["lines"][0]["missed_percent"], "processor [s]"],
         "frame_rows": frame_rows,
         "seconds": seconds,
         "probability": probability,
@@ -117,12 +111,12 @@ def main() -> None:
     """Read what the benchmarks wrote, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name in ("boucwen", "silverbox", "frame"):
-        needed = name != "frame"
-        parser.add_argument(f"--{name}", type=Path, required=needed, help=f"JSON of benchmarks.{name}")
+        parser.add_argument(f"--{name}", type=Path, required=True, help=f"JSON of benchmarks.{name}")
     parser.add_argument("--page", type=Path, required=True)
     options = parser.parse_args()
-    boucwen, silverbox = (json.loads(path.read_text("utf-8")) for path in (options.boucwen, options.silverbox))
-    frame = None if options.frame is None else json.loads(options.frame.read_text("utf-8"))
+    boucwen, silverbox, frame = (
+        json.loads(path.read_text("utf-8")) for path in (options.boucwen, options.silverbox, options.frame)
+    )
     write_page(boucwen, silverbox, frame, options.page)
 
 

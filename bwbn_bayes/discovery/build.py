@@ -78,7 +78,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     posterior = on_one_thread(parent.posterior)
     n_workers, pace = run.settings.n_workers, run.pace
     guess = first or parent.is_specimen or not parent.is_quiet
-    fits = race(posterior, every, parent.points, guess=guess, progress=run.say, pace=pace)
+    fits = race(posterior, every, parent.fits, guess=guess, progress=run.say, pace=pace)
     fits = solvable(fits, run)
     if not fits:
         return ()
@@ -154,7 +154,7 @@ def in_forms(base: Explanation, every: Sequence[Hypothesis], run: Run) -> list[E
     n_workers, pace = run.settings.n_workers, run.pace
     run.say(f"fitting {' and '.join(one.label for one in every)}")
     posterior = on_one_thread(base.posterior)
-    fits = solvable(race(posterior, every, base.points, pace=pace), run)
+    fits = solvable(race(posterior, every, base.fits, pace=pace), run)
     if not fits:
         return []
     fits = widened(fits, n_threads=n_workers, pace=pace)

@@ -150,6 +150,11 @@ class Explanation:
         own = np.array([mode.point for mode in self.modes[:_N_STARTS]])
         return own if self.starts is None else np.concatenate([own, self.starts])
 
+    @property
+    def fits(self) -> Floats:
+        """Its best fit, and that to the record's beginning where it is known, ``(n, n_dim)``."""
+        return self.best[None] if self.starts is None else np.stack([self.best, self.starts[0]])
+
     @cached_property
     def disagreement(self) -> Disagreement:
         """Where it disagrees with the record."""

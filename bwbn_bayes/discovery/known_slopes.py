@@ -77,15 +77,3 @@ def suited(
     value = np.column_stack([reached, value.reshape(n, -1)])
     best = np.argmax(value, axis=1)
     return trials[rows, best], value[rows, best]
-
-
-def fits_with_slopes(present: Posterior, points: Floats) -> list[tuple[Floats, Slopes]]:
-    """Fits of the present model that guesses stand beside, with its slopes there.
-
-    Parameters
-    ----------
-    present : Posterior
-    points : (n, n_dim) array
-        Fits to the whole record and to its beginning; every second one is taken, which the best of both are.
-    """
-    return [(point, Slopes.at(present, point)) for point in points[::2]]

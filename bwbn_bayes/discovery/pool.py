@@ -293,22 +293,28 @@ class Pool:
         return one
 
     def _sample(self) -> None:
-        """Sample the evidence of the best, where Laplace's approximation gave it."""
+        """Sample the evidence of the best, where Laplace's approximation gave it, until the best are sampled."""
+        while waiting := self._waiting:
+            # Once is enough: where not enough draws are to be had, Laplace's value stands.
+            self._sampled.update((one.effects_key, one.unnamed) for one in waiting)
+            for one in waiting:
+                evidence = sampled(one.evidence, self.run.rng, _N_SAMPLED)
+                if one.unnamed is None:
+                    self.plain[one.effects_key] = replace(one, evidence=evidence)
+                else:
+                    self.unnamed[one.effects_key, one.unnamed] = replace(one, evidence=evidence)
+
+    @property
+    def _waiting(self) -> list[Explanation]:
+        """Of the best explanations those whose evidence is to be sampled; of a building's force it is no expansion."""
         believed = self.beliefs
-        for one, log_joint in list(zip(believed.explanations, believed.log_joint, strict=True))[:_MOST_SAMPLED]:
-            if log_joint < believed.log_joint[0] - _SAMPLED_REACH or one.evidence.method != "Laplace":
-                continue
-            if one.unnamed is not None and not self.has_force:  # its scale is integrated out already
-                continue
-            # Once is enough: where the weights have no usable tail, Laplace's value stands.
-            if (one.effects_key, one.unnamed) in self._sampled:
-                continue
-            self._sampled.add((one.effects_key, one.unnamed))
-            evidence = sampled(one.evidence, self.run.rng, _N_SAMPLED)
-            if one.unnamed is None:
-                self.plain[one.effects_key] = replace(one, evidence=evidence)
-            else:
-                self.unnamed[one.effects_key, one.unnamed] = replace(one, evidence=evidence)
+        near = believed.log_joint[:_MOST_SAMPLED] >= believed.log_joint[0] - _SAMPLED_REACH
+        return [
+            one
+            for one, is_near in zip(believed.explanations, near, strict=False)
+            if is_near and one.evidence.method == "Laplace" and (one.effects_key, one.unnamed) not in self._sampled
+            if one.unnamed is None or self.has_force
+        ]
 
 
 def _at(one: Explanation) -> tuple[Posterior, tuple[Mode, ...]]:

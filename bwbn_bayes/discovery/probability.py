@@ -270,10 +270,20 @@ class Beliefs:
         compared = [one for one in asked if names & one.names or not alike & one.names]
         own = sides(compared, lambda one: bool(names & one.names))
         agreed = probability_of_being_better(*(one.evidence for one in own)) if len(own) > 1 else 1.0
-        laws = sides((one for one in compared if not one.has_unnamed), lambda one: bool(names & one.names))
-        if len(laws) < 2 or any(one.loop_shows(name) for one in laws[:1] for name in names & one.names):
-            return agreed
-        return agreed * of_no_imitation(unexplained_share(laws[1].disagreement, laws[0].disagreement))
+        return agreed * self._no_imitation(names)
+
+    def _no_imitation(self, names: frozenset[str]) -> float:
+        """That the best law with one of some effects is none that bends towards what has no name.
+
+        Asked of what is missing without them and nothing in their place: the law's other effects alone. Which of two
+        names it is that explains this, evidence tells.
+        """
+        laws = [one for one in self.explanations if not one.has_unnamed]
+        law = next((one for one in laws if names & one.names), None)
+        if law is None or any(law.loop_shows(name) for name in names & law.names):
+            return 1.0
+        without = next((one for one in laws if one.effects_key < law.effects_key and not names & one.names), None)
+        return 1.0 if without is None else of_no_imitation(unexplained_share(without.disagreement, law.disagreement))
 
     def bayes_factor(self, names: frozenset[str]) -> tuple[float, float]:
         """Evidence of the best with one of some effects over that of the best without all of them, and its error [nat].
@@ -300,7 +310,7 @@ def of_no_imitation(left: float) -> float:
     Parameters
     ----------
     left : float
-        Share of the residual energy beyond noise that the best law without the effect leaves, left with it.
+        Share of the residual energy beyond noise, left by a law's other effects alone, that is left with the effect.
     """
     there = (1.0 - ANOTHER) / (max(left, LAW_ERROR**2) * np.log(LAW_ERROR**-2))
     return float(there / (there + ANOTHER))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.family import Family, families
-from bwbn_bayes.discovery.known_slopes import fits_with_slopes, suited
+from bwbn_bayes.discovery.known_slopes import suited
 from bwbn_bayes.discovery.pace import UNHURRIED, Pace
 from bwbn_bayes.inference.likelihood import Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, expansion_of, outlook, polish
@@ -131,7 +131,7 @@ def race(
     for hypothesis in hypotheses:
         joins_later = len(hypothesis.storeys) > 1 and hypothesis.symbols in at_one_place
         (everywhere if joins_later else kept).append(hypothesis)
-    fitted_before = fits_with_slopes(present, base_points) if guess else []
+    fitted_before = [(point, Slopes.at(present, point)) for point in base_points] if guess else []
     leading: list[tuple[str, ...]] = []
     for number, (n_iterations, share) in enumerate(ROUNDS):
         n_kept = min(max(_LEAST, round(share * len(hypotheses))), len(kept))

@@ -14,6 +14,7 @@ from bwbn_bayes.inference.curved import curved_mixture
 from bwbn_bayes.inference.history import History
 from bwbn_bayes.inference.identify import Sampling
 from bwbn_bayes.inference.importance import (
+    PARETO_CLEAR,
     PARETO_LIMIT,
     Proposal,
     WeightedDraws,
@@ -37,8 +38,6 @@ _LEAST_EFFICIENCY = 0.5
 _LEAST_CURVED = 0.2
 """The same of one that follows bends in many directions, which a fit does not."""
 _PILOT_LIMIT = 0.5
-_CLEAR = 0.6
-"""Pareto shape with which drawing ends: below the limit of the check, so that stopping does not decide it."""
 _LEAST_EFFECTIVE = 2000
 """Weighed draws are worth so many at least, whatever was asked for: from fewer, Pareto's k can miss a heavy tail."""
 _RARE, _MOST_HALVINGS = 0.01, 20
@@ -154,20 +153,15 @@ def weighted_draws(
         reached, efficiency = found.effective_sample_size, found.effective_sample_size / len(pool.points)
         tell(reached, len(pool.points))
         short = (effective - reached) / max(efficiency, 0.05)
-        if (reached >= effective and found.pareto_k <= _CLEAR) or len(pool.points) >= most:
+        if (reached >= effective and found.pareto_k <= PARETO_CLEAR) or len(pool.points) >= most:
             return found, sheet.nested
         if len(pool.points) >= afar and not _reaches(found, modes[0]):
             return found, sheet.nested
-        if posterior.n_dim > 1 and (efficiency < least or found.pareto_k > _CLEAR):
-            proposal = _fitted(found, proposal)
+        if posterior.n_dim > 1 and (efficiency < least or found.pareto_k > PARETO_CLEAR):
+            proposal = FittedMixture.to(found) or proposal
         elif reached >= effective:
             return found, sheet.nested
         short = max(short, _PILOT)
-
-
-def _fitted(draws: WeightedDraws, otherwise: Proposal) -> Proposal:
-    found = FittedMixture.to(draws)
-    return otherwise if found is None else found
 
 
 def _pareto_check(weighted: WeightedDraws) -> Check:

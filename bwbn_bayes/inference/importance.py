@@ -25,6 +25,8 @@ from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.parameters import Floats
 
 PARETO_LIMIT = 0.7
+PARETO_CLEAR = 0.6
+"""Pareto shape with which drawing ends: below the limit of the check, so that stopping does not decide it."""
 _LEAST_DRAWS = 30
 _NEGLIGIBLE = 30.0
 """How far below the best a mode takes no part. [nat]"""

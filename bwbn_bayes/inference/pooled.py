@@ -20,7 +20,14 @@ from typing import Self
 import numpy as np
 from scipy.special import gammaln, logsumexp
 
-from bwbn_bayes.inference.importance import Proposal, WeightedDraws, effective_draws, log_targets, summarised
+from bwbn_bayes.inference.importance import (
+    PARETO_CLEAR,
+    Proposal,
+    WeightedDraws,
+    effective_draws,
+    log_targets,
+    summarised,
+)
 from bwbn_bayes.inference.tmcmc.coordinates import Coordinates, to_probit
 from bwbn_bayes.inference.tmcmc.mixture import GaussianMixture, fit_mixture
 from bwbn_bayes.inference.tmcmc.resampling import systematic
@@ -159,3 +166,38 @@ class Pool:
         log_ratio = np.full(len(self.points), -np.inf)
         log_ratio[solved] = self.log_target[solved] - log_density[solved]
         return summarised(self.points, self.log_likelihood, log_ratio)
+
+
+def sample_learning(
+    target: Target, proposal: Proposal, rng: np.random.Generator, *, effective: float, most: int
+) -> WeightedDraws:
+    """Draw until so many are effective and the weights have no heavy tail, each time from a fit to all draws so far.
+
+    Parameters
+    ----------
+    target : Target
+        Posterior on the unit cube.
+    proposal : Proposal
+        To begin with.
+    rng : numpy.random.Generator
+        Random stream.
+    effective : float
+        Effective draws wanted.
+    most : int
+        Largest number of draws.
+
+    Returns
+    -------
+    WeightedDraws
+        All draws; worth fewer than wanted where ``most`` ended it.
+    """
+    pool, first = Pool.empty(target.n_dim), int(1.1 * effective)
+    while True:
+        n = min(max(first, len(pool.points) // 2), most - len(pool.points))
+        pool = pool.drawn(target, proposal, rng, n // 16 * 16 + 16)
+        found = pool.weighted
+        reached = found.effective_sample_size
+        if (reached >= effective and found.pareto_k <= PARETO_CLEAR) or len(pool.points) >= most:
+            return found
+        if target.n_dim > 1:
+            proposal = FittedMixture.to(found) or proposal

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 from scipy.stats import chi2, f, f_oneway, levene, ttest_1samp
 
+from bwbn_bayes.inference.correlation import autoregression
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.parameters import Floats
@@ -20,7 +20,6 @@ from bwbn_bayes.records.record import Record
 from bwbn_bayes.results import Check
 
 N_LAGS = 20
-MAX_ORDER = 4
 N_STRETCHES = 12
 LEAST_PROBABILITY = 1e-5
 LARGEST_RATIO = 1.25
@@ -73,28 +72,8 @@ class ColouredNoise(NamedTuple):
 
 
 def coloured_noise(residual: Floats) -> ColouredNoise:
-    """Fit autoregressive noise of order 0 to 4 to a residual ``(n_times,)``; the order is chosen by evidence.
-
-    Coefficients by the Yule-Walker equations, evidence by Schwarz's approximation.
-
-    References
-    ----------
-    .. [1] G. Schwarz, "Estimating the Dimension of a Model", Annals of Statistics 6(2), 1978,
-       doi:10.1214/aos/1176344136.
-    """
-    n = len(residual)
-    centred = residual - np.mean(residual)
-    covariance = np.array([centred[lag:] @ centred[: n - lag] for lag in range(MAX_ORDER + 1)]) / n
-    best = ColouredNoise(np.empty(0), 0.0)
-    if covariance[0] == 0.0:
-        return best
-    for order in range(1, MAX_ORDER + 1):
-        coefficients = solve_toeplitz(covariance[:order], covariance[1 : order + 1])
-        innovation = max(float(covariance[0] - coefficients @ covariance[1 : order + 1]), 1e-300)
-        gain = 0.5 * n * float(np.log(covariance[0] / innovation)) - 0.5 * order * float(np.log(n))
-        if gain > best.gain:
-            best = ColouredNoise(coefficients, gain)
-    return best
+    """Fit autoregressive noise of order 0 to 4 about its mean to a residual ``(n_times,)``."""
+    return ColouredNoise(*autoregression(residual - np.mean(residual)))
 
 
 def has_past(record: Record) -> bool:

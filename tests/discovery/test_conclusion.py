@@ -20,6 +20,7 @@ def explanation(names: str, log_evidence: float, *, estimate: Any = None, left: 
     """With so much residual energy beyond the noise left; a measured loop shows some of its effects."""
     return SimpleNamespace(
         names=frozenset(names),
+        effects_key=frozenset(names),
         added=tuple(
             SimpleNamespace(
                 name=name,
@@ -58,9 +59,12 @@ def believed(*explanations: Any) -> Beliefs:
 def test_the_best_with_an_effect_is_compared_with_the_best_without_it(compared: list[tuple[float, float]]) -> None:
     """A building's explanation with an unnamed force, though it leads, is not asked."""
     forced = explanation("", 90.0, estimate="a force")
-    every = forced, explanation("ab", 89.9), explanation("b", 89.5, left=1.0), explanation("", 0.0, left=2.0)
+    every = (
+        forced, explanation("ab", 89.9), explanation("b", 89.5, left=1.0), explanation("a", 1.0, left=1.0),
+        explanation("", 0.0, left=2.0),
+    )  # fmt: skip
     assert believed(*every).borne_out == pytest.approx({"a": 0.7, "b": 0.7}, rel=1e-3)
-    assert sorted(compared) == [(89.9, 0.0), (89.9, 89.5)]
+    assert sorted(compared) == [(89.9, 1.0), (89.9, 89.5)]
 
 
 def test_another_law_of_the_same_mechanism_is_no_rival(compared: list[tuple[float, float]]) -> None:
@@ -87,6 +91,19 @@ def test_what_leaves_much_may_be_an_imitation(left: float, shown: str, expected:
     """By hand: densities of what is left, 1 / (x ln(1e4)) of what is there and 1 of what looks like it, at 4 to 1."""
     every = believed(explanation("a", 50.0, left=left, shown=shown), explanation("", 0.0, left=1.0))
     assert every.borne_out["a"] == pytest.approx(expected, rel=1e-4)
+
+
+def test_what_bends_alike_says_nothing_of_an_imitation() -> None:
+    """Which of two names it is, evidence tells: imitations are asked of the other effects with nothing in the place."""
+    every = believed(
+        explanation("ab", 50.0, left=0.02),
+        explanation("db", 30.0, left=0.02),
+        explanation("b", 10.0, left=0.5),
+        explanation("", 0.0, left=2.0),
+    )
+    assert every.borne_out["a"] == pytest.approx(0.7 * 0.8 / (0.8 + 0.2 * 0.04 * 9.2103), rel=1e-4)
+    # Without b nothing was fitted but the model as given, of which half is explained in vain.
+    assert every.borne_out["b"] == pytest.approx(0.7 * 0.8 / (0.8 + 0.2 * 0.01 * 9.2103), rel=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -161,7 +161,7 @@ def test_one_parameter_models_against_quadrature(effect: type[Effect], size: flo
     assert abs(found.log_evidence - log_evidence) < 4.0 * found.log_evidence_se
 
 
-def test_where_weights_have_no_usable_tail_laplace_stays(linear: Fit) -> None:
+def test_where_so_many_draws_are_not_to_be_had_laplace_stays(linear: Fit) -> None:
     """Modes far from where the posterior is: importance weights of almost nothing."""
     point = np.array([[0.9, 0.1, 0.9]])
     elsewhere = replace(linear, points=point, local=linear.posterior.linearise(point))

@@ -65,7 +65,7 @@ def base_points(present: Posterior) -> Floats:
     """Fits of the present model to the whole record and to its first half."""
     start = MODEL.space.to_unit(np.array([[TRUTH[name] for name in MODEL.space.names]]))
     whole, young = (polish(view, start, n_iterations=30)[0] for view in (present, present.until(4.0)))
-    return np.concatenate([whole, whole, young])
+    return np.concatenate([whole, young])
 
 
 @pytest.fixture(scope="module")

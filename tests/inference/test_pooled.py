@@ -8,7 +8,7 @@ from scipy import stats
 
 from bwbn_bayes import Settings, identify, simulate
 from bwbn_bayes.inference.importance import PARETO_LIMIT, summarised
-from bwbn_bayes.inference.pooled import FittedMixture, Pool
+from bwbn_bayes.inference.pooled import FittedMixture, Pool, sample_learning
 from bwbn_bayes.parameters import Floats
 
 
@@ -70,6 +70,24 @@ def test_a_ridge_that_no_gaussian_covers(seed: int) -> None:
     assert found.pareto_k < PARETO_LIMIT
     assert found.effective_sample_size > 2000
     assert abs(found.log_evidence - oracle.log_evidence) < 4.0 * found.log_evidence_se
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_learning_goes_on_until_what_was_asked_for_is_there(seed: int) -> None:
+    """From a proposal that has one draw in some fifty on the ridge; the stated error is the error."""
+    oracle = product_ridge(sd=0.02)
+    found = sample_learning(oracle, Uniform(oracle.n_dim), np.random.default_rng(seed), effective=400.0, most=20_000)
+    assert found.effective_sample_size >= 400.0
+    assert len(found.points) < 20_000
+    assert found.log_evidence_se < 0.1
+    assert abs(found.log_evidence - oracle.log_evidence) < 4.0 * found.log_evidence_se + 0.1
+
+
+def test_learning_ends_where_nothing_is_learnt() -> None:
+    oracle = product_ridge(sd=1e-7)
+    found = sample_learning(oracle, Uniform(oracle.n_dim), np.random.default_rng(1), effective=400.0, most=3000)
+    assert len(found.points) == 3008  # blocks of lanes are filled
+    assert found.effective_sample_size < 400.0
 
 
 def test_two_modes_stay() -> None:

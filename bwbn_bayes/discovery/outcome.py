@@ -91,7 +91,7 @@ class Added:
     probability, place_probability : float
         That the effect is part of the model, and that it is at this place.
     log_bayes_factor, log_bayes_factor_se : float
-        Of the model with it against the same without, each under its better account of the errors. [nat]
+        Of all explanations with it against all without it, and its error. [nat]
     equivalent : tuple of str
         Other effects of which one is about as probable in its place.
     equivalent_places : tuple of tuple of int

@@ -61,7 +61,7 @@ class Family:
     probability : float
         That one of them is there, and borne out.
     log_bayes_factor : float
-        Of the best explanation with one of them against the best without any. [nat]
+        Of all explanations with one of them against all without any. [nat]
     """
 
     title: str
@@ -286,14 +286,19 @@ class Beliefs:
         return 1.0 if without is None else of_no_imitation(unexplained_share(without.disagreement, law.disagreement))
 
     def bayes_factor(self, names: frozenset[str]) -> tuple[float, float]:
-        """Evidence of the best with one of some effects over that of the best without all of them, and its error [nat].
+        """Evidence of all with one of some effects over that of all without them, and the error of the best ones [nat].
 
-        Infinite where none goes without.
+        Each in the shares of its prior, so that with prior odds it makes the probability. Infinite where none goes
+        without.
         """
-        weighed = zip(self.explanations, self._log_evidence.tolist(), strict=True)
-        own = sides(weighed, lambda pair: bool(names & pair[0].names))
-        gained = own[0][1] - own[1][1] if len(own) > 1 else np.inf
-        return gained, float(np.hypot.reduce([one.evidence.log_evidence_se for one, _ in own]))
+        has = np.array([bool(names & one.names) for one in self.explanations])
+        if not np.any(has) or np.all(has):
+            gained = np.inf if np.any(has) else -np.inf
+        else:
+            own, other = (logsumexp(self.log_joint[of]) - logsumexp(self.log_prior[of]) for of in (has, ~has))
+            gained = float(own - other)
+        best = sides(self.explanations, lambda one: bool(names & one.names))
+        return gained, float(np.hypot.reduce([one.evidence.log_evidence_se for one in best]))
 
     def _sum(self, wanted: Callable[[Explanation], bool]) -> float:
         own = [p for one, p in self._pairs if wanted(one)]

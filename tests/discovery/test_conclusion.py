@@ -145,10 +145,19 @@ def test_each_name_has_one_probability_wherever_it_is_told() -> None:
     assert names == {"a": 0.3, "b": pytest.approx(0.4), "c": pytest.approx(0.5)}
 
 
-def test_a_bayes_factor_is_that_of_the_best_with_and_without_the_effect() -> None:
+def test_a_bayes_factor_and_prior_odds_make_the_probability() -> None:
+    every = explanation("ab", 3.0), explanation("a", 2.5), explanation("b", 2.0), explanation("", 1.0)
+    log_prior, nothing = np.log([0.1, 0.2, 0.3, 0.4]), np.zeros(4)
+    own = Beliefs(explanations=cast(Any, every), log_prior=log_prior, law_error=nothing, forgiven=nothing)
+    factor, _ = own.bayes_factor(frozenset("a"))
+    odds = np.exp(factor) * 0.3 / 0.7
+    assert own.of_name("a") == pytest.approx(odds / (1.0 + odds))
+
+
+def test_a_bayes_factor_is_that_with_and_without_the_effect() -> None:
     every = explanation("ab", 50.0), explanation("a", 40.0), explanation("b", 35.0), explanation("", 0.0)
     factor, error = believed(*every).bayes_factor(frozenset("a"))
-    assert (factor, error) == (pytest.approx(15.0), pytest.approx(np.hypot(0.2, 0.1)))
+    assert (factor, error) == (pytest.approx(15.0, abs=1e-4), pytest.approx(np.hypot(0.2, 0.1)))
     assert believed(explanation("a", 40.0)).bayes_factor(frozenset("a"))[0] == np.inf
 
 
@@ -162,7 +171,7 @@ def test_one_of_two_that_are_alike_may_be_certain_where_neither_is(compared: lis
     (loss,) = every.families
     assert (loss.title, loss.names) == ("a loss", frozenset("ad"))
     assert loss.probability == pytest.approx(0.7, rel=1e-3)  # as far as it is borne out
-    assert loss.log_bayes_factor == pytest.approx(40.0)
+    assert loss.log_bayes_factor == pytest.approx(40.0 + np.log1p(np.exp(-0.1)), abs=1e-3)
     assert (50.0, 10.0) in compared
     right = explanation("ab", 50.0)
     right.is_noise = True

@@ -121,6 +121,6 @@ def test_a_model_as_given_is_built_upon_with_the_hypotheses_of_the_first_round(m
     run = Run(DiscoverySettings(n_workers=1), np.random.default_rng(1), None)
     run.considered_first = cast(Any, ("of the first round",))
     for added in ((), ("an effect",), ()):
-        parent: Any = SimpleNamespace(added=added, is_quiet=False, is_specimen=True, posterior=None, points=None)
+        parent: Any = SimpleNamespace(added=added, is_quiet=False, is_specimen=True, posterior=None, fits=None)
         assert build.built_upon(parent, run) == []
     assert raced == [("of the first round",), ("of a law with an effect",), ("of the first round",)]

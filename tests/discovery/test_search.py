@@ -245,7 +245,7 @@ def test_sizes_are_guessed_beside_what_leaves_more_than_noise(monkeypatch: pytes
     monkeypatch.setattr(building, "hypotheses_of", lambda *_: ALPHABET)
     monkeypatch.setattr(building, "score_all", lambda _, every, __: [(one, score) for one in every])
     monkeypatch.setattr(building, "_under_smaller_laws", lambda _, every: every)
-    for name, value in (("model", None), ("points", np.zeros((1, 1))), ("is_specimen", False)):
+    for name, value in (("model", None), ("fits", np.zeros((1, 1))), ("is_specimen", False)):
         monkeypatch.setattr(Explanation, name, property(lambda _, value=value: value))
     run = run_of()
     run.consider(cast(tuple[Hypothesis, ...], ALPHABET))

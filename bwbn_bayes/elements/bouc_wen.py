@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import sympy as sp
 
-from bwbn_bayes.elements.law import Addition, Definition, symbol
+from bwbn_bayes.elements.law import DRIFT, Addition, Definition, SharpFeature, Slots, off_zero, symbol
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Parameter, Value
 
@@ -147,3 +147,21 @@ class BoucWen:
     def values(self) -> Mapping[str, Value]:
         """The value (number, prior or PerStorey) of each parameter, by symbol."""
         return {parameter.symbol: getattr(self, parameter.symbol) for parameter in self.parameters}
+
+
+@dataclass(frozen=True)
+class ShortStrides:
+    """Steps no longer than the drift within which z settles at its bound, ``1 / (n A ((beta + gamma) / A)^(1/n))``.
+
+    In a building the drift itself moves slowly beside that; a displacement that is imposed may stride far beyond it
+    between two samples, where a longer step of a stable scheme runs away.
+    """
+
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+
+    def fill(self, slots: Slots) -> Slots:
+        """The slots with this among what is sharp."""
+        A, beta, gamma, n = (symbol(name) for name in ("A", "beta", "gamma", "n"))
+        settles = n * A * sp.Abs((beta + gamma) / A) ** (1 / n)
+        sharp = SharpFeature(state=DRIFT, width=4 / off_zero(settles), everywhere=True)
+        return replace(slots, sharp_features=(*slots.sharp_features, sharp))

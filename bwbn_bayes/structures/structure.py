@@ -18,9 +18,10 @@ from typing import Self
 import numpy as np
 import sympy as sp
 
+from bwbn_bayes.elements.bouc_wen import ShortStrides
 from bwbn_bayes.elements.combine import combine, combine_sensors, kind_of
 from bwbn_bayes.elements.element import Element, common_element
-from bwbn_bayes.elements.law import Effect, SensorLaw, StoreyLaw
+from bwbn_bayes.elements.law import Addition, Effect, SensorLaw, StoreyLaw
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Floats, FreeParameter, Parameter, ParameterSpace, PerStorey, Prior, Value
 from bwbn_bayes.records.record import ExcitationKind
@@ -292,8 +293,12 @@ class Structure:
 
     def _law_with(self, effects: tuple[Effect, ...]) -> StoreyLaw:
         kinds = self._kinds(effects, of_sensors=False)
-        added = tuple(dict.fromkeys(more for group in self.links for more in group.element.adds))
+        added = tuple(dict.fromkeys(more for group in self.links for more in self._adds(group.element)))
         return combine(self.element.parameters, self.element.constraints, (*added, *kinds), self.element.derived)
+
+    def _adds(self, element: Element) -> tuple[Addition, ...]:
+        """What a link adds to the law of the Bouc-Wen link in this structure."""
+        return (*element.adds, ShortStrides()) if self.is_driven else element.adds
 
     @property
     def kinds_of_links(self) -> tuple[tuple[int, ...], ...]:
@@ -308,7 +313,7 @@ class Structure:
         element = self.elements[links[0] - 1]
         placed = (one for one in self.effects if one.effect.level != "link" or set(links) & set(one.storeys))
         kinds = self._kinds(tuple(one.effect for one in placed), of_sensors=False)
-        return combine(element.parameters, element.constraints, (*element.adds, *kinds), element.derived)
+        return combine(element.parameters, element.constraints, (*self._adds(element), *kinds), element.derived)
 
     @cached_property
     def bare(self) -> tuple[bool, ...]:

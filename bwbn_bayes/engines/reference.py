@@ -144,13 +144,18 @@ class Reference(Reduction):
         state, dy = np.empty(problem.n_states), np.empty(problem.n_states)
         rhs = problem.kernel.rhs.given(state, dy, data)
 
+        restarts = self.method == "DOP853"
+        nowhere = np.full(problem.n_states, np.nan)
+
         def rates(t: float, y: Floats) -> Floats:
             state[:] = y
-            if rhs(t):
-                raise _NonFiniteError
-            return dy.copy()
+            if not rhs(t):
+                return dy.copy()
+            if restarts:  # a step tried too far, where a power of z is no number, is tried again, shorter
+                return nowhere
+            raise _NonFiniteError
 
-        if self.method == "DOP853":
+        if restarts:
             return _RestartedDop853(rates=rates, engine=self, problem=problem)
         return _ContinuedLsoda(rates=rates, engine=self, problem=problem, data=data)
 

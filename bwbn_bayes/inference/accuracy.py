@@ -190,6 +190,27 @@ def coarsest_stable(posterior: Posterior) -> Posterior:
     return posterior.with_engine(_of_lanes(engine, next(enough)))
 
 
+def left_out(posterior: Posterior, points: Floats, least: float) -> NDArray[np.bool_]:
+    """Which points ``(n, n_dim)`` belong to a posterior that is solved twice as finely, and not to this one.
+
+    A scheme that is fine enough at the optimum may run away beside it, and leave out what is as likely.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        With an engine of lanes.
+    points : (n, n_dim) array
+        Inside the unit cube.
+    least : float
+        Log likelihood that what belongs to it has.
+    """
+    engine = posterior.engine
+    assert isinstance(engine, Lanes)
+    finer = replace(engine, substeps=2 * engine.substeps, resolution=0.5 * engine.resolution)
+    own, other = (view.log_likelihood(points) for view in (posterior, posterior.with_engine(finer)))
+    return np.asarray((other >= least) & ~(own >= least - LIMIT))
+
+
 def rung_of(engine: Lanes) -> int:
     """The rung of the ladder that an engine's scheme is, or is but for shorter steps; the last but one of none."""
     rungs = enumerate(LADDER)

@@ -7,7 +7,6 @@ from functools import partial
 from typing import override
 
 import numpy as np
-from scipy.stats import chi2
 
 from bwbn_bayes.inference.by_tmcmc import two_starts
 from bwbn_bayes.inference.curved import curved_mixture
@@ -19,6 +18,7 @@ from bwbn_bayes.inference.importance import (
     Proposal,
     WeightedDraws,
     laplace_mixture,
+    least_likely,
     log_targets,
     sample_importance,
 )
@@ -40,9 +40,8 @@ _LEAST_CURVED = 0.2
 _PILOT_LIMIT = 0.5
 _LEAST_EFFECTIVE = 2000
 """Weighed draws are worth so many at least, whatever was asked for: from fewer, Pareto's k can miss a heavy tail."""
-_RARE, _MOST_HALVINGS = 0.01, 20
-"""Probability of a draw of a normal posterior below which the best of all draws is none of it; and how often a draw is
-brought half as near to the fit."""
+_MOST_HALVINGS = 20
+"""How often a draw is brought half as near to the fit."""
 _BATCH = 4000
 _FALLBACK_SHARE, _FEWEST_PARTICLES = 10, 200
 """Where TMCMC takes over, it starts with this fraction of the draws asked for: each costs it some hundred solves."""
@@ -80,9 +79,8 @@ class ByImportance(Sampling):
 
 
 def _reaches(weighted: WeightedDraws, mode: Mode) -> bool:
-    """Whether some draw is as likely as draws of a posterior are: no less than one in a hundred of a normal one."""
-    least = mode.log_likelihood - 0.5 * float(chi2.isf(_RARE, len(mode.point)))
-    return bool(np.isfinite(weighted.pareto_k) and np.max(weighted.log_likelihood) >= least)
+    """Whether some draw is as likely as draws of a posterior are."""
+    return bool(np.isfinite(weighted.pareto_k) and np.max(weighted.log_likelihood) >= least_likely(mode))
 
 
 def _taken_back(given: Given, weighted: WeightedDraws) -> Draws:

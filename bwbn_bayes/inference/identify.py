@@ -20,13 +20,23 @@ from bwbn_bayes.engines.executors import spread
 from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.inference.accuracy import Discretisation, choose_scheme, coarsest_stable, in_singles, on_rung
+from bwbn_bayes.inference.accuracy import (
+    LADDER,
+    Discretisation,
+    choose_scheme,
+    coarsest_stable,
+    in_singles,
+    left_out,
+    on_rung,
+    rung_of,
+)
 from bwbn_bayes.inference.arrays import noise_scales
 from bwbn_bayes.inference.doubts import doubts
 from bwbn_bayes.inference.history import History, Listener
+from bwbn_bayes.inference.importance import laplace_mixture, least_likely
 from bwbn_bayes.inference.likelihood import Posterior, default_noise, require_noise
 from bwbn_bayes.inference.method import Beside, Task
-from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish, turned_inwards
+from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, turned_inwards
 from bwbn_bayes.inference.registry import method
 from bwbn_bayes.inference.residuals import residual_checks
 from bwbn_bayes.inference.sampled import Given, Sampled
@@ -40,6 +50,8 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import DOUBTS, Check, Result
 
 N_ATTEMPTS = 3
+_SEED, _N_NEAR = 1, 64
+"""Draws about the modes at which a scheme is held against a finer one."""
 
 
 class Sampling(ABC):
@@ -217,14 +229,27 @@ def _fit(
 def _finish(
     posterior: Posterior, points: Floats
 ) -> tuple[Posterior, tuple[Mode, ...], Discretisation | None, tuple[Check, ...]]:
-    """Choose the scheme at the first point and polish all of them under it."""
-    view, discretisation = posterior, None
-    if isinstance(posterior.engine, Lanes):
-        scheme, discretisation = choose_scheme(posterior, points[0], posterior.engine)
-        view = posterior.with_engine(scheme)
-    points, local = polish(view, points, n_iterations=20)
-    modes = distinct(points, local)
+    """Choose the scheme at the first point and polish all of them under it; finer, where it leaves out what is near."""
+    view, discretisation, engine, rung = posterior, None, posterior.engine, 0
+    while True:
+        if isinstance(engine, Lanes):
+            scheme, discretisation = choose_scheme(posterior, points[0], engine, first=rung)
+            view, rung = posterior.with_engine(scheme), rung_of(scheme) + 1
+        modes = distinct(*polish(view, points, n_iterations=20))
+        if discretisation is None or rung == len(LADDER):
+            break
+        near = _near(view, modes)
+        left = near[left_out(view, near, least_likely(modes[0]))]
+        if not len(left):
+            break
+        points = np.concatenate([[mode.point for mode in modes], left])[:N_CANDIDATES]
     return view, modes, discretisation, residual_checks(view, modes[0].point)
+
+
+def _near(posterior: Posterior, modes: tuple[Mode, ...]) -> Floats:
+    """Draws ``(n, n_dim)`` of the approximation at the modes inside the prior."""
+    draws = laplace_mixture(modes).sample(np.random.default_rng(_SEED), _N_NEAR)
+    return draws[np.isfinite(posterior.log_prior(draws))]
 
 
 def _modes_on(section: Section, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:

@@ -17,6 +17,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.special import logsumexp
+from scipy.stats import chi2
 
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.tmcmc.resampling import systematic
@@ -30,6 +31,15 @@ PARETO_CLEAR = 0.6
 _LEAST_DRAWS = 30
 _NEGLIGIBLE = 30.0
 """How far below the best a mode takes no part. [nat]"""
+
+
+_RARE = 0.01
+"""Probability of a draw of a normal posterior below which it is taken for none of it."""
+
+
+def least_likely(mode: Mode) -> float:
+    """Log likelihood that all draws of a posterior have but one in a hundred, were it normal about its optimum."""
+    return mode.log_likelihood - 0.5 * float(chi2.isf(_RARE, len(mode.point)))
 
 
 class Proposal(Protocol):

@@ -11,7 +11,7 @@ from bwbn_bayes import BoucWen, PerStorey, Record, ShearBuilding, Specimen, Unif
 from bwbn_bayes.engines.base import Response
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.reference import Reference
-from bwbn_bayes.inference.accuracy import LADDER, LIMIT, Judge, choose_scheme, coarsest_stable, rung_of
+from bwbn_bayes.inference.accuracy import LADDER, LIMIT, Judge, choose_scheme, coarsest_stable, left_out, rung_of
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode, find_modes
 from bwbn_bayes.parameters import Floats
@@ -99,20 +99,28 @@ def test_the_finest_scheme_is_returned_where_none_will_do(pinching: Posterior, f
     assert facts.scheme == f"{chosen.scheme}; the figures are those of the next coarser one"
 
 
-def test_a_stiff_building_is_searched_by_steps_that_do_not_run_away() -> None:
-    """Of thirty storeys sampled at 50 Hz not one draw of the prior could be solved; three that are as stiff do here."""
+STIFF = {"k[1]": 5e4, "k[2]": 4e4, "k[3]": 3e4}
+
+
+@pytest.fixture(scope="module")
+def stiff_building() -> Posterior:
+    """Three storeys for which a step of 50 Hz is too long."""
     storey = BoucWen(k=PerStorey(Uniform(2e4, 8e4)), c=20.0, alpha=0.1, A=1.0, beta=400.0, gamma=100.0, n=1.2)
     model = ShearBuilding(masses=[1.0] * 3, storey=storey)
-    truth = {"k[1]": 5e4, "k[2]": 4e4, "k[3]": 3e4}
-    record = simulate(model, el_centro("chopra", duration=6.0), truth, snr_db=30.0)
-    posterior = Posterior(model=model, record=record, engine=Lanes(n_threads=1), noise=default_noise(record))
-    points = posterior.sample_prior(np.random.default_rng(3), 32)
-    assert not np.any(np.isfinite(posterior.with_engine(LADDER[0]).misfit(points)))
-    stable = coarsest_stable(posterior)
+    record = simulate(model, el_centro("chopra", duration=6.0), STIFF, snr_db=30.0)
+    engine = replace(LADDER[0], n_threads=1)
+    return Posterior(model=model, record=record, engine=engine, noise=default_noise(record))
+
+
+def test_a_stiff_building_is_searched_by_steps_that_do_not_run_away(stiff_building: Posterior) -> None:
+    """Of thirty storeys sampled at 50 Hz not one draw of the prior could be solved; three that are as stiff do here."""
+    points = stiff_building.sample_prior(np.random.default_rng(3), 32)
+    assert not np.any(np.isfinite(stiff_building.misfit(points)))
+    stable = coarsest_stable(stiff_building)
     assert np.all(np.isfinite(stable.misfit(points)))
     (best, *_) = find_modes(stable, np.random.default_rng(4), n_starts=256)
     found = stable.space.from_unit(best.point[None])[0]
-    assert found == pytest.approx(list(truth.values()), rel=0.02)
+    assert found == pytest.approx(list(STIFF.values()), rel=0.02)
     assert coarsest_stable(stable.with_engine(replace(LADDER[-1], n_threads=1))).engine == stable.engine
 
 
@@ -123,31 +131,36 @@ def test_from_the_finest_rung_on_there_is_nothing_to_choose(pinching: Posterior,
     assert facts.acceptable
 
 
-def stiff_specimen(u_y: float) -> Posterior:
-    """A loop of 2 m in strides of 0.25 m, under a prior of the yield displacement from 5 mm on."""
-    model = Specimen(storey=BoucWen(k=Uniform(1e4, 1e5), alpha=0.05, u_y=Uniform(0.005, 0.05), rho=0.9, n=3.0))
-    path = np.interp(np.arange(0.0, 24.0, 0.25), np.arange(25.0), [0.0, 1.0, -1.0] * 8 + [0.0])
-    loop = Record(name="loop", time_step=0.25, excitation=path, excitation_kind="displacement")
-    record = simulate(model, loop, {"k": 5e4, "u_y": u_y}, channels=["force"], snr_db=30.0, engine=LADDER[-1])
-    return Posterior(model=model, record=record, engine=replace(LADDER[0], n_threads=1), noise=default_noise(record))
-
-
-def test_steps_that_run_away_are_shortened_and_what_is_sharp_is_not_refined_for_it() -> None:
+def test_steps_that_run_away_are_shortened_and_what_is_sharp_is_not_refined_for_it(stiff_building: Posterior) -> None:
     """Of column 380 each solve took four times as long for the slip, which nothing had asked for."""
-    posterior = stiff_specimen(0.008)
-    points = posterior.sample_prior(np.random.default_rng(3), 64)
-    assert np.mean(np.isfinite(posterior.misfit(points))) < 0.9
-    stable = coarsest_stable(posterior)
+    stable = coarsest_stable(stiff_building)
     assert isinstance(stable.engine, Lanes)
-    assert np.mean(np.isfinite(stable.misfit(points))) >= 0.9
     assert stable.engine.substeps > 1
     assert stable.engine.resolution == LADDER[0].resolution
-    rung = rung_of(stable.engine)
+    rung, substeps = rung_of(stable.engine), stable.engine.substeps
     assert LADDER[rung].resolution == stable.engine.resolution
+    (point,) = stable.space.to_unit(np.array([list(STIFF.values())]))
     for accepts in (lambda _: True, lambda _: False):
-        substeps = stable.engine.substeps
-        chosen, _ = choose_scheme(stable, points[0], stable.engine, first=rung, substeps=substeps, accepts=accepts)
+        chosen, _ = choose_scheme(stable, point, stable.engine, first=rung, substeps=substeps, accepts=accepts)
         assert chosen.substeps >= substeps
+
+
+def test_what_a_scheme_leaves_out_is_told() -> None:
+    """A loop of 2 m in strides of a quarter, in equal steps: of stiff ones these run away, of soft ones they do not."""
+    model = Specimen(storey=BoucWen(k=5e4, alpha=0.05, u_y=Uniform(0.002, 0.1), rho=0.9, n=3.0))
+    path = np.interp(np.arange(0.0, 24.0, 0.25), np.arange(25.0), [0.0, 1.0, -1.0] * 8 + [0.0])
+    loop = Record(name="loop", time_step=0.25, excitation=path, excitation_kind="displacement")
+    record = simulate(model, loop, {"u_y": 0.012}, channels=["force"], snr_db=0.0, engine=LADDER[-1])
+    posterior = Posterior(model=model, record=record, engine=Lanes(n_threads=1), noise=default_noise(record))
+    points = np.linspace(0.005, 0.995, 64)[:, None]
+    exact = posterior.with_engine(replace(LADDER[-1], n_threads=1)).log_likelihood(points)
+    solved = np.isfinite(posterior.log_likelihood(points))
+    found = left_out(posterior, points, float(np.max(exact)) - 4.0)
+    assert np.any(found)
+    assert not np.any(found & solved)
+    assert np.all(exact[found] >= np.max(exact) - 4.5)
+    finer = posterior.with_engine(replace(LADDER[-1], n_threads=1))
+    assert not np.any(left_out(finer, points, float(np.max(exact)) - 4.0))
 
 
 class RunsAway(Lanes):

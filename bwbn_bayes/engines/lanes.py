@@ -48,8 +48,8 @@ class Lanes:
     substeps : int
         Steps between two samples at least; see :func:`~bwbn_bayes.engines.step_rules.interval_steps`.
     resolution : float
-        Largest change of a sharp state (the hysteretic displacement at the slip) per step, in widths of the feature;
-        0 keeps the steps equal but for turns and events. Each draw refines its own steps.
+        Largest change of a sharp state (the hysteretic displacement at the slip, a drift that is imposed) per step, in
+        widths of the feature; 0 keeps the steps equal but for turns and events. Each draw refines its own steps.
     cut_at_turns : bool
         Whether steps end where a drift rate changes sign. Without, a solve costs two thirds: enough for a search.
     n_threads : int

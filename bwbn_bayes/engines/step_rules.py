@@ -1,6 +1,7 @@
 """Where Runge-Kutta steps are refined and where they end: the same rules in the lane and in the scalar engine.
 
-An interval between two samples is cut into equal steps, more where an imposed displacement takes a long stride. Near a
+An interval between two samples is cut into equal steps, more where an imposed displacement takes a long stride: by its
+range always, and where steps are refined by the drift within which a loop settles (``bouc_wen.ShortStrides``). Near a
 sharp feature of the law each step changes the state by at most ``resolution`` widths; some are sharp near a state's
 zero, some wherever it is, and what is fast however little it moves limits the step's length itself. A step ends where a
 drift rate is foretold to change sign, if the law has a kink there, unless the engine is told not to; and at every
@@ -59,5 +60,5 @@ def has_kink(law: StoreyLaw, variable: sp.Symbol) -> bool:
 
 def steps_in_words(substeps: int, resolution: float) -> str:
     """The rules' settings, for reports."""
-    refined = f", refined to {resolution:g} widths per step at the slip" if resolution else ""
+    refined = f", refined to {resolution:g} widths per step where the law is sharp" if resolution else ""
     return f"{substeps} step{'s' if substeps > 1 else ''} per sample{refined}"

@@ -31,8 +31,6 @@ PARETO_CLEAR = 0.6
 _LEAST_DRAWS = 30
 _NEGLIGIBLE = 30.0
 """How far below the best a mode takes no part. [nat]"""
-
-
 _RARE = 0.01
 """Probability of a draw of a normal posterior below which it is taken for none of it."""
 

@@ -2,7 +2,7 @@
 
 Searches solve coarsely, which is enough for most laws. One that holds fast while a play is crossed, or whose base is
 nearly rigid, loses tens of nats by it, and what it then leaves looks like a further effect. So each explanation that
-leads is judged at its own optimum, and solved more finely where that matters.
+leads is judged at its own optimum and about it, and solved more finely where that matters.
 """
 
 from __future__ import annotations
@@ -15,13 +15,12 @@ from bwbn_bayes.discovery.evidence import LAPLACE_SE
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, rung_of
+from bwbn_bayes.inference.finely import solve_finely
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
-from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, polish
+from bwbn_bayes.inference.modes import N_CANDIDATES
 from bwbn_bayes.inference.residuals import noise_floors
 from bwbn_bayes.inference.unnamed.any_scale import without_force
 from bwbn_bayes.parameters import Floats
-
-_N_ITERATIONS = 20
 
 
 def scheme_for_right_model(posterior: Posterior, point: Floats) -> Lanes:
@@ -42,14 +41,17 @@ def finely_solved(one: Explanation) -> Explanation:
     engine = one.posterior.engine
     if not isinstance(engine, Lanes):
         return one
-    view, rung = without_force(one.posterior), rung_of(engine)
-    scheme, _ = choose_scheme(view, one.best, engine, first=rung, substeps=engine.substeps, accepts=_suffices)
-    if scheme == engine:
+    solved = solve_finely(
+        one.posterior,
+        np.array([mode.point for mode in one.modes[:N_CANDIDATES]]),
+        first=rung_of(engine),
+        substeps=engine.substeps,
+        accepts=_suffices,
+        judged=without_force,
+    )
+    if solved.posterior.engine == engine or not solved.modes:
         return one
-    posterior = one.posterior.with_engine(scheme)
-    points = np.array([mode.point for mode in one.modes[:N_CANDIDATES]])
-    modes = distinct(*polish(posterior, points, n_iterations=_N_ITERATIONS))
-    return replace(one, posterior=posterior).with_modes(modes) if modes else one
+    return replace(one, posterior=solved.posterior).with_modes(solved.modes)
 
 
 def _suffices(facts: Discretisation) -> bool:

@@ -21,22 +21,18 @@ from bwbn_bayes.engines.journal import kept
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.accuracy import (
-    LADDER,
     Discretisation,
-    choose_scheme,
     coarsest_stable,
     in_singles,
-    left_out,
     on_rung,
-    rung_of,
 )
 from bwbn_bayes.inference.arrays import noise_scales
 from bwbn_bayes.inference.doubts import doubts
+from bwbn_bayes.inference.finely import solve_finely
 from bwbn_bayes.inference.history import History, Listener
-from bwbn_bayes.inference.importance import laplace_mixture, least_likely
 from bwbn_bayes.inference.likelihood import Posterior, default_noise, require_noise
 from bwbn_bayes.inference.method import Beside, Task
-from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, turned_inwards
+from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish, turned_inwards
 from bwbn_bayes.inference.registry import method
 from bwbn_bayes.inference.residuals import residual_checks
 from bwbn_bayes.inference.sampled import Given, Sampled
@@ -50,8 +46,6 @@ from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import DOUBTS, Check, Result
 
 N_ATTEMPTS = 3
-_SEED, _N_NEAR = 1, 64
-"""Draws about the modes at which a scheme is held against a finer one."""
 
 
 class Sampling(ABC):
@@ -90,7 +84,7 @@ class Sampling(ABC):
             # What is tried on draws that nobody keeps is not kept either.
             rung = tried.engine
             posterior = tried.with_engine(on_rung(engine, rung) if isinstance(rung, Lanes) else engine)
-            fitted = _doubted(_Fitted(*_fit(posterior, streams[:N_ATTEMPTS], history)), task.beside, history)
+            fitted = _doubted(_fit(posterior, streams[:N_ATTEMPTS], history), task.beside, history)
             return _result(self, fitted, history, task)
 
 
@@ -125,7 +119,7 @@ def identify_from(
         raise ValueError(f"method {settings.method!r} samples no posterior")
     history = History(listener, time.perf_counter(), [])
     task = Task(model=posterior.model, record=posterior.record, settings=settings, name=name, assumptions=assumptions)
-    return _result(sampling, _Fitted(*_finish(posterior, points)), history, task)
+    return _result(sampling, _finish(posterior, points), history, task)
 
 
 def _streams(seed: int) -> list[np.random.SeedSequence]:
@@ -203,9 +197,7 @@ def _accompanied(posterior: Posterior, section: Section | None, force: Force) ->
     return replace(posterior, engine=engine, noise=force.posterior.noise)
 
 
-def _fit(
-    posterior: Posterior, streams: Sequence[np.random.SeedSequence], history: History
-) -> tuple[Posterior, tuple[Mode, ...], Discretisation | None, tuple[Check, ...]]:
+def _fit(posterior: Posterior, streams: Sequence[np.random.SeedSequence], history: History) -> _Fitted:
     """Modes at the final scheme; searched again from new and more starts while the residual is not noise."""
     modes: tuple[Mode, ...] = ()
     for attempt, stream in enumerate(streams):
@@ -219,37 +211,17 @@ def _fit(
             n_starts=1024 * 4**attempt,
             progress=lambda facts: history.tell_window(posterior, facts),
         )
-        points = np.array([mode.point for mode in (*found, *modes)])
-        view, modes, discretisation, checks = _finish(posterior, points)
-        if all(check.passed for check in checks):
+        fitted = _finish(posterior, np.array([mode.point for mode in (*found, *modes)]))
+        modes = fitted.modes
+        if all(check.passed for check in fitted.checks):
             break
-    return view, modes, discretisation, checks
+    return fitted
 
 
-def _finish(
-    posterior: Posterior, points: Floats
-) -> tuple[Posterior, tuple[Mode, ...], Discretisation | None, tuple[Check, ...]]:
-    """Choose the scheme at the first point and polish all of them under it; finer, where it leaves out what is near."""
-    view, discretisation, engine, rung = posterior, None, posterior.engine, 0
-    while True:
-        if isinstance(engine, Lanes):
-            scheme, discretisation = choose_scheme(posterior, points[0], engine, first=rung)
-            view, rung = posterior.with_engine(scheme), rung_of(scheme) + 1
-        modes = distinct(*polish(view, points, n_iterations=20))
-        if discretisation is None or rung == len(LADDER):
-            break
-        near = _near(view, modes)
-        left = near[left_out(view, near, least_likely(modes[0]))]
-        if not len(left):
-            break
-        points = np.concatenate([[mode.point for mode in modes], left])[:N_CANDIDATES]
-    return view, modes, discretisation, residual_checks(view, modes[0].point)
-
-
-def _near(posterior: Posterior, modes: tuple[Mode, ...]) -> Floats:
-    """Draws ``(n, n_dim)`` of the approximation at the modes inside the prior."""
-    draws = laplace_mixture(modes).sample(np.random.default_rng(_SEED), _N_NEAR)
-    return draws[np.isfinite(posterior.log_prior(draws))]
+def _finish(posterior: Posterior, points: Floats) -> _Fitted:
+    """The modes under the scheme that the record asks for, and what they leave."""
+    solved = solve_finely(posterior, points)
+    return _Fitted(*solved, residual_checks(solved.posterior, solved.modes[0].point))
 
 
 def _modes_on(section: Section, modes: tuple[Mode, ...]) -> tuple[Mode, ...]:

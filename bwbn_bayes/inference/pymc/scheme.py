@@ -10,7 +10,8 @@ import numpy as np
 
 from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.accuracy import LADDER, Discretisation, Judge, choose_scheme, coarsest_stable
+from bwbn_bayes.inference.accuracy import LADDER, Discretisation, Judge, coarsest_stable
+from bwbn_bayes.inference.finely import solve_finely
 from bwbn_bayes.inference.likelihood import Noise, Posterior
 from bwbn_bayes.inference.modes import distinct, find_modes, polish
 from bwbn_bayes.inference.pymc.forward import ForwardProblem
@@ -71,5 +72,8 @@ def require_fine_enough(problem: ForwardProblem, noise: Noise, draw: Floats) -> 
 
 def _chosen(model: Structure, record: Record, noise: Noise, engine: Lanes) -> tuple[Lanes, Discretisation]:
     coarse = coarsest_stable(Posterior(model=model, record=record, engine=engine, noise=noise))
-    modes = find_modes(coarse, np.random.default_rng(_SEED))
-    return choose_scheme(coarse, modes[0].point, engine)
+    points = np.array([mode.point for mode in find_modes(coarse, np.random.default_rng(_SEED))])
+    solved = solve_finely(coarse, points)
+    assert isinstance(solved.posterior.engine, Lanes)
+    assert solved.discretisation is not None
+    return solved.posterior.engine, solved.discretisation

@@ -1,0 +1,74 @@
+"""The scheme under which a posterior is solved: fine enough at its optimum, and about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.accuracy import LADDER, Discretisation, choose_scheme, left_out, rung_of
+from bwbn_bayes.inference.importance import laplace_mixture, least_likely
+from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, polish
+from bwbn_bayes.parameters import Floats
+
+_N_ITERATIONS = 20
+_SEED, _N_NEAR = 1, 64
+"""Draws about the modes at which a scheme is held against a finer one."""
+
+
+class Solved(NamedTuple):
+    """A posterior under the scheme chosen, its modes, and what the scheme does to it; None where none was chosen."""
+
+    posterior: Posterior
+    modes: tuple[Mode, ...]
+    discretisation: Discretisation | None
+
+
+def solve_finely(
+    posterior: Posterior,
+    points: Floats,
+    *,
+    first: int = 0,
+    substeps: int = 1,
+    accepts: Callable[[Discretisation], bool] = lambda facts: facts.acceptable,
+    judged: Callable[[Posterior], Posterior] = lambda view: view,
+) -> Solved:
+    """Choose the scheme at the first point and polish all of them under it; finer, where it leaves out what is near.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        An engine that is not of lanes has a tolerance of its own and stays.
+    points : (n, n_dim) array
+        Optima of a coarse search, the best first.
+    first, substeps, accepts
+        As of :func:`~bwbn_bayes.inference.accuracy.choose_scheme`.
+    judged : callable
+        What of the posterior the scheme is judged by at the optimum.
+    """
+    view, discretisation, engine, rung = posterior, None, posterior.engine, first
+    while True:
+        if isinstance(engine, Lanes):
+            seen = judged(posterior)
+            scheme, discretisation = choose_scheme(
+                seen, points[0], engine, first=rung, substeps=substeps, accepts=accepts
+            )
+            view, rung = posterior.with_engine(scheme), rung_of(scheme) + 1
+        modes = distinct(*polish(view, points, n_iterations=_N_ITERATIONS))
+        if discretisation is None or rung == len(LADDER) or not modes:
+            break
+        near = _near(view, modes)
+        left = near[left_out(view, near, least_likely(modes[0]))]
+        if not len(left):
+            break
+        points = np.concatenate([[mode.point for mode in modes], left])[:N_CANDIDATES]
+    return Solved(view, modes, discretisation)
+
+
+def _near(posterior: Posterior, modes: tuple[Mode, ...]) -> Floats:
+    """Draws ``(n, n_dim)`` of the approximation at the modes inside the prior."""
+    draws = laplace_mixture(modes).sample(np.random.default_rng(_SEED), _N_NEAR)
+    return draws[np.isfinite(posterior.log_prior(draws))]

@@ -1,14 +1,15 @@
 """Measured tests: ``discover`` beside laws that engineers fit to them, on the same split.
 
 ``python -m benchmarks.measured --json FILE [--only NAME ...] [--competitors] [--discover] [--whole] [--repeats]
-[--gallery DIR]``
+[--gallery DIR] [--also FILE] [--keep FILE]``
 
 The competitors are fitted in the same run: the 13-parameter BWBN with Foliente's pinch, OpenSees' Pinching4 (21
 parameters), and a linear chain for the frames. ``--whole`` fits the whole records of the reinforced-concrete columns,
 for which labels hold; ``--repeats`` fits the first cycle at each amplitude of the cyclic tests that repeat some,
 predicts the others, and tells how many of their points lie inside their 90 % intervals. What is finished is kept in
 ``.jsonl`` files beside the JSON, competitors and discoveries apart, with the version of the code, and is not run again;
-tables and figures come from what is filed.
+tables and figures come from what is filed. ``--keep`` files in one place what tables and figures come from, and
+``--also`` goes on from there, on another machine or in another folder.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from rich.text import Text
 
 from benchmarks.measured_tests import bouc_wen_baber_noori, discovering, fitting, linear_chain, pinching4
 from benchmarks.measured_tests.discovering import discover_first_cycles, discover_first_part, discover_whole
-from benchmarks.measured_tests.filing import file_result, filed, identity, is_current, shown_response
+from benchmarks.measured_tests.filing import file_result, filed, identity, is_current, keep, shown_response
 from benchmarks.measured_tests.gallery import draw_gallery
 from benchmarks.measured_tests.page import write_page
 from benchmarks.measured_tests.specimens import DATA, MeasuredTest, both_errors, load, names
@@ -170,9 +171,12 @@ def concerns(what: str, test: MeasuredTest) -> bool:
     return what != "whole" or test.label is not None
 
 
-def run_trials(wanted: Sequence[Trial], tests: Sequence[MeasuredTest], console: Console) -> None:
+def run_trials(
+    wanted: Sequence[Trial], tests: Sequence[MeasuredTest], console: Console, also: Path | None = None
+) -> None:
     """Run what is not filed yet, and file each result as it ends."""
-    done = {trial.log: filed(trial.log) for trial in wanted}
+    elsewhere = filed(also) if also else {}
+    done = {trial.log: {**elsewhere, **filed(trial.log)} for trial in wanted}
     for test in tests:
         for trial in (one for one in wanted if concerns(one.what, test)):
             key = identity(test, trial.what, trial.code, trial.seed)
@@ -328,6 +332,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--repeats", action="store_true", help="discover with the repeat cycles held out")
     parser.add_argument("--gallery", type=Path, metavar="DIR", help="draw the loops into this folder")
     parser.add_argument("--page", type=Path, metavar="FILE", help="write the page, with figures where drawn")
+    parser.add_argument("--also", type=Path, metavar="FILE", help="what an earlier run kept; its results count, too")
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="file what tables and figures come from")
     return parser
 
 
@@ -356,8 +362,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         **dict.fromkeys(COMPETITORS, options.competitors), "discover": options.discover, "whole": options.whole,
         "repeats": options.repeats,
     }  # fmt: skip
-    run_trials([known[what] for what, wanted in asked.items() if wanted], tests, console)
-    entries = {key: entry for log in {one.log for one in known.values()} for key, entry in filed(log).items()}
+    run_trials([known[what] for what, wanted in asked.items() if wanted], tests, console, options.also)
+    logs = dict.fromkeys([*([options.also] if options.also else []), *(one.log for one in known.values())])
+    entries = {key: entry for log in logs for key, entry in filed(log).items()}
+    if options.keep:
+        keep(options.keep, entries)
     rows, labels, repeated, facts = gather(tests, entries)
     print_rows(console, rows)
     if labels:

@@ -15,6 +15,9 @@ from benchmarks.running import filed_lines
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.results import finite
 
+_ON_THE_WAY = ("candidates", "steps", "where", "sentences", "detection_limits")
+"""Parts of ``discovery.json`` that no table reads."""
+
 
 def identity(test: MeasuredTest, what: str, code: str, seed: int) -> dict[str, Any]:
     """What must agree for a filed result to stand for a new run."""
@@ -44,6 +47,21 @@ def file_result(path: Path, entry: Mapping[str, Any]) -> None:
     whole = not path.exists() or path.read_bytes().endswith(b"\n") or path.stat().st_size == 0
     with path.open("a", encoding="utf-8") as file:
         file.write(("" if whole else "\n") + json.dumps(finite(entry)) + "\n")
+
+
+def keep(path: Path, entries: Mapping[tuple[str, str], Mapping[str, Any]]) -> None:
+    """File anew, by test and kind, what tables and figures come from: all but what a search tried on the way."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = (json.dumps(finite(_shortened(entries[key]))) + "\n" for key in sorted(entries))
+    path.write_text("".join(lines), encoding="utf-8")
+
+
+def _shortened(entry: Mapping[str, Any]) -> dict[str, Any]:
+    result = entry.get("result", {})
+    if "facts" not in result:
+        return dict(entry)
+    facts = {name: value for name, value in result["facts"].items() if name not in _ON_THE_WAY}
+    return {**entry, "result": {**result, "facts": facts}}
 
 
 def shown_response(test: MeasuredTest, response: Floats) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from benchmarks import measured
 from benchmarks.measured_tests.discovering import Answer, Effect, Kin, read_answer, says_pinched
-from benchmarks.measured_tests.filing import file_result, filed, identity, is_current, shown_response
+from benchmarks.measured_tests.filing import file_result, filed, identity, is_current, keep, shown_response
 from benchmarks.measured_tests.gallery import draw_gallery
 from benchmarks.measured_tests.page import write_page
 from benchmarks.measured_tests.specimens import DATA, Label, MeasuredTest, load, names, nrmse, parted, read_frame
@@ -398,6 +398,31 @@ def test_a_run_is_filed_resumed_drawn_and_written(tmp_path):
     assert "- Pinching4: not run." in page
     assert "BWBN: not run" not in page
     assert "(figures/loops.png)" in page
+
+
+def test_what_was_kept_is_not_run_again_elsewhere_and_gives_the_same_tables(tmp_path):
+    runs, log = [], tmp_path / "elsewhere" / "out.jsonl"
+
+    def run(test):
+        runs.append(test.name)
+        return {"errors": [1.0, 2.0]}, test.record.measured
+
+    trial = measured.Trial(what="bwbn", code="a", seed=1, log=log, run=run)
+    test, found = labelled("one", "pinched", 0.2, 0.07, "abc1234")
+    entries = {
+        ("loops", "bwbn"): measured._filed_run(trial, measured_test(), identity(measured_test(), "bwbn", "a", 1))
+    }
+    entries[("one", "whole")] = {**found, "result": {**found["result"], "facts": {
+        **found["result"]["facts"], "candidates": [1.0] * 1000}}}  # fmt: skip
+    keep(tmp_path / "kept.jsonl", entries)
+    assert runs == ["loops"]
+    measured.run_trials([trial], [measured_test()], Console(file=io.StringIO()), tmp_path / "kept.jsonl")
+    assert runs == ["loops"]
+    kept = filed(tmp_path / "kept.jsonl")
+    assert "candidates" not in kept[("one", "whole")]["result"]["facts"]
+    tests = [measured_test(), test]
+    there, here = (measured.gather(tests, one)[3] for one in (entries, kept))
+    assert {k: v for k, v in here.items() if k != "results"} == {k: v for k, v in there.items() if k != "results"}
 
 
 def test_missing_data_end_the_command(tmp_path, capsys):

@@ -48,6 +48,7 @@ def finely_solved(one: Explanation) -> Explanation:
         substeps=engine.substeps,
         accepts=_suffices,
         judged=without_force,
+        known=one.modes,
     )
     if solved.posterior.engine == engine or not solved.modes:
         return one

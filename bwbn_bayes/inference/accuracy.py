@@ -191,9 +191,9 @@ def coarsest_stable(posterior: Posterior) -> Posterior:
 
 
 def left_out(posterior: Posterior, points: Floats, least: float) -> NDArray[np.bool_]:
-    """Which points ``(n, n_dim)`` belong to a posterior that is solved twice as finely, and not to this one.
+    """Which points ``(n, n_dim)`` belong to a posterior that is solved twice as finely, and run away in this one.
 
-    A scheme that is fine enough at the optimum may run away beside it, and leave out what is as likely.
+    A scheme that is fine enough at the optimum may do so beside it, and leave out what is as likely.
 
     Parameters
     ----------
@@ -208,7 +208,19 @@ def left_out(posterior: Posterior, points: Floats, least: float) -> NDArray[np.b
     assert isinstance(engine, Lanes)
     finer = replace(engine, substeps=2 * engine.substeps, resolution=0.5 * engine.resolution)
     own, other = (view.log_likelihood(points) for view in (posterior, posterior.with_engine(finer)))
-    return np.asarray((other >= least) & ~(own >= least - LIMIT))
+    found = (other >= least) & ~(own >= least - LIMIT)
+    found[found] = _runs_away(posterior, points[found])
+    return np.asarray(found)
+
+
+def _runs_away(posterior: Posterior, points: Floats) -> NDArray[np.bool_]:
+    """Where a response misses more of some channel than was measured; a scheme that is merely coarse does not."""
+    if not len(points):
+        return np.empty(0, dtype=np.bool_)
+    record, (values, _) = posterior.record, posterior.split(points)
+    missed = posterior.engine.misfit(posterior.model, values, record)
+    posterior.solves.add(len(points))
+    return ~np.all(missed <= counts(record) * mean_squares(record, record.measured), axis=1)
 
 
 def rung_of(engine: Lanes) -> int:

@@ -35,6 +35,7 @@ def solve_finely(
     substeps: int = 1,
     accepts: Callable[[Discretisation], bool] = lambda facts: facts.acceptable,
     judged: Callable[[Posterior], Posterior] = lambda view: view,
+    known: tuple[Mode, ...] = (),
 ) -> Solved:
     """Choose the scheme at the first point and polish all of them under it; finer, where it leaves out what is near.
 
@@ -48,6 +49,8 @@ def solve_finely(
         As of :func:`~bwbn_bayes.inference.accuracy.choose_scheme`.
     judged : callable
         What of the posterior the scheme is judged by at the optimum.
+    known : tuple of Mode
+        Those under the posterior's own scheme, where it may stay.
     """
     view, discretisation, engine, rung = posterior, None, posterior.engine, first
     while True:
@@ -57,7 +60,8 @@ def solve_finely(
                 seen, points[0], engine, first=rung, substeps=substeps, accepts=accepts
             )
             view, rung = posterior.with_engine(scheme), rung_of(scheme) + 1
-        modes = distinct(*polish(view, points, n_iterations=_N_ITERATIONS))
+        stays = bool(known) and view.engine == engine
+        modes = known if stays else distinct(*polish(view, points, n_iterations=_N_ITERATIONS))
         if discretisation is None or rung == len(LADDER) or not modes:
             break
         near = _near(view, modes)

@@ -26,7 +26,7 @@ from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import Draws
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, require_particles, sample
-from bwbn_bayes.inference.tmcmc.stages import LEAST_CORRELATION_TIMES, fewest_particles
+from bwbn_bayes.inference.tmcmc.stages import LAST_CORRELATION_TIMES, fewest_particles
 from bwbn_bayes.inference.tmcmc.target import DefensiveMixture
 from bwbn_bayes.results import Check
 
@@ -169,10 +169,10 @@ def _length_checks(first: TmcmcResult, second: TmcmcResult) -> tuple[Check, ...]
         Check(
             name="length of chains",
             value=least,
-            limit=LEAST_CORRELATION_TIMES,
-            passed=least >= LEAST_CORRELATION_TIMES,
-            sentence=f"Their chains are at least {least:.1f} autocorrelation times long at every stage, "
-            f"{LEAST_CORRELATION_TIMES:g} are wanted.",
+            limit=LAST_CORRELATION_TIMES,
+            passed=least >= LAST_CORRELATION_TIMES,
+            sentence=f"Their chains are at least {least:.1f} autocorrelation times long at the end, "
+            f"{LAST_CORRELATION_TIMES:g} are wanted.",
         ),
     )
 

@@ -91,7 +91,7 @@ def test_an_approximation_with_a_hole_is_told(
     assert sum("sending out more" in text for text in told) == 1
 
 
-def cloud(rng: np.random.Generator, sd: float = 1.0, n: int = 2000, correlation_times: float = 3.0) -> TmcmcResult:
+def cloud(rng: np.random.Generator, sd: float = 1.0, n: int = 2000, correlation_times: float = 9.0) -> TmcmcResult:
     """Independent normal draws, of an evidence that is known."""
     last = StageFacts(
         stage=1, tempering_parameter=1.0, acceptance=0.3, effective_sample_size=n, n_solves=n, log_evidence=0.0,
@@ -117,7 +117,7 @@ def test_starts_of_one_mean_and_two_spreads_do_not_agree() -> None:
 def test_chains_that_the_cap_stopped_are_a_failed_check() -> None:
     """It stood in the label of a stage alone; the plain variant does not measure it."""
     rng = np.random.default_rng(2)
-    assert failed_of(cloud(rng), cloud(rng, correlation_times=1.2)) == {"length of chains"}
+    assert failed_of(cloud(rng), cloud(rng, correlation_times=7.2)) == {"length of chains"}
     plain = cloud(rng, correlation_times=np.nan)
     assert "length of chains" not in {check.name for check in module._Starts(cloud(rng), plain).checks}
 

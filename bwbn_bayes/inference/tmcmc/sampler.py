@@ -75,7 +75,7 @@ class TmcmcResult:
     n_solves : int
         Likelihood evaluations in all.
     correlation_times : float
-        Length of chains in autocorrelation times, of the stage where that is least; NaN of the plain variant.
+        Length of the last stage's chains in autocorrelation times; NaN of the plain variant.
     """
 
     particles: Floats
@@ -194,9 +194,9 @@ def _next_state(
         elapsed_s=time.perf_counter() - began,
         label=moved.label,
     )
-    least = float(np.minimum(state.correlation_times, moved.correlation_times))
+    told = (*state.facts, facts)
     return RunState(
-        moved.population, tempering_parameter, log_evidence, variance, n_solves, least, (*state.facts, facts)
+        moved.population, tempering_parameter, log_evidence, variance, n_solves, moved.correlation_times, told
     )
 
 

@@ -29,12 +29,14 @@ from bwbn_bayes.inference.tmcmc.target import Cloud, Floats, Integers, join
 
 PLAIN_SCALE = 0.2
 CHAIN_LENGTH = 16
-LONGEST_CHAIN = 512
+LONGEST_CHAIN, LONGEST_LAST_CHAIN = 512, 2048
 _CHAIN_MULTIPLE = 32
-_EFFECTIVE_SHARE = 0.5
-"""Independent draws that the last stage asks its states to be worth, as a share of the particles."""
-LEAST_CORRELATION_TIMES = 2.0
-"""Length of chains, in autocorrelation times, in which they forget where they began."""
+_CORRELATION_TIMES, LAST_CORRELATION_TIMES = 2.0, 8.0
+"""Wanted length of chains, in autocorrelation times, on the road and at its end.
+
+All states count, so that chains keep of an error in where they began one over twice as many: a quarter on the road, of
+which evidence is told by another start, a sixteenth among the draws.
+"""
 
 Evaluator = Callable[[Floats], tuple[Cloud, int]]
 """Points ``(n, d)`` to an evaluated cloud and the solves spent."""
@@ -138,8 +140,8 @@ def waste_free_stage(
     """Resample a few ancestors and run them as chains until decorrelated; the cloud is every state of every chain.
 
     The chains grow by doubling from 16 steps until they have twice the longest integrated autocorrelation time (over
-    the positions and the log ratio), or 512 steps, which the label then says. Those of the last stage must be worth
-    half as many independent draws as there are particles, too.
+    the positions and the log ratio), or 512 steps, which the label then says; those of the last stage until they have
+    eight times that, or 2,048 steps.
 
     Parameters
     ----------
@@ -173,9 +175,7 @@ def waste_free_stage(
     worth = population.effective_size / (len(weights) * float(np.sum(weights**2)))
     shapes = _shapes(positions, weights, families, worth, n_particles, streams)
     chains = _started(cloud.take(ancestors), positions[ancestors], families[ancestors] % 2, shapes, chart)
-    for_draws = _EFFECTIVE_SHARE * n_particles / n_chains if tempering_parameter == 1.0 else 0.0
-    wanted = max(LEAST_CORRELATION_TIMES, for_draws)
-    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams, wanted)
+    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams)
     moved = Population(
         join(run.clouds),
         np.tile(np.arange(n_chains), len(run.clouds)),
@@ -235,9 +235,11 @@ def _run(
     tuning: Tuning,
     tempering_parameter: float,
     streams: Streams,
-    correlation_times: float,
 ) -> _Run:
-    """Advance the chains, doubling their length until it is so many autocorrelation times, or at the cap."""
+    """Advance the chains, doubling their length until it is as many autocorrelation times as wanted, or at the cap."""
+    is_last = tempering_parameter == 1.0
+    wanted = LAST_CORRELATION_TIMES if is_last else _CORRELATION_TIMES
+    longest = LONGEST_LAST_CHAIN if is_last else LONGEST_CHAIN
     clouds: list[Cloud] = []
     traces: list[Floats] = []
     tally, n_solves, length = moves.EMPTY_TALLY, 0, CHAIN_LENGTH
@@ -250,9 +252,9 @@ def _run(
             traces.append(np.column_stack([chart.positions(chains.cloud.points), chains.cloud.log_ratio]))
             n_solves += solves
         correlation_time = tempering.integrated_autocorrelation_time(np.stack(traces))
-        if correlation_times * correlation_time <= length:
+        if wanted * correlation_time <= length:
             return _Run(clouds, correlation_time, tally, n_solves, f"{length} steps")
-        if length >= LONGEST_CHAIN:
+        if length >= longest:
             label = f"stopped at the cap of {length} steps, {length / correlation_time:.2g} autocorrelation times"
             return _Run(clouds, correlation_time, tally, n_solves, label)
         length *= 2

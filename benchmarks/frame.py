@@ -15,13 +15,16 @@ stiffness, and one pair of friction and period.
 Data are read from ``../shared/data/shake_table_frame``. Masses are not on file: equal ones of 1 kg stand for them, and
 stiffness is per kilogram. Twenty seconds count, from one second before the strong motion. Displacements have arbitrary
 zeros: of each run the mean of its first half second is taken for the rest position, but in sequence the second run
-begins where the first ended. A run between the two is not on file.
+begins where the first ended. A run between the two is not on file. What is finished is filed in the JSON, and not run
+again by the same code.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +33,7 @@ from rich.table import Table
 
 from benchmarks.measured_tests.specimens import nrmse, read_frame
 from benchmarks.running import Clock
-from benchmarks.telling import tell, told
+from benchmarks.telling import gather, tell, told
 from bwbn_bayes import (
     BoucWen,
     DiscoverySettings,
@@ -272,19 +275,24 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    runs = (SMALL, LARGE, BOTH)
-    lines = [fitted(name, on, options.seed, options.particles) for name in options.models for on in runs]
-    lines += [discovered(on, options.seed, options.workers, options.particles) for on in options.discover]
+    seed, workers, particles = options.seed, options.workers, options.particles
+    jobs: dict[str, Callable[[], dict[str, Any]]] = {
+        f"{name}, fitted on {on}": partial(fitted, name, on, seed, particles)
+        for name in options.models
+        for on in (SMALL, LARGE, BOTH)
+    }
+    jobs |= {f"discover, {on}": partial(discovered, on, seed, workers, particles) for on in options.discover}
+    if options.blind:
+        jobs["discover, on sliders"] = partial(sliding, seed, workers, particles)
+    if options.bending:
+        jobs |= {f"bending, {run}": partial(bent, run, seed, particles) for run in (SMALL, LARGE, *SLIDING)}
+    lines = gather(jobs, options.json)
     table = Table("model", "fitted on", "parameters", SMALL, LARGE, f"{LARGE} in sequence", "time [s]")
-    for line in lines:
+    for line in (one for one in lines if "fitted_on" in one):
         errors = (f"{error:.1f} %" for error in line["missed_percent"].values())
         table.add_row(
             line["model"], line["fitted_on"], str(line["n_parameters"]), *errors, f"{line['processor_seconds']:.0f}"
         )
-    if options.blind:
-        lines.append(sliding(options.seed, options.workers, options.particles))
-    if options.bending:
-        lines += [bent(run, options.seed, options.particles) for run in (SMALL, LARGE, *SLIDING)]
     tell(table, lines, options.json)
 
 

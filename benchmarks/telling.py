@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +28,26 @@ def told(found: Discovery) -> dict[str, Any]:
     }
 
 
+def gather(jobs: Mapping[str, Callable[[], dict[str, Any]]], path: Path | None) -> list[dict[str, Any]]:
+    """What each job found; with a path it is filed as it ends, and by the same code not run again."""
+    filed = json.loads(path.read_text("utf-8")) if path is not None and path.exists() else {}
+    known = {line.get("job"): line for line in filed.get("lines", ())} if filed.get("commit") == commit() else {}
+    for name, job in jobs.items():
+        if name not in known:
+            known[name] = {"job": name, **job()}
+            if path is not None:
+                write(list(known.values()), path)
+    return [known[name] for name in jobs]
+
+
+def write(lines: Sequence[dict[str, Any]], path: Path) -> None:
+    """Lines with the version of the code."""
+    path.write_text(json.dumps({"commit": commit(), "lines": list(lines)}, indent=1) + "\n", encoding="utf-8")
+
+
 def tell(table: Table, lines: Sequence[dict[str, Any]], path: Path | None) -> None:
     """Print a table and all that it was made of; write that as JSON with the code's version, where a path is given."""
     Console(width=100).print(table)
     Console(width=100).print(lines)
     if path is not None:
-        path.write_text(json.dumps({"commit": commit(), "lines": list(lines)}, indent=1) + "\n", encoding="utf-8")
+        write(lines, path)

@@ -53,7 +53,7 @@ class _Starts(NamedTuple):
     def checks(self) -> tuple[Check, ...]:
         return (
             _worth_check(self.first),
-            *_length_checks(*self),
+            *_length_checks(self.first),
             _evidence_check(*self),
             _means_check(*self),
             _spreads_check(*self),
@@ -160,18 +160,18 @@ def _worth_check(cloud: TmcmcResult) -> Check:
     )
 
 
-def _length_checks(first: TmcmcResult, second: TmcmcResult) -> tuple[Check, ...]:
-    """Of the starts together; the plain variant does not measure it."""
-    least = float(np.minimum(first.correlation_times, second.correlation_times))
-    if np.isnan(least):
+def _length_checks(cloud: TmcmcResult) -> tuple[Check, ...]:
+    """Of the start whose states are the draws; the plain variant does not measure it."""
+    length = cloud.correlation_times
+    if np.isnan(length):
         return ()
     return (
         Check(
             name="length of chains",
-            value=least,
+            value=length,
             limit=LAST_CORRELATION_TIMES,
-            passed=least >= LAST_CORRELATION_TIMES,
-            sentence=f"Their chains are at least {least:.1f} autocorrelation times long at the end, "
+            passed=length >= LAST_CORRELATION_TIMES,
+            sentence=f"Its chains are {length:.1f} autocorrelation times long at the end, "
             f"{LAST_CORRELATION_TIMES:g} are wanted.",
         ),
     )

@@ -117,7 +117,8 @@ def test_starts_of_one_mean_and_two_spreads_do_not_agree() -> None:
 def test_chains_that_the_cap_stopped_are_a_failed_check() -> None:
     """It stood in the label of a stage alone; the plain variant does not measure it."""
     rng = np.random.default_rng(2)
-    assert failed_of(cloud(rng), cloud(rng, correlation_times=7.2)) == {"length of chains"}
+    assert failed_of(cloud(rng, correlation_times=7.2), cloud(rng)) == {"length of chains"}
+    assert failed_of(cloud(rng), cloud(rng, correlation_times=2.0)) == set()
     plain = cloud(rng, correlation_times=np.nan)
     assert "length of chains" not in {check.name for check in module._Starts(cloud(rng), plain).checks}
 

@@ -120,7 +120,7 @@ def test_chains_that_the_cap_stopped_are_a_failed_check() -> None:
     assert failed_of(cloud(rng, correlation_times=7.2), cloud(rng)) == {"length of chains"}
     assert failed_of(cloud(rng), cloud(rng, correlation_times=2.0)) == set()
     plain = cloud(rng, correlation_times=np.nan)
-    assert "length of chains" not in {check.name for check in module._Starts(cloud(rng), plain).checks}
+    assert "length of chains" not in {check.name for check in module._Starts(plain, cloud(rng)).checks}
 
 
 @pytest.mark.parametrize(("explains", "sizes"), [(True, [500, 1000, 2000]), (False, [500])])

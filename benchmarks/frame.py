@@ -16,7 +16,7 @@ Data are read from ``../shared/data/shake_table_frame``. Masses are not on file:
 stiffness is per kilogram. Twenty seconds count, from one second before the strong motion. Displacements have arbitrary
 zeros: of each run the mean of its first half second is taken for the rest position, but in sequence the second run
 begins where the first ended. A run between the two is not on file. What is finished is filed in the JSON, and not run
-again by the same code.
+again by the same commit.
 """
 
 from __future__ import annotations
@@ -286,7 +286,7 @@ def main() -> None:
         jobs["discover, on sliders"] = partial(sliding, seed, workers, particles)
     if options.bending:
         jobs |= {f"bending, {run}": partial(bent, run, seed, particles) for run in (SMALL, LARGE, *SLIDING)}
-    lines = gather(jobs, options.json)
+    lines = gather({f"{name}; seed {seed}, {particles} particles": job for name, job in jobs.items()}, options.json)
     table = Table("model", "fitted on", "parameters", SMALL, LARGE, f"{LARGE} in sequence", "time [s]")
     for line in (one for one in lines if "fitted_on" in one):
         errors = (f"{error:.1f} %" for error in line["missed_percent"].values())

@@ -29,15 +29,23 @@ def told(found: Discovery) -> dict[str, Any]:
 
 
 def gather(jobs: Mapping[str, Callable[[], dict[str, Any]]], path: Path | None) -> list[dict[str, Any]]:
-    """What each job found; with a path it is filed as it ends, and by the same code not run again."""
+    """What each job found; with a path it is filed as it ends, and by the same commit not run again.
+
+    A job's name tells all that its result depends on but for the code.
+    """
     filed = json.loads(path.read_text("utf-8")) if path is not None and path.exists() else {}
-    known = {line.get("job"): line for line in filed.get("lines", ())} if filed.get("commit") == commit() else {}
+    known = {line.get("job"): line for line in filed.get("lines", ())} if _is_of_now(filed.get("commit")) else {}
     for name, job in jobs.items():
         if name not in known:
             known[name] = {"job": name, **job()}
             if path is not None:
                 write(list(known.values()), path)
     return [known[name] for name in jobs]
+
+
+def _is_of_now(version: str | None) -> bool:
+    """Whether this commit wrote it; of changes that are not committed nobody can tell."""
+    return version == commit() and not version.endswith("-dirty")
 
 
 def write(lines: Sequence[dict[str, Any]], path: Path) -> None:

@@ -12,6 +12,7 @@ from benchmarks import telling
 def test_what_is_finished_is_filed_and_by_the_same_code_not_run_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(telling, "commit", lambda: "abc1234")
     ran: list[str] = []
 
     def job(name: str, *, fails: bool = False) -> dict[str, str]:
@@ -30,6 +31,10 @@ def test_what_is_finished_is_filed_and_by_the_same_code_not_run_again(
     monkeypatch.setattr(telling, "commit", lambda: "another")
     assert telling.gather(jobs, path) == lines
     assert ran[3:] == ["second", "first"]
+    monkeypatch.setattr(telling, "commit", lambda: "abc1234-dirty")
+    for _ in range(2):
+        telling.gather(jobs, path)
+    assert ran[5:] == ["second", "first"] * 2
 
 
 def test_without_a_file_every_job_runs() -> None:

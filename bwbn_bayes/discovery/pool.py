@@ -189,14 +189,16 @@ class Pool:
         """Solve every explanation that could matter finely enough, and give it its own account of the errors.
 
         What a specimen's answer predicts by, its law without the unnamed force, is wanted of the best in each round, of
-        the leading ones in the last.
+        the leading ones in the last. Laplace's evidence is good enough to search by: sampled ones are wanted in the
+        last, too.
         """
         self._solve_finely()
         if self.has_force:
             self.leave_alone(_MOST_ALONE if last else 1)
         if has_past(next(iter(self.plain.values())).posterior.record):
             self._colour()
-        self._sample()
+        if last:
+            self._sample()
 
     def _solve_finely(self) -> None:
         """Judge the schemes by which the best were solved, and where one of these was too coarse, of the next."""

@@ -14,7 +14,8 @@ from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, polish
 from bwbn_bayes.parameters import Floats
 
-_N_ITERATIONS = 20
+_N_ITERATIONS, _REACH = 20, 50.0
+"""Steps to the optima under a scheme, and how far below the best they do not keep it waiting. [nat]"""
 _SEED, _N_NEAR = 1, 64
 """Draws about the modes at which a scheme is held against a finer one."""
 
@@ -61,7 +62,7 @@ def solve_finely(
             )
             view, rung = posterior.with_engine(scheme), rung_of(scheme) + 1
         stays = bool(known) and view.engine == engine
-        modes = known if stays else distinct(*polish(view, points, n_iterations=_N_ITERATIONS))
+        modes = known if stays else distinct(*polish(view, points, n_iterations=_N_ITERATIONS, reach=_REACH))
         if discretisation is None or rung == len(LADDER) or not modes:
             break
         near = _near(view, modes)

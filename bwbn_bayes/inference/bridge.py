@@ -14,6 +14,7 @@ from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.nested_laplace import NestedLaplace
 from bwbn_bayes.inference.sheet_nodes import first_nodes
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
+from bwbn_bayes.inference.tmcmc.target import Reference
 from bwbn_bayes.inference.transported import Transported
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.results import StageFacts
@@ -21,6 +22,8 @@ from bwbn_bayes.results import StageFacts
 INFLATION = 2.0
 """Factor on the variances of the approximation from which it starts at one mode."""
 _INFLATION_OF_SEVERAL = 25.0
+_WIDER = 1.1
+"""Variances of approximations that moves are drawn from, over those of the approximation."""
 _FEWEST = 2
 _ON_THE_SHEET = 3.0
 """Standardised distance from the sheet's surface up to which a mode counts as lying on it."""
@@ -33,11 +36,34 @@ def contributing(modes: Sequence[Mode]) -> tuple[Mode, ...]:
     return tuple(mode for mode in modes if mode.log_likelihood > modes[0].log_likelihood - _REACH)[:_MOST]
 
 
+def sheet_through(
+    posterior: Posterior, modes: Sequence[Mode], nested: NestedLaplace | None = None
+) -> NestedLaplace | None:
+    """The sheet on which all modes lie that a bridge starts from; None where they do not, or nothing is left to bend.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Target.
+    modes : sequence of Mode
+        Its optima, best first.
+    nested : NestedLaplace, optional
+        A sheet that was laid already.
+    """
+    kept = contributing(modes)
+    # Beside a wide coordinate and the one that is drawn first with it, something must be left to bend.
+    if posterior.n_dim <= _FEWEST:
+        return None
+    sheet = nested or NestedLaplace.laid(posterior, first_nodes(posterior, kept))
+    lie_on_it = sheet.distance(np.array([mode.point for mode in kept])) < _ON_THE_SHEET
+    return sheet if np.all(lie_on_it) else None
+
+
 def bridge(
     posterior: Posterior,
     modes: Sequence[Mode],
+    sheet: NestedLaplace | None,
     *,
-    nested: NestedLaplace | None = None,
     n_particles: int,
     rng_seed: int,
     variant: Literal["default", "plain"] = "default",
@@ -54,21 +80,41 @@ def bridge(
         Target.
     modes : sequence of Mode
         Its optima, best first.
-    nested : NestedLaplace, optional
-        The sheet, where it is known already.
+    sheet : NestedLaplace or None
+        See :func:`sheet_through`.
     n_particles, rng_seed, variant, progress
         As for :func:`~bwbn_bayes.inference.tmcmc.sampler.sample`.
     """
     run = partial(sample, n_particles=n_particles, rng_seed=rng_seed, variant=variant, progress=progress)
-    kept = contributing(modes)
-    # Beside a wide coordinate and the one that is drawn first with it, something must be left to bend.
-    if posterior.n_dim > _FEWEST:
-        if nested is None:
-            nested = NestedLaplace.laid(posterior, first_nodes(posterior, kept))
-        if np.all(nested.distance(np.array([mode.point for mode in kept])) < _ON_THE_SHEET):
-            target = Transported(target=posterior, transport=nested.inflated(INFLATION).transport)
-            return target.back(run(target))
+    if sheet is not None:
+        target = Transported(target=posterior, transport=sheet.inflated(INFLATION).transport)
+        return target.back(run(target))
     return run(posterior, reference=wide_mixture(modes, _INFLATION_OF_SEVERAL))
+
+
+def guide_between(modes: Sequence[Mode], sheet: NestedLaplace | None, inflation: float) -> Callable[[float], Reference]:
+    """Approximations of a posterior on the road to it from the inflated mixture of its modes, for moves to draw from.
+
+    A normal distribution to the power ``t`` times the same with inflated variances to the power ``1 - t`` is one again.
+
+    Parameters
+    ----------
+    modes : sequence of Mode
+        Its optima, best first.
+    sheet : NestedLaplace or None
+        See :func:`sheet_through`.
+    inflation : float
+        Of the variances where the road starts.
+    """
+
+    def at(tempering_parameter: float) -> Reference:
+        variance = _WIDER / ((1.0 - tempering_parameter) / inflation + tempering_parameter)
+        wide = wide_mixture(modes, variance)
+        if sheet is None:
+            return wide
+        return Mixture(weights=(0.5, 0.5), components=(wide, sheet.inflated(variance)))
+
+    return at
 
 
 def wide_mixture(modes: Sequence[Mode], inflation: float) -> Mixture:

@@ -15,7 +15,7 @@ from typing import NamedTuple, override
 import numpy as np
 
 from bwbn_bayes.inference.accuracy import LADDER, on_rung
-from bwbn_bayes.inference.bridge import bridge, wide_mixture
+from bwbn_bayes.inference.bridge import bridge, guide_between, sheet_through, wide_mixture
 from bwbn_bayes.inference.history import History
 from bwbn_bayes.inference.identify import Sampling
 from bwbn_bayes.inference.likelihood import Posterior
@@ -26,7 +26,7 @@ from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import Draws
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, require_particles, sample
-from bwbn_bayes.inference.tmcmc.stages import LAST_CORRELATION_TIMES, fewest_particles
+from bwbn_bayes.inference.tmcmc.stages import CORRELATION_TIMES, LAST_CORRELATION_TIMES, fewest_particles
 from bwbn_bayes.inference.tmcmc.target import DefensiveMixture
 from bwbn_bayes.results import Check
 
@@ -87,11 +87,12 @@ def two_starts(given: Given, nested: NestedLaplace | None = None) -> Sampled:
         The sheet through the modes, where it is known already.
     """
     n_attempts = _N_ATTEMPTS if given.explains else 1
+    sheet = sheet_through(given.target, given.modes, nested)
     for attempt, stream in enumerate(given.seeds.spawn(n_attempts)):
         starts = _attempt(
             given.target,
             given.modes,
-            nested,
+            sheet,
             given.settings.particles << attempt,
             given.settings,
             stream,
@@ -110,7 +111,7 @@ def two_starts(given: Given, nested: NestedLaplace | None = None) -> Sampled:
 def _attempt(
     target: Posterior,
     modes: Sequence[Mode],
-    nested: NestedLaplace | None,
+    sheet: NestedLaplace | None,
     n_particles: int,
     settings: Settings,
     stream: np.random.SeedSequence,
@@ -121,7 +122,7 @@ def _attempt(
     first = bridge(
         target,
         modes,
-        nested=nested,
+        sheet,
         n_particles=n_particles,
         rng_seed=int(one),
         variant=settings.variant,
@@ -140,9 +141,10 @@ def _attempt(
         return _Starts(first, run(target.with_engine(on_rung(target.engine, LADDER[0]))))
     history.say("sampling by transitional MCMC from a start of its own")
     wide = wide_mixture(modes, _INFLATION)
-    return _Starts(
-        first, run(target, reference=DefensiveMixture(prior_share=_PRIOR_SHARE, target=target, component=wide))
-    )
+    start = DefensiveMixture(prior_share=_PRIOR_SHARE, target=target, component=wide)
+    # Where the guide is zero, moves of its own keep what is there; and no draw of the result comes from this start.
+    guide = guide_between(modes, sheet, _INFLATION)
+    return _Starts(first, run(target, reference=start, guide=guide, last=CORRELATION_TIMES))
 
 
 def _worth(cloud: TmcmcResult) -> float:

@@ -78,8 +78,7 @@ def test_an_approximation_with_a_hole_is_told(
 ) -> None:
     """The fallback used to start from the proposal that had just failed, and nothing looked beyond it."""
 
-    def blind(target: Posterior, modes: Any, **options: Any) -> TmcmcResult:
-        del options["nested"]
+    def blind(target: Posterior, modes: Any, _: Any, **options: Any) -> TmcmcResult:
         return sample(target, reference=Half(modes[0]), **options)
 
     monkeypatch.setattr(module, "bridge", blind)
@@ -136,6 +135,7 @@ def test_more_particles_are_sent_out_for_a_model_that_leaves_noise(
         return module._Starts(cloud(rng), cloud(rng, sd=0.5))
 
     monkeypatch.setattr(module, "_attempt", attempt)
+    monkeypatch.setattr(module, "sheet_through", lambda *_: None)
     target: Any = None
     sampled = two_starts(Given(target, (), settings, rng, seeds, history, explains))
     assert sent == sizes

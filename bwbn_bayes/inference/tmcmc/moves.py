@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bwbn_bayes.inference.tmcmc.coordinates import Coordinates
+from bwbn_bayes.inference.tmcmc.coordinates import Chart, Coordinates
 from bwbn_bayes.inference.tmcmc.mixture import GaussianMixture, drawn
-from bwbn_bayes.inference.tmcmc.target import Floats, Integers
+from bwbn_bayes.inference.tmcmc.target import Floats, Integers, Reference
 
-MOVES = ("random walk", "differential evolution", "autoregressive", "independence")
+MOVES = ("random walk", "differential evolution", "autoregressive", "independence", "guide")
 _INFLATION = 1.05
 _JUMP_SHARE = 0.1
 _JUMP_JITTER = 1e-3
@@ -26,30 +26,56 @@ _LARGEST_SCALES = np.array([2.0, 2.0, 1.0])
 class Tuning(NamedTuple):
     """What the moves learn from one stage for the next.
 
-    ``shares (4,)`` are the probabilities of the moves in the order of :data:`MOVES`; ``scales (3,)`` are the sizes of
-    all but the last: the first two multiply the theoretical step, the third is the share of fresh noise, at most 1.
+    ``shares (5,)`` are the probabilities of the moves in the order of :data:`MOVES`; ``scales (3,)`` are the sizes of
+    the first three: two multiply the theoretical step, the third is the share of fresh noise, at most 1.
     """
 
     shares: Floats
     scales: Floats
 
 
-FIRST_TUNING = Tuning(np.full(4, 0.25), np.array([1.0, 1.0, 0.7]))
+FIRST_TUNING = Tuning(np.array([0.25, 0.25, 0.25, 0.25, 0.0]), np.array([1.0, 1.0, 0.7]))
+FIRST_GUIDED = Tuning(np.full(5, 0.2), FIRST_TUNING.scales)
+"""Where a stage has a guide."""
+
+
+class Guide(NamedTuple):
+    """A density of a chart's points that is known beforehand, in the coordinates of a stage."""
+
+    density: Reference
+    chart: Chart
+    coordinates: Coordinates
+
+    def sample(self, rng: np.random.Generator, n: int) -> Floats:
+        """Coordinates ``(n, d)`` of draws."""
+        return self.coordinates.forward(self.chart.positions(self.density.sample(rng, n)))[0]
+
+    def log_density(self, coordinates: Floats) -> Floats:
+        """Log density ``(n,)`` in these coordinates."""
+        points, log_volume = self.coordinates.inverse(coordinates, self.chart)
+        return self.density.log_density(points) + log_volume
 
 
 class Shape(NamedTuple):
-    """What a stage knows of its density: coordinates, a mixture fitted in them, an archive ``(m, d)``, precision."""
+    """What a stage knows of its density: coordinates, a mixture fitted in them, an archive ``(m, d)``, precision.
+
+    And a guide, if there is one.
+    """
 
     coordinates: Coordinates
     mixture: GaussianMixture
     archive: Floats
     precision: Floats
+    guide: Guide | None
 
     @classmethod
-    def of(cls, coordinates: Coordinates, mixture: GaussianMixture, archive: Floats) -> Shape:
+    def of(
+        cls, coordinates: Coordinates, mixture: GaussianMixture, archive: Floats, guide: Guide | None = None
+    ) -> Shape:
         """The shape of a fit and its archive."""
         covariance = np.atleast_2d(np.cov(archive, rowvar=False))
-        return cls(coordinates, mixture.inflated(_INFLATION), archive, np.linalg.pinv(covariance, hermitian=True))
+        precision = np.linalg.pinv(covariance, hermitian=True)
+        return cls(coordinates, mixture.inflated(_INFLATION), archive, precision, guide)
 
     def squared_jumps(self, start: Floats, end: Floats) -> Floats:
         """Squared lengths ``(n,)`` of jumps between positions ``(n, d)`` in units of the archive's spread."""
@@ -94,7 +120,7 @@ def propose(positions: Floats, log_fit: Floats, shape: Shape, tuning: Tuning, rn
        to Make Them Faster", 2013, doi:10.1214/13-STS421 (the autoregressive move, there about the prior).
     """
     moves = drawn(tuning.shares, rng, len(positions))
-    proposed = np.empty_like(positions)
+    proposed, log_asymmetry = np.empty_like(positions), np.zeros(len(positions))
     for move in range(len(MOVES)):
         mine = (moves == move).nonzero()[0]
         if len(mine) == 0:
@@ -106,11 +132,17 @@ def propose(positions: Floats, log_fit: Floats, shape: Shape, tuning: Tuning, rn
             proposed[mine] = _differential_evolution(start, shape, float(tuning.scales[1]), rng)
         elif move == 2:
             proposed[mine] = _autoregressive(start, shape.mixture, float(tuning.scales[2]), rng)
-        else:
+        elif move == 3:
             proposed[mine] = shape.mixture.sample(rng, len(start))
+        else:
+            assert shape.guide is not None
+            proposed[mine] = shape.guide.sample(rng, len(start))
+            # From where the guide is zero no draw of it is accepted: the way back is closed.
+            log_asymmetry[mine] = shape.guide.log_density(start) - shape.guide.log_density(proposed[mine])
     log_fit_proposed = shape.mixture.log_density(proposed)
-    # The first two moves are symmetric; the others are reversible with respect to the fit.
-    log_asymmetry = np.where(moves >= 2, log_fit - log_fit_proposed, 0.0)
+    # The first two moves are symmetric, the next two reversible with respect to the fit, the last to the guide.
+    by_fit = (moves == 2) | (moves == 3)
+    log_asymmetry[by_fit] = (log_fit - log_fit_proposed)[by_fit]
     return Proposal(proposed, log_fit_proposed, log_asymmetry, moves)
 
 
@@ -152,7 +184,7 @@ def _autoregressive(positions: Floats, mixture: GaussianMixture, fresh: float, r
 
 
 class Tally(NamedTuple):
-    """Sums over a stage, one entry per move ``(4,)``: proposals, acceptances, squared jumps in whitened units."""
+    """Sums over a stage, one entry per move ``(5,)``: proposals, acceptances, squared jumps in whitened units."""
 
     proposed: Floats
     accepted: Floats
@@ -172,7 +204,7 @@ class Tally(NamedTuple):
         return float(np.sum(self.accepted) / np.sum(self.proposed))
 
 
-EMPTY_TALLY = Tally(np.zeros(4), np.zeros(4), np.zeros(4))
+EMPTY_TALLY = Tally(*np.zeros((3, len(MOVES))))
 
 
 def retune(tuning: Tuning, tally: Tally) -> Tuning:
@@ -187,7 +219,9 @@ def retune(tuning: Tuning, tally: Tally) -> Tuning:
     """
     turns = np.maximum(tally.proposed, 1.0)
     travelled = tally.jumped / turns + 1e-12
-    wanted = _SMALLEST_SHARE + (1.0 - len(MOVES) * _SMALLEST_SHARE) * travelled / np.sum(travelled)
+    there = tuning.shares > 0.0
+    spare = 1.0 - np.sum(there) * _SMALLEST_SHARE
+    wanted = np.where(there, _SMALLEST_SHARE + spare * travelled / np.sum(travelled[there]), 0.0)
     gain = np.clip((tally.accepted / turns)[:3] / _ACCEPTANCES - 1.0, -0.7, 0.7)
     scales = np.clip(tuning.scales * np.exp(gain), 1e-3, _LARGEST_SCALES)
     return Tuning(0.5 * (tuning.shares + wanted), np.where(tally.proposed[:3] > 0.0, scales, tuning.scales))

@@ -22,8 +22,10 @@ from threadpoolctl import threadpool_limits
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.tmcmc import tempering
-from bwbn_bayes.inference.tmcmc.moves import FIRST_TUNING
+from bwbn_bayes.inference.tmcmc.moves import FIRST_GUIDED, FIRST_TUNING, Tuning
 from bwbn_bayes.inference.tmcmc.stages import (
+    CORRELATION_TIMES,
+    LAST_CORRELATION_TIMES,
     Evaluator,
     Population,
     Streams,
@@ -94,6 +96,8 @@ def sample(
     rng_seed: int,
     variant: Variant = "default",
     reference: Reference | None = None,
+    guide: Callable[[float], Reference] | None = None,
+    last: float = LAST_CORRELATION_TIMES,
     progress: Callable[[StageFacts], None] | None = None,
 ) -> TmcmcResult:
     """Sample a posterior and its evidence.
@@ -110,6 +114,10 @@ def sample(
         ``default`` moves until decorrelated; ``plain`` is the published algorithm with the scale 0.2, its bias kept.
     reference : Reference, optional
         Where the road starts; the prior if not given.
+    guide : callable, optional
+        Density near that of a tempering parameter, from which some moves of the default variant are drawn.
+    last : float
+        Length of the default variant's chains in the last stage, whose states are the draws, in autocorrelation times.
     progress : callable, optional
         Called with the facts of each finished stage.
 
@@ -129,10 +137,11 @@ def sample(
     began = time.perf_counter()
     # Its matrices are small or narrow: threads of the algebra took two thirds of the time to wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
-        state = _first_state(start, evaluator, n_particles, rng_seed)
+        tuning = FIRST_TUNING if guide is None else FIRST_GUIDED
+        state = _first_state(start, evaluator, n_particles, rng_seed, tuning)
         _announce(state, progress)
         while state.tempering_parameter < 1.0:
-            state = _next_state(state, evaluator, n_particles, rng_seed, variant, began)
+            state = _next_state(state, evaluator, n_particles, rng_seed, variant, guide, last, began)
             _announce(state, progress)
     return _result(state, n_particles)
 
@@ -144,7 +153,9 @@ def require_particles(n_particles: int, n_dim: int) -> None:
         raise UserError(f"{n_particles} particles for {n_dim} parameters: use at least {fewest}")
 
 
-def _first_state(reference: Reference, evaluator: Evaluator, n_particles: int, rng_seed: int) -> RunState:
+def _first_state(
+    reference: Reference, evaluator: Evaluator, n_particles: int, rng_seed: int, tuning: Tuning
+) -> RunState:
     """Draw and evaluate the reference."""
     began = time.perf_counter()
     cloud, n_solves = evaluator(reference.sample(Streams(rng_seed, 0).at(0), n_particles))
@@ -164,12 +175,19 @@ def _first_state(reference: Reference, evaluator: Evaluator, n_particles: int, r
         elapsed_s=time.perf_counter() - began,
         label="draws of the reference",
     )
-    population = Population(cloud, np.arange(n_particles), float(n_finite), FIRST_TUNING)
+    population = Population(cloud, np.arange(n_particles), float(n_finite), tuning)
     return RunState(population, 0.0, 0.0, 0.0, n_solves, np.inf, (facts,))
 
 
 def _next_state(
-    state: RunState, evaluator: Evaluator, n_particles: int, rng_seed: int, variant: Variant, began: float
+    state: RunState,
+    evaluator: Evaluator,
+    n_particles: int,
+    rng_seed: int,
+    variant: Variant,
+    guide: Callable[[float], Reference] | None,
+    last: float,
+    began: float,
 ) -> RunState:
     """Temper, weigh, resample, move."""
     population, past = state.population, state.tempering_parameter
@@ -182,7 +200,16 @@ def _next_state(
     if variant == "plain":
         moved = plain_stage(evaluator, population, log_weights, tempering_parameter, streams)
     else:
-        moved = waste_free_stage(evaluator, population, log_weights, tempering_parameter, streams, n_particles)
+        moved = waste_free_stage(
+            evaluator,
+            population,
+            log_weights,
+            tempering_parameter,
+            streams,
+            n_particles,
+            guide=None if guide is None else guide(tempering_parameter),
+            wanted=last if tempering_parameter == 1.0 else CORRELATION_TIMES,
+        )
     n_solves = state.n_solves + moved.n_solves
     facts = StageFacts(
         stage=streams.stage,

@@ -24,14 +24,17 @@ from bwbn_bayes.inference.tmcmc.mixture import (
     fit_mixture,
     information_penalty,
 )
-from bwbn_bayes.inference.tmcmc.moves import Shape, Tuning
-from bwbn_bayes.inference.tmcmc.target import Cloud, Floats, Integers, join
+from bwbn_bayes.inference.tmcmc.moves import Guide, Shape, Tuning
+from bwbn_bayes.inference.tmcmc.target import Cloud, Floats, Integers, Reference, join
 
 PLAIN_SCALE = 0.2
 CHAIN_LENGTH = 16
-LONGEST_CHAIN, LONGEST_LAST_CHAIN = 512, 2048
+LONGEST_CHAIN = 256
+"""Steps of a chain at most, for each autocorrelation time that is wanted."""
 _CHAIN_MULTIPLE = 32
-_CORRELATION_TIMES, LAST_CORRELATION_TIMES = 2.0, 8.0
+_SPARE = 1.1
+"""Length that chains grow to, over what the autocorrelation times measured so far ask for."""
+CORRELATION_TIMES, LAST_CORRELATION_TIMES = 2.0, 8.0
 """Wanted length of chains, in autocorrelation times, on the road and at its end.
 
 All states count, so that chains keep of an error in where they began one over twice as many: a quarter on the road, of
@@ -136,12 +139,13 @@ def waste_free_stage(
     streams: Streams,
     n_particles: int,
     chart: Chart = PROBIT,
+    guide: Reference | None = None,
+    wanted: float = CORRELATION_TIMES,
 ) -> Moved:
     """Resample a few ancestors and run them as chains until decorrelated; the cloud is every state of every chain.
 
-    The chains grow by doubling from 16 steps until they have twice the longest integrated autocorrelation time (over
-    the positions and the log ratio), or 512 steps, which the label then says; those of the last stage until they have
-    eight times that, or 2,048 steps.
+    The chains grow from 16 steps until they have as many of the longest integrated autocorrelation time (over the
+    positions and the log ratio) as wanted, or 256 steps for each of them, which the label then says.
 
     Parameters
     ----------
@@ -159,6 +163,10 @@ def waste_free_stage(
         Smallest size of the new cloud.
     chart : Chart
         Of the cloud's points.
+    guide : Reference, optional
+        A density near this stage's, from which some moves are drawn; it may be zero where the stage's is not.
+    wanted : float
+        Length of the chains, in autocorrelation times.
 
     Returns
     -------
@@ -173,9 +181,12 @@ def waste_free_stage(
     n_chains = chain_count(n_particles, positions.shape[1])
     ancestors = order[resampling.systematic(weights[order], n_chains, streams.at(0))]
     worth = population.effective_size / (len(weights) * float(np.sum(weights**2)))
-    shapes = _shapes(positions, weights, families, worth, n_particles, streams)
+    first, second = _shapes(positions, weights, families, worth, n_particles, streams)
+    if guide is not None:
+        first, second = (own._replace(guide=Guide(guide, chart, own.coordinates)) for own in (first, second))
+    shapes = first, second
     chains = _started(cloud.take(ancestors), positions[ancestors], families[ancestors] % 2, shapes, chart)
-    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams)
+    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams, wanted)
     moved = Population(
         join(run.clouds),
         np.tile(np.arange(n_chains), len(run.clouds)),
@@ -235,11 +246,14 @@ def _run(
     tuning: Tuning,
     tempering_parameter: float,
     streams: Streams,
+    wanted: float,
 ) -> _Run:
-    """Advance the chains, doubling their length until it is as many autocorrelation times as wanted, or at the cap."""
-    is_last = tempering_parameter == 1.0
-    wanted = LAST_CORRELATION_TIMES if is_last else _CORRELATION_TIMES
-    longest = LONGEST_LAST_CHAIN if is_last else LONGEST_CHAIN
+    """Advance the chains until they are as many autocorrelation times long as wanted, or at the cap.
+
+    They grow to what the times measured so far ask for and a little more, but no more than double: short chains show
+    times that are too short.
+    """
+    longest = int(wanted * LONGEST_CHAIN)
     clouds: list[Cloud] = []
     traces: list[Floats] = []
     tally, n_solves, length = moves.EMPTY_TALLY, 0, CHAIN_LENGTH
@@ -257,7 +271,7 @@ def _run(
         if length >= longest:
             label = f"stopped at the cap of {length} steps, {length / correlation_time:.2g} autocorrelation times"
             return _Run(clouds, correlation_time, tally, n_solves, label)
-        length *= 2
+        length = min(2 * length, int(np.ceil(_SPARE * wanted * correlation_time)), longest)
 
 
 def _shapes(

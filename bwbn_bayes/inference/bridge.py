@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -15,7 +14,6 @@ from bwbn_bayes.inference.nested_laplace import NestedLaplace
 from bwbn_bayes.inference.sheet_nodes import first_nodes
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.inference.tmcmc.target import Reference
-from bwbn_bayes.inference.transported import Transported
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.results import StageFacts
 
@@ -71,8 +69,8 @@ def bridge(
 ) -> TmcmcResult:
     """Sample a posterior whose optima are known.
 
-    Where all of them lie on one sheet the road starts at the inflated sheet and runs in the coordinates that make it
-    uniform, so that neither scales nor curvature are left to learn; else at the inflated mixture of all of them.
+    The road starts at the inflated mixture of the optima and, where all of them lie on one, the sheet through them,
+    which follows bends; moves are drawn from the same, less and less inflated.
 
     Parameters
     ----------
@@ -85,11 +83,16 @@ def bridge(
     n_particles, rng_seed, variant, progress
         As for :func:`~bwbn_bayes.inference.tmcmc.sampler.sample`.
     """
-    run = partial(sample, n_particles=n_particles, rng_seed=rng_seed, variant=variant, progress=progress)
-    if sheet is not None:
-        target = Transported(target=posterior, transport=sheet.inflated(INFLATION).transport)
-        return target.back(run(target))
-    return run(posterior, reference=wide_mixture(modes, _INFLATION_OF_SEVERAL))
+    inflation = _INFLATION_OF_SEVERAL if sheet is None else INFLATION
+    return sample(
+        posterior,
+        n_particles=n_particles,
+        rng_seed=rng_seed,
+        variant=variant,
+        reference=_about(modes, sheet, inflation),
+        guide=guide_between(modes, sheet, inflation),
+        progress=progress,
+    )
 
 
 def guide_between(modes: Sequence[Mode], sheet: NestedLaplace | None, inflation: float) -> Callable[[float], Reference]:
@@ -108,13 +111,15 @@ def guide_between(modes: Sequence[Mode], sheet: NestedLaplace | None, inflation:
     """
 
     def at(tempering_parameter: float) -> Reference:
-        variance = _WIDER / ((1.0 - tempering_parameter) / inflation + tempering_parameter)
-        wide = wide_mixture(modes, variance)
-        if sheet is None:
-            return wide
-        return Mixture(weights=(0.5, 0.5), components=(wide, sheet.inflated(variance)))
+        return _about(modes, sheet, _WIDER / ((1.0 - tempering_parameter) / inflation + tempering_parameter))
 
     return at
+
+
+def _about(modes: Sequence[Mode], sheet: NestedLaplace | None, inflation: float) -> Mixture:
+    """The mixture at the modes, and the sheet through them where there is one, their variances inflated."""
+    wide = wide_mixture(modes, inflation)
+    return wide if sheet is None else Mixture(weights=(0.5, 0.5), components=(wide, sheet.inflated(inflation)))
 
 
 def wide_mixture(modes: Sequence[Mode], inflation: float) -> Mixture:

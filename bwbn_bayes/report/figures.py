@@ -281,15 +281,21 @@ def _stages(stages: tuple[StageFacts, ...]) -> Drawing | None:
     if not panels:
         return None
     figure, axes = canvas(len(panels), 0.4 + 1.4 * len(panels))
+    numbers = np.array([stage.stage for stage in stages])
+    # A road that begins anew is another run.
+    begins = np.flatnonzero(np.diff([stage.tempering_parameter for stage in stages]) < 0.0) + 1
     for axis, (title, values) in zip(axes, panels, strict=True):
-        axis.plot([stage.stage for stage in stages], values, "o-", color=IDENTIFIED, markersize=4, linewidth=1.1)
+        for own, run in zip(np.split(numbers, begins), np.split(values, begins), strict=True):
+            axis.plot(own, run, "o-", color=IDENTIFIED, markersize=4, linewidth=1.1)
         axis.set_title(title)
         if title.startswith("Tempering") and np.nanmin(values) > 0.0:
             axis.set_yscale("log")
         axis.xaxis.set_major_locator(MaxNLocator(8, integer=True))
     axes[-1].set_xlabel("stage")
     titles = " and ".join(title.lower() for title, _ in panels)
-    return finished(figure, "stages.png", f"Stage by stage: {titles}.", f"{titles} against stage.".capitalize())
+    return finished(
+        figure, "stages.png", f"Stage by stage: {titles}; a line for each run.", f"{titles} against stage.".capitalize()
+    )
 
 
 def _posterior(content: Content) -> Drawing | None:

@@ -65,7 +65,7 @@ def roads(
         sheet.lay()
     weighted = sample_importance(posterior, sheet.proposal, np.random.default_rng(4), effective=2 * draws)
     points, _ = weighted.resampled(np.random.default_rng(2), 4 * draws)
-    from_start = partial(bridge, modes=(mode,), nested=sheet.nested) if bent else sample
+    from_start = partial(bridge, modes=(mode,), sheet=sheet.nested) if bent else sample
     cloud = from_start(posterior, n_particles=draws, rng_seed=1)
     smc = sample_smc(twin, draws=draws, chains=2, seed=1)
     coordinates = NormalCoordinates.at(posterior, mode.point)

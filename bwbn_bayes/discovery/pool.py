@@ -73,7 +73,6 @@ class Pool:
     _coloured: set[Key] = field(default_factory=set)
     _bounds: dict[Key, float] = field(default_factory=dict)
     """Log evidence of each under autoregressive errors, at least."""
-    _sampled: set[tuple[Key, Place | None]] = field(default_factory=set)
     _alone: set[Key] = field(default_factory=set)
 
     def begin(self, given: Explanation) -> Explanation:
@@ -120,7 +119,6 @@ class Pool:
         self.first[key] = one.evidence.log_evidence
         if one.unnamed is not None:
             self.unnamed[key, one.unnamed] = one
-            self._sampled.discard((key, one.unnamed))
             if key:
                 self._alone.discard(key)
             return
@@ -128,7 +126,6 @@ class Pool:
         self.asked -= {pair for pair in self.asked if pair[0] == key}
         for place in [place for place in self.unnamed if place[0] == key]:
             del self.unnamed[place]
-            self._sampled.discard(place)
 
     def _take_plain(self, one: Explanation) -> None:
         """In the place of one of the same effects without anything unnamed, whose accounts of the errors go with it."""
@@ -136,7 +133,6 @@ class Pool:
         self.plain[key] = one
         self._coloured.discard(key)
         self._bounds.pop(key, None)
-        self._sampled.discard((key, None))
 
     def add_unnamed(self, one: Explanation) -> None:
         """Take in an explanation of a building with something unnamed.
@@ -296,9 +292,10 @@ class Pool:
 
     def _sample(self) -> None:
         """Sample the evidence of the best, where Laplace's approximation gave it, until the best are sampled."""
-        while waiting := self._waiting:
+        done: set[tuple[Key, Place | None]] = set()
+        while waiting := [one for one in self._waiting if (one.effects_key, one.unnamed) not in done]:
             # Once is enough: where not enough draws are to be had, Laplace's value stands.
-            self._sampled.update((one.effects_key, one.unnamed) for one in waiting)
+            done.update((one.effects_key, one.unnamed) for one in waiting)
             for one in waiting:
                 evidence = sampled(one.evidence, self.run.rng, _N_SAMPLED)
                 if one.unnamed is None:
@@ -314,7 +311,7 @@ class Pool:
         return [
             one
             for one, is_near in zip(believed.explanations, near, strict=False)
-            if is_near and one.evidence.method == "Laplace" and (one.effects_key, one.unnamed) not in self._sampled
+            if is_near and one.evidence.method == "Laplace"
             if one.unnamed is None or self.has_force
         ]
 

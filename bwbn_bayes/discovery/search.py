@@ -104,8 +104,7 @@ def search(given: Explanation, run: Run) -> Pool:
 def _beside_a_force(given: Explanation, pool: Pool, run: Run) -> str:
     """What is asked at the end of a force of no known law, in words; nothing of several tests of a specimen."""
     build_alone(pool, run)
-    if not run.stopped:
-        pool.weigh(last=True)
+    pool.weigh(last=True)
     if pool.has_force:
         return "Built laws by themselves"
     if given.is_specimen:

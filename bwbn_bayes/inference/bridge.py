@@ -17,7 +17,7 @@ from bwbn_bayes.inference.tmcmc.target import Reference
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.results import StageFacts
 
-INFLATION = 2.0
+_INFLATION = 2.0
 """Factor on the variances of the approximation from which it starts at one mode."""
 _INFLATION_OF_SEVERAL = 25.0
 _WIDER = 1.1
@@ -83,7 +83,7 @@ def bridge(
     n_particles, rng_seed, variant, progress
         As for :func:`~bwbn_bayes.inference.tmcmc.sampler.sample`.
     """
-    inflation = _INFLATION_OF_SEVERAL if sheet is None else INFLATION
+    inflation = _INFLATION_OF_SEVERAL if sheet is None else _INFLATION
     return sample(
         posterior,
         n_particles=n_particles,

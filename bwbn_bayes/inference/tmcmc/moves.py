@@ -66,16 +66,13 @@ class Shape(NamedTuple):
     mixture: GaussianMixture
     archive: Floats
     precision: Floats
-    guide: Guide | None
+    guide: Guide | None = None
 
     @classmethod
-    def of(
-        cls, coordinates: Coordinates, mixture: GaussianMixture, archive: Floats, guide: Guide | None = None
-    ) -> Shape:
+    def of(cls, coordinates: Coordinates, mixture: GaussianMixture, archive: Floats) -> Shape:
         """The shape of a fit and its archive."""
         covariance = np.atleast_2d(np.cov(archive, rowvar=False))
-        precision = np.linalg.pinv(covariance, hermitian=True)
-        return cls(coordinates, mixture.inflated(_INFLATION), archive, precision, guide)
+        return cls(coordinates, mixture.inflated(_INFLATION), archive, np.linalg.pinv(covariance, hermitian=True))
 
     def squared_jumps(self, start: Floats, end: Floats) -> Floats:
         """Squared lengths ``(n,)`` of jumps between positions ``(n, d)`` in units of the archive's spread."""

@@ -24,7 +24,6 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.tmcmc import tempering
 from bwbn_bayes.inference.tmcmc.moves import FIRST_GUIDED, FIRST_TUNING, Tuning
 from bwbn_bayes.inference.tmcmc.stages import (
-    CORRELATION_TIMES,
     LAST_CORRELATION_TIMES,
     Evaluator,
     Population,
@@ -208,7 +207,7 @@ def _next_state(
             streams,
             n_particles,
             guide=None if guide is None else guide(tempering_parameter),
-            wanted=last if tempering_parameter == 1.0 else CORRELATION_TIMES,
+            last=last,
         )
     n_solves = state.n_solves + moved.n_solves
     facts = StageFacts(

@@ -140,7 +140,7 @@ def waste_free_stage(
     n_particles: int,
     chart: Chart = PROBIT,
     guide: Reference | None = None,
-    wanted: float = CORRELATION_TIMES,
+    last: float = LAST_CORRELATION_TIMES,
 ) -> Moved:
     """Resample a few ancestors and run them as chains until decorrelated; the cloud is every state of every chain.
 
@@ -165,8 +165,8 @@ def waste_free_stage(
         Of the cloud's points.
     guide : Reference, optional
         A density near this stage's, from which some moves are drawn; it may be zero where the stage's is not.
-    wanted : float
-        Length of the chains, in autocorrelation times.
+    last : float
+        Length of the chains where this stage is the last one, in autocorrelation times.
 
     Returns
     -------
@@ -186,7 +186,7 @@ def waste_free_stage(
         first, second = (own._replace(guide=Guide(guide, chart, own.coordinates)) for own in (first, second))
     shapes = first, second
     chains = _started(cloud.take(ancestors), positions[ancestors], families[ancestors] % 2, shapes, chart)
-    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams, wanted)
+    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams, last)
     moved = Population(
         join(run.clouds),
         np.tile(np.arange(n_chains), len(run.clouds)),
@@ -246,13 +246,14 @@ def _run(
     tuning: Tuning,
     tempering_parameter: float,
     streams: Streams,
-    wanted: float,
+    last: float,
 ) -> _Run:
     """Advance the chains until they are as many autocorrelation times long as wanted, or at the cap.
 
     They grow to what the times measured so far ask for and a little more, but no more than double: short chains show
     times that are too short.
     """
+    wanted = last if tempering_parameter == 1.0 else CORRELATION_TIMES
     longest = int(wanted * LONGEST_CHAIN)
     clouds: list[Cloud] = []
     traces: list[Floats] = []

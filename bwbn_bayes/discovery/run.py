@@ -43,7 +43,7 @@ class DiscoverySettings:
     most_effects : int
         Effects added at most.
     most_rounds : int
-        Explanations that are built upon at most.
+        Explanations that are built upon at most; of a building as many again, which lack one of the best one's effects.
     particles : int
         Effective draws of the final posterior.
     n_workers : int

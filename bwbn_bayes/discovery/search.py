@@ -268,13 +268,15 @@ def _exchange(pool: Pool, run: Run) -> None:
     place of the right one. Of a specimen every effect is fitted in every round.
     """
     tried: set[Key] = set()
+    most = len(pool.expanded) + run.settings.most_rounds
     while (best := pool.ranked()[0]).effects_key not in tried and len(best.added) > 1:
         tried.add(best.effects_key)
         pool.add(left_out(best, pool.searched, run))
         for one in best.added:
             base = pool.searched.get(best.effects_key - key_of([one]))
-            if base is not None and base.effects_key not in pool.expanded and not run.must_stop():
-                _round(base, pool, run)
+            if base is None or base.effects_key in pool.expanded or len(pool.expanded) >= most or run.must_stop():
+                continue
+            _round(base, pool, run)
 
 
 def _change_forms(pool: Pool, run: Run) -> None:

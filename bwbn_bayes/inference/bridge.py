@@ -10,8 +10,8 @@ import numpy as np
 from bwbn_bayes.inference.importance import Mixture
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import Mode
-from bwbn_bayes.inference.nested_laplace import NestedLaplace
-from bwbn_bayes.inference.sheet_nodes import first_nodes
+from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
+from bwbn_bayes.inference.sheet_nodes import has_wide
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
 from bwbn_bayes.inference.tmcmc.target import Reference
 from bwbn_bayes.inference.truncated import TruncatedStudent
@@ -35,9 +35,11 @@ def contributing(modes: Sequence[Mode]) -> tuple[Mode, ...]:
 
 
 def sheet_through(
-    posterior: Posterior, modes: Sequence[Mode], nested: NestedLaplace | None = None
+    posterior: Posterior, modes: Sequence[Mode], rng: np.random.Generator, nested: NestedLaplace | None = None
 ) -> NestedLaplace | None:
-    """The sheet on which all modes lie that a bridge starts from; None where they do not, or nothing is left to bend.
+    """The sheet on which all modes lie that a bridge starts from, refined until its draws weigh alike.
+
+    None where they do not, where nothing is left to bend beside a wide coordinate, or where none is wide.
 
     Parameters
     ----------
@@ -45,16 +47,19 @@ def sheet_through(
         Target.
     modes : sequence of Mode
         Its optima, best first.
+    rng : numpy.random.Generator
+        Random stream.
     nested : NestedLaplace, optional
         A sheet that was laid already.
     """
     kept = contributing(modes)
-    # Beside a wide coordinate and the one that is drawn first with it, something must be left to bend.
-    if posterior.n_dim <= _FEWEST:
-        return None
-    sheet = nested or NestedLaplace.laid(posterior, first_nodes(posterior, kept))
-    lie_on_it = sheet.distance(np.array([mode.point for mode in kept])) < _ON_THE_SHEET
-    return sheet if np.all(lie_on_it) else None
+    if nested is None:
+        # Beside a wide coordinate and the one that is drawn first with it, something must be left to bend.
+        if posterior.n_dim <= _FEWEST or not has_wide(modes[0].information):
+            return None
+        nested = Sheet(posterior, kept, rng).laid()
+    lie_on_it = nested.distance(np.array([mode.point for mode in kept])) < _ON_THE_SHEET
+    return nested if np.all(lie_on_it) else None
 
 
 def bridge(

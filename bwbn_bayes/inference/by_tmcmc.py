@@ -27,7 +27,7 @@ from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import Draws
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, require_particles, sample
 from bwbn_bayes.inference.tmcmc.stages import CORRELATION_TIMES, LAST_CORRELATION_TIMES, fewest_particles
-from bwbn_bayes.inference.tmcmc.target import DefensiveMixture
+from bwbn_bayes.inference.tmcmc.target import DefensiveMixture, Reference
 from bwbn_bayes.results import Check
 
 FIRST, SECOND = "tmcmc (bridge)", "tmcmc (second start)"
@@ -87,7 +87,7 @@ def two_starts(given: Given, nested: NestedLaplace | None = None) -> Sampled:
         The sheet through the modes, where it is known already.
     """
     n_attempts = _N_ATTEMPTS if given.explains else 1
-    sheet = sheet_through(given.target, given.modes, nested)
+    sheet = sheet_through(given.target, given.modes, given.rng, nested)
     for attempt, stream in enumerate(given.seeds.spawn(n_attempts)):
         starts = _attempt(
             given.target,
@@ -140,10 +140,15 @@ def _attempt(
         history.say("sampling by transitional MCMC from the prior")
         return _Starts(first, run(target.with_engine(on_rung(target.engine, LADDER[0]))))
     history.say("sampling by transitional MCMC from a start of its own")
-    wide = wide_mixture(modes, _INFLATION)
-    start = DefensiveMixture(prior_share=_PRIOR_SHARE, target=target, component=wide)
-    # Where the guide is zero, moves of its own keep what is there; and no draw of the result comes from this start.
-    guide = guide_between(modes, sheet, _INFLATION)
+    start = DefensiveMixture(prior_share=_PRIOR_SHARE, target=target, component=wide_mixture(modes, _INFLATION))
+    near = guide_between(modes, sheet, _INFLATION)
+
+    def guide(tempering_parameter: float) -> Reference:
+        """With the prior, where the early road lies as well: moves fitted to both do not lead from one to the other."""
+        share = _PRIOR_SHARE * (1.0 - tempering_parameter)
+        own = near(tempering_parameter)
+        return DefensiveMixture(prior_share=share, target=target, component=own) if share else own
+
     return _Starts(first, run(target, reference=start, guide=guide, last=CORRELATION_TIMES))
 
 

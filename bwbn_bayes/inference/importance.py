@@ -61,7 +61,7 @@ class Mixture:
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         counts = rng.multinomial(n, self.weights)
-        draws = [c.sample(rng, int(k)) for c, k in zip(self.components, counts, strict=True) if k > 0]
+        draws = [c.sample(rng, int(k)) for c, k in zip(self.components, counts, strict=True)]
         return rng.permutation(np.concatenate(draws))
 
     def log_density(self, points: Floats) -> Floats:

@@ -277,7 +277,7 @@ class Sheet:
             return self._start
         return Mixture(weights=(0.65, 0.3, 0.05), components=(self.nested, self.nested.inflated(*_TAILS), self._start))
 
-    def lay(self) -> None:
+    def laid(self) -> NestedLaplace:
         """Lay it through the modes, and refine it by pilots until their weights are even or six rounds are over."""
         self._nodes = first_nodes(self._posterior, self._modes)
         self.nested = NestedLaplace.laid(self._posterior, self._nodes)
@@ -286,6 +286,7 @@ class Sheet:
             if pilot.effective_sample_size > _ENOUGH * len(pilot.points) and pilot.pareto_k < _LIGHT:
                 break
             self.refine(pilot)
+        return self.nested
 
     def refine(self, draws: WeightedDraws) -> None:
         """Lay nodes where draws of the proposal turned out heavy, and as many where it has its mass."""

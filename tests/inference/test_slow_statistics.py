@@ -18,6 +18,7 @@ import pytest
 from calibration import calibration_verdict, normalised_rank
 from inference_cases import MODELS, SDOF
 
+from benchmarks.calibrating import records
 from bwbn_bayes import (
     BoucWen,
     IntegratedNoise,
@@ -33,6 +34,7 @@ from bwbn_bayes import (
     simulate,
 )
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.inference.by_tmcmc import FIRST
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.tmcmc import sample
 from bwbn_bayes.parameters import Floats
@@ -379,3 +381,26 @@ def test_tmcmc_on_el_centro(snr_db: float, least_correlation: float) -> None:
         for mine, theirs in zip(facts.parameters, one.parameters, strict=True):
             assert abs(mine.mean - theirs.mean) < 4.0 * theirs.sd / np.sqrt(size), (mine, theirs)
             assert abs(mine.sd / theirs.sd - 1.0) < 4.0 / np.sqrt(2.0 * size) + 0.02, (mine, theirs)
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_tmcmc_on_a_bent_posterior(number: int) -> None:
+    """Two truths whose posteriors are bent: from a sheet that was not refined chains needed hundreds of steps and more.
+
+    And those of the second start did not find from the modes to the rest of the prior and back.
+    """
+    made = records.replicate(model_file("sdof"), records.CONDITIONS["regular"], 131, number)
+    found = {
+        method: identify(made.model, made.record, settings=Settings(method=method, particles=500))
+        for method in ("importance", "tmcmc")
+    }
+    evidence = {method: one.facts.evidences for method, one in found.items()}
+    assert all(check.passed for check in found["tmcmc"].facts.checks), found["tmcmc"].facts.checks
+    exact = evidence["importance"]["importance"][0]
+    assert abs(evidence["tmcmc"][FIRST][0] - exact) < 0.25
+    by_importance, by_tmcmc = (
+        {p.name: (p.mean, p.sd) for p in one.facts.parameters} for one in (found["importance"], found["tmcmc"])
+    )
+    for name, (mean, sd) in by_importance.items():
+        assert abs(by_tmcmc[name][0] - mean) < 0.3 * sd, name
+        assert 0.75 < by_tmcmc[name][1] / sd < 1.33, name

@@ -14,7 +14,7 @@ from pymc_cases import TRUTH, small_mode, small_posterior
 from bwbn_bayes import Result, Settings, identify, simulate, to_pymc
 from bwbn_bayes.inference.accuracy import LADDER, choose_scheme
 from bwbn_bayes.inference.bridge import bridge
-from bwbn_bayes.inference.importance import sample_importance
+from bwbn_bayes.inference.importance import PARETO_CLEAR, sample_importance
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.nested_laplace import Sheet
@@ -62,8 +62,11 @@ def roads(
     twin = to_pymc(posterior.model, posterior.record, noise=posterior.noise, engine=posterior.engine)
     sheet = Sheet(posterior, (mode,), np.random.default_rng(1))
     if bent:
-        sheet.lay()
+        sheet.laid()
     weighted = sample_importance(posterior, sheet.proposal, np.random.default_rng(4), effective=2 * draws)
+    if weighted.pareto_k > PARETO_CLEAR:  # as identify does: such draws miss a tail
+        sheet.laid()
+        weighted = sample_importance(posterior, sheet.proposal, np.random.default_rng(4), effective=2 * draws)
     points, _ = weighted.resampled(np.random.default_rng(2), 4 * draws)
     from_start = partial(bridge, modes=(mode,), sheet=sheet.nested) if bent else sample
     cloud = from_start(posterior, n_particles=draws, rng_seed=1)

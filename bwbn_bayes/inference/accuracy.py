@@ -223,11 +223,14 @@ def _runs_away(posterior: Posterior, points: Floats) -> NDArray[np.bool_]:
     return ~np.all(missed <= counts(record) * mean_squares(record, record.measured), axis=1)
 
 
-def rung_of(engine: Lanes) -> int:
-    """The rung of the ladder that an engine's scheme is, or is but for shorter steps; the last but one of none."""
-    rungs = enumerate(LADDER)
+def rung_of(engine: Lanes, first: int = 0) -> int:
+    """The rung of the ladder, from the rung ``first`` on, that an engine's scheme is, or is but for shorter steps.
+
+    The last but one of none. With shorter steps, a scheme may be several rungs.
+    """
+    rungs = tuple(enumerate(LADDER))[first:]
     same = (number for number, rung in rungs if _of_lanes(engine, _as_short(rung, engine.substeps)) == engine)
-    return next(same, len(LADDER) - 2)
+    return next(same, max(first, len(LADDER) - 2))
 
 
 def _as_short(rung: Lanes, substeps: int) -> Lanes:

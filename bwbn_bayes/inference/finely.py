@@ -60,7 +60,7 @@ def solve_finely(
             scheme, discretisation = choose_scheme(
                 seen, points[0], engine, first=rung, substeps=substeps, accepts=accepts
             )
-            view, rung = posterior.with_engine(scheme), rung_of(scheme) + 1
+            view, rung = posterior.with_engine(scheme), rung_of(scheme, rung) + 1
         stays = bool(known) and view.engine == engine
         modes = known if stays else distinct(*polish(view, points, n_iterations=_N_ITERATIONS, reach=_REACH))
         if discretisation is None or rung == len(LADDER) or not modes:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from bwbn_bayes import BoucWen, ShearBuilding, Uniform, el_centro, identify, simulate
 from bwbn_bayes.discovery.evidence import laplace
@@ -11,12 +12,13 @@ from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.scheme import finely_solved
 from bwbn_bayes.engines.base import Engine
 from bwbn_bayes.engines.reference import Reference
-from bwbn_bayes.inference.accuracy import LADDER, choose_scheme
+from bwbn_bayes.inference.accuracy import LADDER, choose_scheme, rung_of
 from bwbn_bayes.inference.finely import solve_finely
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import Mode, find_modes
 from bwbn_bayes.inference.pymc.model import observations, to_pymc
 from bwbn_bayes.inference.settings import Settings
+from bwbn_bayes.parameters import Floats
 
 COARSE = replace(LADDER[0], n_threads=1)
 LARGE = np.array([[0.99]])
@@ -53,6 +55,24 @@ def test_what_is_as_likely_beside_it_asks_for_more(hardly_seen: Posterior, modes
     solved = solve_finely(hardly_seen, np.array([mode.point for mode in modes]))
     assert solves_what_is_near(hardly_seen, solved.posterior.engine)
     assert solved.modes[0].log_likelihood == pytest.approx(modes[0].log_likelihood, abs=0.5)
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 4, 8, 16, 32])
+def test_where_none_solves_what_is_near_the_finest_ends_it(
+    hardly_seen: Posterior, modes: list[Mode], monkeypatch: pytest.MonkeyPatch, substeps: int
+) -> None:
+    """With short steps a scheme is several rungs of the ladder: taken for the first of them it was chosen for ever."""
+    rungs = []
+
+    def every(view: Posterior, points: Floats, _: float) -> NDArray[np.bool_]:
+        rungs.append(view.engine)
+        assert len(rungs) <= len(LADDER)
+        return np.ones(len(points), dtype=np.bool_)
+
+    monkeypatch.setattr("bwbn_bayes.inference.finely.left_out", every)
+    coarse = hardly_seen.with_engine(replace(LADDER[0], n_threads=1, substeps=substeps))
+    solved = solve_finely(coarse, modes[0].point[None], first=rung_of(COARSE), substeps=substeps)
+    assert rung_of(solved.posterior.engine, len(LADDER) - 1) == len(LADDER) - 1  # type: ignore[arg-type]
 
 
 def test_an_engine_with_a_tolerance_of_its_own_stays(hardly_seen: Posterior, modes: list[Mode]) -> None:

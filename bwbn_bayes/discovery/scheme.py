@@ -49,6 +49,7 @@ def finely_solved(one: Explanation) -> Explanation:
         accepts=_suffices,
         judged=without_force,
         known=one.modes,
+        spares=LAPLACE_SE,
     )
     if solved.posterior.engine == engine or not solved.modes:
         return one

@@ -190,7 +190,7 @@ def coarsest_stable(posterior: Posterior) -> Posterior:
     return posterior.with_engine(_of_lanes(engine, next(enough)))
 
 
-def left_out(posterior: Posterior, points: Floats, least: float) -> NDArray[np.bool_]:
+def left_out(posterior: Posterior, points: Floats, least: float) -> tuple[NDArray[np.bool_], Floats]:
     """Which points ``(n, n_dim)`` belong to a posterior that is solved twice as finely, and run away in this one.
 
     A scheme that is fine enough at the optimum may do so beside it, and leave out what is as likely.
@@ -203,6 +203,12 @@ def left_out(posterior: Posterior, points: Floats, least: float) -> NDArray[np.b
         Inside the unit cube.
     least : float
         Log likelihood that what belongs to it has.
+
+    Returns
+    -------
+    found : (n,) array of bool
+    exact : (n,) array
+        Log likelihoods, solved more finely.
     """
     engine = posterior.engine
     assert isinstance(engine, Lanes)
@@ -210,7 +216,7 @@ def left_out(posterior: Posterior, points: Floats, least: float) -> NDArray[np.b
     own, other = (view.log_likelihood(points) for view in (posterior, posterior.with_engine(finer)))
     found = (other >= least) & ~(own >= least - LIMIT)
     found[found] = _runs_away(posterior, points[found])
-    return np.asarray(found)
+    return np.asarray(found), other
 
 
 def _runs_away(posterior: Posterior, points: Floats) -> NDArray[np.bool_]:
@@ -253,7 +259,11 @@ def choose_scheme(
     with the figures of the next coarser one, which bound its own; where it is the first, with its own, which no finer
     one tells.
     """
-    *ladder, finest = (_of_lanes(engine, _as_short(rung, substeps)) for rung in LADDER[first:])
+    every = [_of_lanes(engine, _as_short(rung, substeps)) for rung in LADDER]
+    # With shorter steps some rungs are one scheme: what was tried is not tried again.
+    *ladder, finest = (
+        scheme for number, scheme in enumerate(every) if number >= first and scheme not in every[:number]
+    )
     judge = Judge.at(posterior, point, finest)
     if not ladder:
         return finest, judge(finest)

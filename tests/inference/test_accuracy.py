@@ -157,12 +157,15 @@ def test_what_a_scheme_leaves_out_is_told() -> None:
     points = np.linspace(0.005, 0.995, 64)[:, None]
     exact = posterior.with_engine(replace(LADDER[-1], n_threads=1)).log_likelihood(points)
     solved = np.isfinite(posterior.log_likelihood(points))
-    found = left_out(posterior, points, float(np.max(exact)) - 4.0)
+    found, finer_log_likelihood = left_out(posterior, points, float(np.max(exact)) - 4.0)
+    assert finer_log_likelihood[found] == pytest.approx(
+        exact[found], abs=3.0
+    )  # by steps half as long, not by the finest
     assert np.any(found)
     assert not np.any(found & solved)
     assert np.all(exact[found] >= np.max(exact) - 4.5)
     finer = posterior.with_engine(replace(LADDER[-1], n_threads=1))
-    assert not np.any(left_out(finer, points, float(np.max(exact)) - 4.0))
+    assert not np.any(left_out(finer, points, float(np.max(exact)) - 4.0)[0])
 
 
 class RunsAway(Lanes):

@@ -64,10 +64,10 @@ def test_where_none_solves_what_is_near_the_finest_ends_it(
     """With short steps a scheme is several rungs of the ladder: taken for the first of them it was chosen for ever."""
     rungs = []
 
-    def every(view: Posterior, points: Floats, _: float) -> NDArray[np.bool_]:
+    def every(view: Posterior, points: Floats, _: float) -> tuple[NDArray[np.bool_], Floats]:
         rungs.append(view.engine)
-        assert len(rungs) <= len(LADDER)
-        return np.ones(len(points), dtype=np.bool_)
+        assert len(rungs) == len(set(rungs))
+        return np.ones(len(points), dtype=np.bool_), np.zeros(len(points))
 
     monkeypatch.setattr("bwbn_bayes.inference.finely.left_out", every)
     coarse = hardly_seen.with_engine(replace(LADDER[0], n_threads=1, substeps=substeps))
@@ -82,9 +82,18 @@ def test_an_engine_with_a_tolerance_of_its_own_stays(hardly_seen: Posterior, mod
     assert solved.discretisation is None
 
 
-def test_a_search_solves_what_is_near(hardly_seen: Posterior, modes: list[Mode]) -> None:
+@pytest.mark.parametrize("share", [0.05, 0.6, 0.9, 1.0])
+def test_a_search_solves_what_its_evidence_feels(
+    hardly_seen: Posterior, modes: list[Mode], monkeypatch: pytest.MonkeyPatch, share: float
+) -> None:
+    """A share that is left out takes its log of the evidence, and two nats of that are not felt."""
+
+    def some(view: Posterior, points: Floats, _: float) -> tuple[NDArray[np.bool_], Floats]:
+        return np.arange(len(points)) < share * len(points), view.with_engine(LADDER[-1]).log_likelihood(points)
+
+    monkeypatch.setattr("bwbn_bayes.inference.finely.left_out", some)
     one = Explanation(added=(), posterior=hardly_seen, modes=tuple(modes), evidence=laplace(hardly_seen, tuple(modes)))
-    assert solves_what_is_near(hardly_seen, finely_solved(one).posterior.engine)
+    assert (finely_solved(one) is one) == (share < 1.0 - np.exp(-2.0))
 
 
 def test_a_twin_in_pymc_solves_what_is_near(hardly_seen: Posterior) -> None:

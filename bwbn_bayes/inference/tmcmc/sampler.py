@@ -44,6 +44,8 @@ from bwbn_bayes.results import StageFacts
 Variant = Literal["default", "plain"]
 TARGET_VARIATION = {"default": 0.5, "plain": 1.0}
 """Coefficient of variation of the weights that each variant steps to."""
+GUIDED_VARIATION = 1.0
+"""The same where moves have a guide, by which chains soon forget the fewer ancestors that they then have."""
 
 
 class RunState(NamedTuple):
@@ -191,7 +193,8 @@ def _next_state(
     """Temper, weigh, resample, move."""
     population, past = state.population, state.tempering_parameter
     log_ratio = population.cloud.log_ratio
-    tempering_parameter = tempering.next_tempering_parameter(log_ratio, past, TARGET_VARIATION[variant])
+    variation = TARGET_VARIATION[variant] if guide is None else GUIDED_VARIATION
+    tempering_parameter = tempering.next_tempering_parameter(log_ratio, past, variation)
     log_weights = (tempering_parameter - past) * log_ratio
     log_evidence = state.log_evidence + tempering.log_mean(log_weights)
     variance = state.log_evidence_variance + tempering.log_mean_variance(log_weights, population.families)

@@ -171,6 +171,28 @@ def test_what_the_best_is_without_each_effect_is_known_before_it_is_exchanged(mo
     assert parents == ["b", "a"]
 
 
+@pytest.mark.parametrize("most_rounds", [0, 1, 3])
+def test_an_exchange_builds_upon_no_more_than_the_search(monkeypatch: pytest.MonkeyPatch, most_rounds: int) -> None:
+    """Each round may find better laws, whose effects are exchanged in turn: on a frame on sliders it took an hour."""
+    pool = Pool(run=run_of(most_rounds=most_rounds))
+    script, parents = {"": 0.0, "a": 1.0, "b": 2.0, "ab": 90.0}, list[str]()
+    pool.add(explanation(script, *[own for own in ALPHABET if own.name in names]) for names in ("", "a", "b", "ab"))
+    pool.expanded.add(frozenset())
+
+    def round_of(parent: Explanation, pool: Pool, _: Run) -> None:
+        pool.expanded.add(parent.effects_key)
+        parents.append(parent.label)
+        n = len(parents)
+        one, other, both = letter(f"x{n}"), letter(f"y{n}"), f"x{n}y{n}"
+        better = {both: 100.0 * n, f"x{n}": 1.0, f"y{n}": 1.0}
+        pool.add(explanation(better, *added) for added in ((one,), (other,), (one, other)))
+
+    monkeypatch.setattr(searching, "left_out", lambda *_: ())
+    monkeypatch.setattr(searching, "_round", round_of)
+    searching._exchange(pool, pool.run)
+    assert len(parents) == most_rounds
+
+
 def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """After two rounds a force of one state leaves noise beside the model as given; laws alone were far from it."""
     followed: list[int] = []

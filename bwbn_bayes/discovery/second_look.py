@@ -215,6 +215,8 @@ def _rescanned(fit: Fit, _rng: np.random.Generator, *, n_threads: int) -> Fit:
         points = np.tile(best, (_N_SCANNED, 1))
         points[:, column] = (np.arange(_N_SCANNED) + 0.5) / _N_SCANNED
         points = points[np.isfinite(space.log_prior_unit(points))]
+        if not len(points):  # what the priors admit together lies between two of the values
+            continue
         beside = points.copy()
         beside[:, switch] += _STEP if best[switch] < 0.5 else -_STEP
         others = np.delete(np.arange(space.n_dim), [column, switch])
@@ -223,6 +225,8 @@ def _rescanned(fit: Fit, _rng: np.random.Generator, *, n_threads: int) -> Fit:
             view, slopes.by(others), others, points, beside=(np.full(len(points), switch), beside, each)
         )
         found.append(points[np.argsort(-reached, kind="stable")[: _N_POINTS // 2]])
+    if not found:
+        return fit
     points, _ = climb(view, np.concatenate(found), n_iterations=3, reach=_REACH)
     return _fitted(fit, np.concatenate([fit.distinct(_N_POINTS // 2), points]), n_threads)
 

@@ -89,4 +89,5 @@ class ScaledCorrelation:
 
     def _weights(self, rows: Floats) -> Floats:
         """Rows ``(..., n_times)`` in the functions; one product of matrices."""
-        return np.asarray((rows.reshape(-1, rows.shape[-1]) @ self.shared.functions).reshape(*rows.shape[:-1], -1))
+        functions = self.shared.functions
+        return np.asarray((rows.reshape(-1, rows.shape[-1]) @ functions).reshape(*rows.shape[:-1], functions.shape[1]))

@@ -209,6 +209,16 @@ def test_a_time_between_two_starts_is_found(base_points: Floats) -> None:
     assert np.min(np.abs(times - 4.1)) < 0.05
 
 
+def test_a_fit_stays_where_no_value_of_a_scan_is_admitted(
+    present: Posterior, base_points: Floats, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What priors admit together may lie between two of the values."""
+    own = at(present, base_points, SuddenDamage(parameter="k", jump=Normal(0.0, 20.0), time=Uniform(0.5, 8.0)), 1)
+    (fit,) = race(present, [own], base_points)
+    monkeypatch.setattr(type(present.space), "log_prior_unit", lambda _, points: np.full(len(points), -np.inf))
+    assert rescanned([fit], n_threads=1) == (fit,)
+
+
 def test_a_form_starts_beside_what_another_form_of_its_effect_makes_of_the_rest() -> None:
     """A step in time was fitted five seconds late beside a fit bent by its lack; a ramp had found the place already."""
     hidden = MODEL.with_effect(SuddenDamage(parameter="k", jump=-25.0, time=2.6), storeys=[2])

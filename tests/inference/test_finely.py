@@ -106,3 +106,11 @@ def test_draws_are_solved_where_they_lie(hardly_seen: Posterior) -> None:
     """Nearly nothing is known: draws have to come from all of the prior, its last tenth not left out."""
     result = identify(hardly_seen.model, hardly_seen.record, settings=Settings(particles=1000))
     assert 0.04 < np.mean(result.tree["posterior"]["c"].values > 139.25) < 0.2
+
+
+def test_where_nothing_near_lies_inside_the_prior_nothing_is_left_out(
+    hardly_seen: Posterior, modes: list[Mode], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bwbn_bayes.inference.finely._near", lambda *_: (np.empty((0, 1)), np.empty(0)))
+    solved = solve_finely(hardly_seen, modes[0].point[None])
+    assert len(solved.modes) == 1

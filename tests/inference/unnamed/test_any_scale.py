@@ -85,3 +85,9 @@ def test_a_draw_that_ran_away_is_impossible_and_says_nothing() -> None:
     found = NOISE.log_likelihood(misfit, 50.0, np.empty((2, 0)))
     assert np.isfinite(found[0])
     assert found[1] == -np.inf
+
+
+def test_no_residuals_have_no_squares() -> None:
+    """Of column 222 no draw about an optimum lay inside the prior, and a search ended with an error."""
+    none = NOISE.correlation.squares(np.empty((0, 1, len(BASIS))))
+    assert none.shape == (0, len(SCALES))

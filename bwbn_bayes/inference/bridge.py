@@ -57,7 +57,7 @@ def sheet_through(
         # Beside a wide coordinate and the one that is drawn first with it, something must be left to bend.
         if posterior.n_dim <= _FEWEST or not has_wide(modes[0].information):
             return None
-        nested = Sheet(posterior, kept, rng).laid()
+        nested = Sheet(posterior, kept, rng).lay()
     lie_on_it = nested.distance(np.array([mode.point for mode in kept])) < _ON_THE_SHEET
     return nested if np.all(lie_on_it) else None
 

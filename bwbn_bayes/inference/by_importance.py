@@ -132,7 +132,7 @@ def weighted_draws(
     curved = None
     if poor and follows and has_wide(modes[0].information):
         history.say("the posterior is bent: laying a sheet through it")
-        sheet.laid()
+        sheet.lay()
     elif poor and follows:
         history.say("the posterior is bent in many directions: following them")
         curved = curved_mixture(posterior, modes)

@@ -277,7 +277,7 @@ class Sheet:
             return self._start
         return Mixture(weights=(0.65, 0.3, 0.05), components=(self.nested, self.nested.inflated(*_TAILS), self._start))
 
-    def laid(self) -> NestedLaplace:
+    def lay(self) -> NestedLaplace:
         """Lay it through the modes, and refine it by pilots until their weights are even or six rounds are over."""
         self._nodes = first_nodes(self._posterior, self._modes)
         self.nested = NestedLaplace.laid(self._posterior, self._nodes)

@@ -40,7 +40,7 @@ def nested(free_posterior: Posterior, free_mode: Mode) -> NestedLaplace:
 def free_draws(free_posterior: Posterior, free_mode: Mode) -> WeightedDraws:
     rng = np.random.default_rng(2)
     sheet = Sheet(free_posterior, [free_mode], rng)
-    sheet.laid()
+    sheet.lay()
     return sample_importance(free_posterior, sheet.proposal, rng, effective=3000)
 
 

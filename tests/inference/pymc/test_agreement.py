@@ -62,10 +62,10 @@ def roads(
     twin = to_pymc(posterior.model, posterior.record, noise=posterior.noise, engine=posterior.engine)
     sheet = Sheet(posterior, (mode,), np.random.default_rng(1))
     if bent:
-        sheet.laid()
+        sheet.lay()
     weighted = sample_importance(posterior, sheet.proposal, np.random.default_rng(4), effective=2 * draws)
     if weighted.pareto_k > PARETO_CLEAR:  # as identify does: such draws miss a tail
-        sheet.laid()
+        sheet.lay()
         weighted = sample_importance(posterior, sheet.proposal, np.random.default_rng(4), effective=2 * draws)
     points, _ = weighted.resampled(np.random.default_rng(2), 4 * draws)
     from_start = partial(bridge, modes=(mode,), sheet=sheet.nested) if bent else sample

@@ -234,7 +234,7 @@ def rung_of(engine: Lanes, first: int = 0) -> int:
 
     The last but one of none. With shorter steps, a scheme may be several rungs.
     """
-    rungs = tuple(enumerate(LADDER))[first:]
+    rungs = enumerate(LADDER[first:], start=first)
     same = (number for number, rung in rungs if _of_lanes(engine, _as_short(rung, engine.substeps)) == engine)
     return next(same, max(first, len(LADDER) - 2))
 

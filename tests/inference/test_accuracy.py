@@ -158,9 +158,8 @@ def test_what_a_scheme_leaves_out_is_told() -> None:
     exact = posterior.with_engine(replace(LADDER[-1], n_threads=1)).log_likelihood(points)
     solved = np.isfinite(posterior.log_likelihood(points))
     found, finer_log_likelihood = left_out(posterior, points, float(np.max(exact)) - 4.0)
-    assert finer_log_likelihood[found] == pytest.approx(
-        exact[found], abs=3.0
-    )  # by steps half as long, not by the finest
+    # By steps half as long, not by the finest.
+    assert finer_log_likelihood[found] == pytest.approx(exact[found], abs=3.0)
     assert np.any(found)
     assert not np.any(found & solved)
     assert np.all(exact[found] >= np.max(exact) - 4.5)

@@ -13,6 +13,7 @@ from bwbn_bayes.inference.modes import Mode
 from bwbn_bayes.inference.nested_laplace import NestedLaplace, Sheet
 from bwbn_bayes.inference.sheet_nodes import has_wide
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, sample
+from bwbn_bayes.inference.tmcmc.stages import DRAWS
 from bwbn_bayes.inference.tmcmc.target import Reference
 from bwbn_bayes.inference.truncated import TruncatedStudent
 from bwbn_bayes.results import StageFacts
@@ -96,6 +97,7 @@ def bridge(
         variant=variant,
         reference=_about(modes, sheet, inflation),
         guide=guide_between(modes, sheet, inflation),
+        lengths=DRAWS,
         progress=progress,
     )
 

@@ -26,7 +26,7 @@ from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.settings import Settings
 from bwbn_bayes.inference.summary import Draws
 from bwbn_bayes.inference.tmcmc.sampler import TmcmcResult, require_particles, sample
-from bwbn_bayes.inference.tmcmc.stages import CORRELATION_TIMES, LAST_CORRELATION_TIMES, fewest_particles
+from bwbn_bayes.inference.tmcmc.stages import CHECK, DRAWS, fewest_particles
 from bwbn_bayes.inference.tmcmc.target import DefensiveMixture, Reference
 from bwbn_bayes.results import Check
 
@@ -149,7 +149,7 @@ def _attempt(
         own = near(tempering_parameter)
         return DefensiveMixture(prior_share=share, target=target, component=own) if share else own
 
-    return _Starts(first, run(target, reference=start, guide=guide, last=CORRELATION_TIMES))
+    return _Starts(first, run(target, reference=start, guide=guide, lengths=CHECK))
 
 
 def _worth(cloud: TmcmcResult) -> float:
@@ -176,10 +176,9 @@ def _length_checks(cloud: TmcmcResult) -> tuple[Check, ...]:
         Check(
             name="length of chains",
             value=length,
-            limit=LAST_CORRELATION_TIMES,
-            passed=length >= LAST_CORRELATION_TIMES,
-            sentence=f"Its chains are {length:.1f} autocorrelation times long at the end, "
-            f"{LAST_CORRELATION_TIMES:g} are wanted.",
+            limit=DRAWS.last,
+            passed=length >= DRAWS.last,
+            sentence=f"Its chains are {length:.1f} autocorrelation times long at the end, {DRAWS.last:g} are wanted.",
         ),
     )
 

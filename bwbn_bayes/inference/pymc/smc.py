@@ -69,7 +69,7 @@ class Batched(SMC_KERNEL):
         columns = [np.asarray(drawn[v.name]).reshape(self.draws, -1) for v in self.variables]
         self.n_solves = self.n_failed = 0
         cloud, _ = self._evaluate(np.concatenate(columns, axis=1))
-        self.population = Population(cloud, np.arange(self.draws), float(self.draws), FIRST_TUNING)
+        self.population = Population.of_draws(cloud, float(self.draws), FIRST_TUNING)
         self.streams_seed = int(self.rng.integers(2**63))
 
     def _evaluate(self, points: Floats) -> tuple[Cloud, int]:

@@ -24,8 +24,9 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.tmcmc import tempering
 from bwbn_bayes.inference.tmcmc.moves import FIRST_GUIDED, FIRST_TUNING, Tuning
 from bwbn_bayes.inference.tmcmc.stages import (
-    LAST_CORRELATION_TIMES,
+    ALONE,
     Evaluator,
+    Lengths,
     Population,
     Streams,
     fewest_particles,
@@ -71,8 +72,9 @@ class TmcmcResult:
     log_likelihood : (n_particles,) array
         Their log likelihoods.
     log_evidence, log_evidence_se : float
-        Log evidence and its standard error. [nat] The error takes chains as independent between stages. That holds for
-        the default; the plain variant's clouds stay correlated from stage to stage, and its figure is far too small.
+        Log evidence and its standard error. [nat] The error counts what a stage's chains have from the stage before,
+        and nothing from further back. That does for the default; the plain variant's clouds stay correlated over many
+        stages, and its figure is far too small.
     stages : tuple of StageFacts
         History; solves, log evidence and elapsed time are running totals.
     n_solves : int
@@ -98,7 +100,7 @@ def sample(
     variant: Variant = "default",
     reference: Reference | None = None,
     guide: Callable[[float], Reference] | None = None,
-    last: float = LAST_CORRELATION_TIMES,
+    lengths: Lengths = ALONE,
     progress: Callable[[StageFacts], None] | None = None,
 ) -> TmcmcResult:
     """Sample a posterior and its evidence.
@@ -117,8 +119,8 @@ def sample(
         Where the road starts; the prior if not given.
     guide : callable, optional
         Density near that of a tempering parameter, from which some moves of the default variant are drawn.
-    last : float
-        Length of the default variant's chains in the last stage, whose states are the draws, in autocorrelation times.
+    lengths : Lengths
+        Of the default variant's chains, in autocorrelation times.
     progress : callable, optional
         Called with the facts of each finished stage.
 
@@ -142,7 +144,7 @@ def sample(
         state = _first_state(start, evaluator, n_particles, rng_seed, tuning)
         _announce(state, progress)
         while state.tempering_parameter < 1.0:
-            state = _next_state(state, evaluator, n_particles, rng_seed, variant, guide, last, began)
+            state = _next_state(state, evaluator, n_particles, rng_seed, variant, guide, lengths, began)
             _announce(state, progress)
     return _result(state, n_particles)
 
@@ -176,7 +178,7 @@ def _first_state(
         elapsed_s=time.perf_counter() - began,
         label="draws of the reference",
     )
-    population = Population(cloud, np.arange(n_particles), float(n_finite), tuning)
+    population = Population.of_draws(cloud, float(n_finite), tuning)
     return RunState(population, 0.0, 0.0, 0.0, n_solves, np.inf, (facts,))
 
 
@@ -187,7 +189,7 @@ def _next_state(
     rng_seed: int,
     variant: Variant,
     guide: Callable[[float], Reference] | None,
-    last: float,
+    lengths: Lengths,
     began: float,
 ) -> RunState:
     """Temper, weigh, resample, move."""
@@ -197,7 +199,7 @@ def _next_state(
     tempering_parameter = tempering.next_tempering_parameter(log_ratio, past, variation)
     log_weights = (tempering_parameter - past) * log_ratio
     log_evidence = state.log_evidence + tempering.log_mean(log_weights)
-    variance = state.log_evidence_variance + tempering.log_mean_variance(log_weights, population.families)
+    variance = state.log_evidence_variance + population.log_mean_variance(log_weights)
     streams = Streams(rng_seed, state.facts[-1].stage + 1)
     if variant == "plain":
         moved = plain_stage(evaluator, population, log_weights, tempering_parameter, streams)
@@ -210,7 +212,7 @@ def _next_state(
             streams,
             n_particles,
             guide=None if guide is None else guide(tempering_parameter),
-            last=last,
+            lengths=lengths,
         )
     n_solves = state.n_solves + moved.n_solves
     facts = StageFacts(
@@ -241,7 +243,7 @@ def _result(state: RunState, n_particles: int) -> TmcmcResult:
         particles=cloud.points,
         log_likelihood=cloud.log_likelihood,
         log_evidence=state.log_evidence,
-        log_evidence_se=float(np.sqrt(state.log_evidence_variance)),
+        log_evidence_se=float(np.sqrt(max(state.log_evidence_variance, 0.0))),
         stages=state.facts,
         n_solves=state.n_solves,
         correlation_times=state.correlation_times,

@@ -34,24 +34,52 @@ LONGEST_CHAIN = 256
 _CHAIN_MULTIPLE = 32
 _SPARE = 1.1
 """Length that chains grow to, over what the autocorrelation times measured so far ask for."""
-CORRELATION_TIMES, LAST_CORRELATION_TIMES = 2.0, 8.0
-"""Wanted length of chains, in autocorrelation times, on the road and at its end.
 
-All states count, so that chains keep of an error in where they began one over twice as many: a quarter on the road, of
-which evidence is told by another start, a sixteenth among the draws.
-"""
+
+class Lengths(NamedTuple):
+    """Wanted length of chains, in autocorrelation times: of the stages between, and of the last one.
+
+    All states count, so that chains keep of an error in where they began one over twice as many.
+    """
+
+    between: float
+    last: float
+
+
+ALONE = Lengths(4.0, 8.0)
+"""Of a run from the prior whose evidence nothing else tells: an eighth of an error goes from stage to stage."""
+DRAWS = Lengths(2.0, 8.0)
+"""Of one whose evidence another start tells: a quarter on the road, a sixteenth among the draws."""
+CHECK = Lengths(2.0, 2.0)
+"""Of that other start, whose draws are not kept."""
 
 Evaluator = Callable[[Floats], tuple[Cloud, int]]
 """Points ``(n, d)`` to an evaluated cloud and the solves spent."""
 
 
 class Population(NamedTuple):
-    """A cloud of equal weights, its points' chains, the independent draws it is worth, what the moves have learnt."""
+    """A cloud of equal weights, its points' chains, the independent draws it is worth, what the moves have learnt.
+
+    Of each chain ``(n_chains,)`` the one of the stage before in which it began, and that one's excess of weight.
+    """
 
     cloud: Cloud
     families: Integers
     effective_size: float
     tuning: Tuning
+    parents: Integers
+    inherited: Floats
+
+    @classmethod
+    def of_draws(cls, cloud: Cloud, effective_size: float, tuning: Tuning) -> Population:
+        """Independent draws, which have no parents."""
+        each = np.arange(len(cloud.points))
+        return cls(cloud, each, effective_size, tuning, each, np.zeros(len(each)))
+
+    def log_mean_variance(self, log_weights: Floats) -> float:
+        """What these weights ``(n,)`` add to the variance of the log evidence."""
+        excess = tempering.family_excess(log_weights, self.families)
+        return tempering.log_mean_variance(excess, self.parents, self.inherited)
 
     def thinned(self, n: int) -> Cloud:
         """So many of its points, evenly along its chains."""
@@ -113,10 +141,10 @@ def plain_stage(
     values, vectors = np.linalg.eigh(np.atleast_2d(covariance))
     factor = PLAIN_SCALE * vectors * np.sqrt(values.clip(min=0.0))
     leads = np.flatnonzero(counts)
-    heads, families, accepted, n_solves = cloud.take(leads), leads, 0, 0
+    heads, families, accepted, n_solves = cloud.take(leads), np.arange(len(leads)), 0, 0
     collected, labels = [], []
     for turn in range(1, int(counts.max()) + 1):
-        still = counts[families] >= turn
+        still = counts[leads[families]] >= turn
         heads, families = heads.take(np.flatnonzero(still)), families[still]
         rng = streams.at(turn)
         proposal, solves = evaluator(heads.points + rng.standard_normal(heads.points.shape) @ factor.T)
@@ -127,7 +155,9 @@ def plain_stage(
         labels.append(families)
         accepted, n_solves = accepted + int(moved.sum()), n_solves + solves
     worth = 1.0 / float(np.sum(weights**2))
-    moved_population = Population(join(collected), np.concatenate(labels), worth, population.tuning)
+    parents = population.families[leads]
+    inherited = tempering.family_excess(log_weights, population.families)[parents]
+    moved_population = Population(join(collected), np.concatenate(labels), worth, population.tuning, parents, inherited)
     return Moved(moved_population, accepted / len(weights), n_solves, np.nan, "plain")
 
 
@@ -140,7 +170,7 @@ def waste_free_stage(
     n_particles: int,
     chart: Chart = PROBIT,
     guide: Reference | None = None,
-    last: float = LAST_CORRELATION_TIMES,
+    lengths: Lengths = DRAWS,
 ) -> Moved:
     """Resample a few ancestors and run them as chains until decorrelated; the cloud is every state of every chain.
 
@@ -165,8 +195,8 @@ def waste_free_stage(
         Of the cloud's points.
     guide : Reference, optional
         A density near this stage's, from which some moves are drawn; it may be zero where the stage's is not.
-    last : float
-        Length of the chains where this stage is the last one, in autocorrelation times.
+    lengths : Lengths
+        Of the chains.
 
     Returns
     -------
@@ -186,12 +216,16 @@ def waste_free_stage(
         first, second = (own._replace(guide=Guide(guide, chart, own.coordinates)) for own in (first, second))
     shapes = first, second
     chains = _started(cloud.take(ancestors), positions[ancestors], families[ancestors] % 2, shapes, chart)
-    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams, last)
+    wanted = lengths.last if tempering_parameter == 1.0 else lengths.between
+    run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams, wanted)
+    parents = families[ancestors]
     moved = Population(
         join(run.clouds),
         np.tile(np.arange(n_chains), len(run.clouds)),
         n_chains * len(run.clouds) / run.correlation_time,
         moves.retune(tuning, run.tally),
+        parents,
+        tempering.family_excess(log_weights, population.families)[parents],
     )
     return Moved(moved, run.tally.acceptance, run.n_solves, len(run.clouds) / run.correlation_time, run.label)
 
@@ -246,14 +280,13 @@ def _run(
     tuning: Tuning,
     tempering_parameter: float,
     streams: Streams,
-    last: float,
+    wanted: float,
 ) -> _Run:
     """Advance the chains until they are as many autocorrelation times long as wanted, or at the cap.
 
     They grow to what the times measured so far ask for and a little more, but no more than double: short chains show
     times that are too short.
     """
-    wanted = last if tempering_parameter == 1.0 else CORRELATION_TIMES
     longest = int(wanted * LONGEST_CHAIN)
     clouds: list[Cloud] = []
     traces: list[Floats] = []

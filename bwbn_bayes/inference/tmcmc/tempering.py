@@ -70,17 +70,28 @@ def normalised(log_weights: Floats) -> Floats:
     return weights
 
 
-def log_mean_variance(log_weights: Floats, families: Integers) -> float:
-    """Variance of :func:`log_mean`, where points of one family (one chain) depend on each other.
+def family_excess(log_weights: Floats, families: Integers) -> Floats:
+    """What each family ``(n_families,)`` holds of the weights ``(n,)``, over an equal share for each of its points."""
+    weights = normalised(log_weights)
+    return np.bincount(families, weights - 1.0 / len(weights))
 
-    Families are taken as independent; the variance of their sums is that of the mean.
+
+def log_mean_variance(excess: Floats, parents: Integers, inherited: Floats) -> float:
+    """Variance that a stage adds to the log evidence, whose points depend on each other within families (chains).
+
+    Families of one parent, a chain of the stage before, began near each other: the variance of sums over parents is
+    that of :func:`log_mean`. And they began where their parent was, so that a stage's error goes with that of the stage
+    before: twice the covariance of the two. What comes from further back is left out; chains of two autocorrelation
+    times keep a quarter of an error, so that of the standard error 6 % are missing, of four times 2 %.
 
     Parameters
     ----------
-    log_weights : (n,) array
-        Logarithms of the weights.
-    families : (n,) array
-        Label of each point's family, from 0.
+    excess : (n_families,) array
+        Of :func:`family_excess`.
+    parents : (n_families,) array
+        Label of each family's parent, from 0.
+    inherited : (n_families,) array
+        Excess of each family's parent in the stage before.
 
     Returns
     -------
@@ -90,11 +101,12 @@ def log_mean_variance(log_weights: Floats, families: Integers) -> float:
     References
     ----------
     .. [1] H. D. Dau and N. Chopin, "Waste-free sequential Monte Carlo", 2022, doi:10.1111/rssb.12475, section 3.
+    .. [2] J. Olsson and R. Douc, "Numerically stable online estimation of variance in particle filters", 2019,
+       doi:10.3150/18-BEJ1028: ancestors of a few stages back, since those of the first are soon one.
     """
-    weights = normalised(log_weights)
-    excess = np.bincount(families, weights - 1.0 / len(weights))
-    n_families = len(np.unique(families))
-    return float(np.sum(excess**2)) * n_families / max(n_families - 1, 1)
+    n_parents = len(np.unique(parents))
+    own = float(np.sum(np.bincount(parents, excess) ** 2)) * n_parents / max(n_parents - 1, 1)
+    return own + 2.0 * float(excess @ inherited)
 
 
 def integrated_autocorrelation_time(traces: Floats) -> float:

@@ -7,6 +7,7 @@ from scipy import special, stats
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.tmcmc import DefensiveMixture, sample
+from bwbn_bayes.inference.tmcmc.stages import CHECK
 
 
 class GaussianOnCube:
@@ -93,8 +94,8 @@ def test_a_guide_near_the_density_shortens_the_road() -> None:
     oracle = exponential(16, rate=500.0)
     component, near = (GaussianOnCube(np.zeros(16), np.full(16, sd)) for sd in (0.01, 0.003))
     reference = DefensiveMixture(prior_share=0.2, target=oracle, component=component)
-    alone = sample(oracle, n_particles=300, rng_seed=1, reference=reference, last=2.0)
-    guided = sample(oracle, n_particles=300, rng_seed=1, reference=reference, guide=lambda _: near, last=2.0)
+    alone = sample(oracle, n_particles=300, rng_seed=1, reference=reference, lengths=CHECK)
+    guided = sample(oracle, n_particles=300, rng_seed=1, reference=reference, guide=lambda _: near, lengths=CHECK)
     assert guided.n_solves < alone.n_solves
     for result in (alone, guided):
         assert abs(result.log_evidence - oracle.log_evidence) < 4.0 * result.log_evidence_se

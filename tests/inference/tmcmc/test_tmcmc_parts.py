@@ -14,6 +14,7 @@ from bwbn_bayes.inference.tmcmc.resampling import multinomial, systematic
 from bwbn_bayes.inference.tmcmc.stages import Streams, _shapes
 from bwbn_bayes.inference.tmcmc.tempering import (
     coefficient_of_variation,
+    family_excess,
     integrated_autocorrelation_time,
     log_mean_variance,
     next_tempering_parameter,
@@ -83,8 +84,25 @@ def test_variance_of_the_mean_weight_counts_families() -> None:
     log_weights = np.random.default_rng(7).normal(0.0, 0.5, 50)
     weights = np.exp(log_weights)
     expected = np.var(weights, ddof=1) / 50 / np.mean(weights) ** 2
-    copied = log_mean_variance(np.tile(log_weights, 20), np.tile(np.arange(50), 20))
-    assert copied == pytest.approx(expected)
+    excess = family_excess(np.tile(log_weights, 20), np.tile(np.arange(50), 20))
+    assert log_mean_variance(excess, np.arange(50), np.zeros(50)) == pytest.approx(expected)
+
+
+def test_variance_of_the_log_evidence_counts_what_chains_inherit() -> None:
+    """Of errors that keep a quarter from stage to stage, the sum has 1 / (1 - 1/4)^2 of the variance of fresh ones.
+
+    One stage back tells (1 + 1/4)^2 of it. Each stage has 200 chains, begun in those before.
+    """
+    rng = np.random.default_rng(9)
+    n, kept, n_stages, told, error = 200, 0.25, 400, 0.0, rng.standard_normal(200)
+    parents, inherited = np.arange(n), np.zeros(n)
+    for _ in range(n_stages):
+        excess = (error - np.mean(error)) / n
+        told += log_mean_variance(excess, parents, inherited)
+        parents = rng.integers(n, size=n)
+        inherited = excess[parents]
+        error = kept * error[parents] + np.sqrt(1.0 - kept**2) * rng.standard_normal(n)
+    assert told == pytest.approx(n_stages / n * (1.0 + kept) ** 2, rel=0.1)
 
 
 def test_autocorrelation_time_of_an_autoregression() -> None:

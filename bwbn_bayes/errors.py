@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
+from numbers import Integral
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -31,6 +32,39 @@ class UserError(ValueError):
     The message is one sentence: what is wrong, where, and what to do. The command line prints it without a
     traceback and exits with code 2.
     """
+
+
+def require_kind(name: str, given: object, kind: type | tuple[type, ...], advice: str) -> None:
+    """Refuse an argument of another kind.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument.
+    given : object
+    kind : type or tuple of types
+        What it must be.
+    advice : str
+        What to give, the end of the sentence.
+    """
+    if not isinstance(given, kind):
+        raise UserError(f"{name} is {in_short(given)}: {advice}")
+
+
+def in_short(given: object) -> str:
+    """What was given: text, a number or a class itself, of anything longer its type."""
+    if isinstance(given, type):
+        return f"the class {given.__name__}"
+    if given is None or isinstance(given, (str, float, bool)):
+        return f"{given!r:.60}"
+    return f"of type {type(given).__name__}"
+
+
+def whole_number(name: str, given: object, fewest: int) -> int:
+    """A whole number from so many on, NumPy's as Python's own; an error where it is another or none."""
+    if isinstance(given, bool) or not isinstance(given, Integral) or given < fewest:
+        raise UserError(f"{name} is {given!r}, it must be a whole number from {fewest} on")
+    return int(given)
 
 
 @contextmanager

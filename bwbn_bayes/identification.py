@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bwbn_bayes.discovery.alternatives import alternatives_check
+from bwbn_bayes.errors import require_kind
 from bwbn_bayes.inference.history import Listener
 from bwbn_bayes.inference.likelihood import Noise
 from bwbn_bayes.inference.method import Task
 from bwbn_bayes.inference.registry import method, require_possible
 from bwbn_bayes.inference.settings import Settings
-from bwbn_bayes.records.record import Record
+from bwbn_bayes.records.record import Record, require_record
 from bwbn_bayes.results import Result
-from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.structures.structure import Structure, require_structure
 
 
 def identify(
@@ -62,10 +63,13 @@ def identify(
     Raises
     ------
     UserError
-        If nothing is to be identified, the record measures nothing, record and model do not belong together, the
-        options are another method's, its library is not installed, or it can do no such thing.
+        If an argument is of another kind, nothing is to be identified, the record measures nothing, record and model do
+        not belong together, the options are another method's, its library is not installed, or it can do no such thing.
     """
-    settings = settings or Settings()
+    require_structure(model)
+    require_record(record)
+    settings = Settings() if settings is None else settings
+    require_kind("settings", settings, Settings, "give Settings(...), or leave them out")
     require_possible(settings.method, unnamed_force=unnamed_force, checkpoint=settings.checkpoint)
     task = Task(
         model=model,

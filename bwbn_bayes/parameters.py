@@ -7,9 +7,12 @@ to the unit cube, in which every prior is uniform.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, fields
 from functools import cached_property
+from numbers import Real
 from typing import Any, override
 
 import numpy as np
@@ -21,6 +24,25 @@ from bwbn_bayes.errors import UserError
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
+
+
+def is_number(given: object) -> bool:
+    """Whether something is a real number; neither text nor a truth value is."""
+    return isinstance(given, Real) and not isinstance(given, bool)
+
+
+def is_list(given: object) -> bool:
+    """Whether something has its entries in an order: text, sets and mappings are read otherwise than was meant."""
+    is_one = getattr(given, "ndim", 1) == 0  # an array without dimensions says that it is iterable
+    return isinstance(given, Iterable) and not is_one and not isinstance(given, (str, bytes, Mapping, AbstractSet))
+
+
+def require_number(name: str, given: object) -> None:
+    """Raise :class:`UserError` unless something is a number of double precision."""
+    if not is_number(given):
+        raise UserError(f"{name} is {given!r}: give a number")
+    if isinstance(given, int) and abs(given) > sys.float_info.max:
+        raise UserError(f"{name} is larger than any number of double precision")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +117,13 @@ class Prior:
 
     def truncated(self, lower: float, upper: float) -> Prior:
         """Restrict the prior to ``[lower, upper]`` and normalise it; itself where nothing is cut."""
+        where = f"prior {self} truncated"
+        require_number(f"{where}: lower", lower)
+        require_number(f"{where}: upper", upper)
+        if not lower < upper:
+            raise UserError(
+                f"{where} to [{lower:g}, {upper:g}]: the lower bound comes first and must lie below the upper"
+            )
         own_lower, own_upper = self.support
         if lower <= own_lower and own_upper <= upper:
             return self
@@ -113,6 +142,7 @@ class Uniform(Prior):
     upper: float
 
     def __post_init__(self) -> None:
+        _require_numbers(self)
         if not (np.isfinite(self.lower) and np.isfinite(self.upper) and self.lower < self.upper):
             raise UserError(
                 f"Uniform({self.lower}, {self.upper}): the lower bound must lie below the upper, both finite"
@@ -156,6 +186,7 @@ class Normal(Prior):
     scale: float
 
     def __post_init__(self) -> None:
+        _require_numbers(self)
         _require_positive(self, "scale", self.scale)
         if not np.isfinite(self.location):
             raise UserError(f"{self}: location must be a finite number")
@@ -194,6 +225,7 @@ class HalfNormal(Prior):
     scale: float
 
     def __post_init__(self) -> None:
+        _require_numbers(self)
         _require_positive(self, "scale", self.scale)
 
     @property
@@ -232,6 +264,7 @@ class LogNormal(Prior):
     log_sd: float
 
     def __post_init__(self) -> None:
+        _require_numbers(self)
         _require_positive(self, "median", self.median)
         _require_positive(self, "log_sd", self.log_sd)
 
@@ -325,6 +358,11 @@ def _log_normalisation(scale: float) -> float:
     return float(np.log(scale) + 0.5 * np.log(2.0 * np.pi))
 
 
+def _require_numbers(prior: Prior) -> None:
+    for one in fields(prior):
+        require_number(f"{type(prior).__name__}: {one.name}", getattr(prior, one.name))
+
+
 def _require_positive(prior: Prior, name: str, value: float) -> None:
     if not (np.isfinite(value) and value > 0.0):
         raise UserError(f"{type(prior).__name__}: {name} is {value}, it must be a positive number")
@@ -337,6 +375,10 @@ class PerStorey:
     value: float | Prior | tuple[float | Prior, ...]
 
     def __init__(self, value: float | Prior | Sequence[float | Prior]) -> None:
+        if isinstance(value, Iterable) and not is_list(value):
+            raise UserError(
+                f"PerStorey({value!r}): give a list with a number or a prior for each storey, or one for all"
+            )
         frozen = tuple(value) if isinstance(value, Iterable) else value
         object.__setattr__(self, "value", frozen)
 

@@ -307,6 +307,14 @@ BAD_OPTIONS = [
     (("reproduce", "zhao2019", "--el-centro-scale", "inf"), "El Centro scale is inf"),
     (("identify", SDOF, "--method", "ipv", "--checkpoint", "ck"), "keeps no checkpoint"),
     (("identify", SDOF, "--method", "ga", "--unnamed-force"), "method ga samples no posterior"),
+    # Each of these was ignored, and nothing said.
+    (("identify", SDOF, "--sampler", "nutpie"), "sampler nutpie says nothing to method importance: leave it out"),
+    (("identify", SDOF, "--method", "ipv", "--variant", "plain"), "variant plain says nothing to method ipv"),
+    (("model", "--example", "sdof", "--columns", "t = time"), "--columns says what the columns of a RECORD are"),
+    (("model", "--examples", "--columns", "t = time"), "and none is given: leave it out"),
+    (("model", "--examples", "--out", "x.py"), "--examples lists what there is and writes nothing: leave --out out"),
+    (("simulate", "x.csv"), "x.csv is a record: give a model file, Python that defines `model` and its `truth`"),
+    (("export", "opensees", "x.AT2"), "x.AT2 is a record: give a model file"),
 ]
 
 
@@ -410,6 +418,29 @@ def test_a_record_that_tells_nothing_is_refused_before_the_search(
     outcome = run("identify", SDOF, "--record", path, "--method", method, "--out", tmp_path / "new" / "out")
     _is_one_sentence(outcome, sentence)
     assert "fit" not in outcome.err
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda r: replace(r, excitation=1e200 * r.excitation), "ground_acceleration reaches 3.13e+200 in SI units"),
+        (lambda r: replace(r, excitation=1e-9 * r.excitation), "ground_acceleration reaches 3.13e-09 in SI units"),
+        (lambda r: r.with_channels({"acceleration_1": np.r_[1e300, r.channels["acceleration_1"][1:]]}),
+         "acceleration_1 reaches 1e+300 in SI units: mend its unit or its values"),
+        (lambda r: r.with_channels({"acceleration_1": np.r_[[1e308, -1e308] * 2, r.channels["acceleration_1"][4:]]}),
+         "acceleration_1 reaches 1e+308 in SI units: mend its unit or its values"),
+    ],
+    ids=["too large", "too small", "one cell", "a range beyond all numbers"],
+)  # fmt: skip
+@pytest.mark.parametrize("command", ["model", "identify", "discover"])
+def test_sizes_that_no_structure_has_are_refused_before_anything_is_computed(
+    run: Run, simulated: Path, tmp_path: Path, change: Callable[[Record], Record], sentence: str, command: str
+) -> None:
+    """A useless model file was written, and NumPy warned of overflows."""
+    path = tmp_path / "record.csv"
+    write_record(change(read_record(simulated)), path)
+    _is_one_sentence(run(command, path, "--out", tmp_path / "new"), "record 'El Centro 1940 (chopra)': ", sentence)
     assert not (tmp_path / "new").exists()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy import integrate, stats
@@ -180,3 +182,23 @@ def test_per_storey_keeps_a_tuple():
 def test_a_normal_prior_lies_somewhere(location: float) -> None:
     with pytest.raises(UserError, match="location must be a finite number"):
         Normal(location, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: Uniform("5", "20"), "Uniform: lower is '5': give a number"),
+        (lambda: Uniform(None, 2), "Uniform: lower is None: give a number"),
+        (lambda: Uniform(False, True), "Uniform: lower is False: give a number"),
+        (lambda: Uniform(0, 10**400), "Uniform: upper is larger than any number of double precision"),
+        (lambda: Normal("1", 2.0), "Normal: location is '1': give a number"),
+        (lambda: HalfNormal([1.0]), r"HalfNormal: scale is \[1.0\]: give a number"),
+        (lambda: LogNormal(1.0, Uniform(1, 2)), "LogNormal: log_sd is Uniform.*: give a number"),
+        (lambda: Normal(1, 2).truncated(20, 5), r"Normal\(1, 2\) truncated to \[20, 5\]: the lower bound comes first"),
+        (lambda: Normal(1, 2).truncated("0", 5), r"prior Normal\(1, 2\) truncated: lower is '0': give a number"),
+    ],
+)
+def test_what_is_no_number_is_one_sentence(make: Callable[[], object], sentence: str) -> None:
+    """NumPy spoke of ufuncs, and bounds exchanged were told to have no mass."""
+    with pytest.raises(UserError, match=sentence):
+        make()

@@ -22,7 +22,7 @@ from rich.text import Text
 
 from bwbn_bayes.cli import exporting
 from bwbn_bayes.cli.console import plain_table, progress, results_console, summarise, told
-from bwbn_bayes.cli.given import ColumnsOption, ExcitationsOption, SequenceOption, loaded, record_of
+from bwbn_bayes.cli.given import ColumnsOption, ExcitationsOption, SequenceOption, loaded, model_file, record_of
 from bwbn_bayes.cli.interruption import EXIT_CODE, UNFINISHED_SEARCH, stopped_with
 from bwbn_bayes.cli.refusal import refuse, refuse_what_the_system_refuses
 from bwbn_bayes.errors import UserError, require_installed
@@ -155,6 +155,18 @@ def identify(
     from bwbn_bayes.identification import identify as identify_model
     from bwbn_bayes.report.second_process import second_process
 
+    settings = Settings(
+        method=method,
+        engine=engine,
+        seed=seed,
+        particles=particles,
+        variant=variant,
+        sampler=sampler,
+        alternatives=alternatives,
+        checkpoint=checkpoint,
+        workers=workers,
+        scheduler=scheduler,
+    )
     require_library(method, sampler)
     require_possible(method, unnamed_force=unnamed_force, checkpoint=checkpoint)
     if scheduler is not None:
@@ -170,18 +182,7 @@ def identify(
             result = identify_model(
                 file.model,
                 measured,
-                settings=Settings(
-                    method=method,
-                    engine=engine,
-                    seed=seed,
-                    particles=particles,
-                    variant=variant,
-                    sampler=sampler,
-                    alternatives=alternatives,
-                    checkpoint=checkpoint,
-                    workers=workers,
-                    scheduler=scheduler,
-                ),
+                settings=settings,
                 unnamed_force=unnamed_force,
                 name=file.name,
                 assumptions=file.assumptions,
@@ -344,6 +345,10 @@ def starting_model(
 
     if (record is not None) + (example is not None) + listed != 1:
         raise UserError("give either a RECORD, --example NAME or --examples")
+    if columns is not None and record is None:
+        raise UserError("--columns says what the columns of a RECORD are, and none is given: leave it out")
+    if listed and out is not None:
+        raise UserError("--examples lists what there is and writes nothing: leave --out out")
     if listed:
         table = plain_table("example", "what it is")
         for name, what in examples().items():
@@ -376,7 +381,7 @@ def simulate(
     from bwbn_bayes.engines.available import engine as engine_by_name
     from bwbn_bayes.engines.simulation import simulate as simulate_record
 
-    file = loaded(model, columns, *(record or ()))
+    file = model_file(model, columns, *(record or ()))
     excitation = record_of(record or (), file, in_sequence=sequence) or file.excitation
     if excitation is None:
         raise UserError(f"{model} defines no `excitation`: add one, or give it with --record FILE")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 from rich.console import Console
 
-from bwbn_bayes.cli.given import ColumnsOption, ExcitationsOption, SequenceOption, loaded, record_of
+from bwbn_bayes.cli.given import ColumnsOption, ExcitationsOption, SequenceOption, model_file, record_of
 from bwbn_bayes.cli.refusal import drop
 from bwbn_bayes.errors import UserError
 
@@ -39,7 +39,9 @@ def opensees(
     record: ExcitationsOption = None,
     columns: ColumnsOption = None,
     sequence: SequenceOption = False,
-    at: Annotated[Point, typer.Option("--at", help="Point of a result's posterior.")] = "mean",
+    at: Annotated[
+        Point | None, typer.Option("--at", help="Point of a result's posterior.", show_default="mean")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="File to write, a new one; MODEL_opensees.py, here, by default.")
     ] = None,
@@ -51,6 +53,8 @@ def opensees(
 
     atexit.register(_without_farewell)
     if not _is_result(source):
+        if at is not None:
+            raise UserError("--at is a point of a result's posterior: a model is written at its `truth`, leave it out")
         structure = _of_model(source, record or (), columns, in_sequence=sequence)
     elif record or columns or sequence:
         raise UserError(
@@ -58,7 +62,7 @@ def opensees(
             "identified from"
         )
     else:
-        structure = _of_result(source, at)
+        structure = _of_result(source, at or "mean")
     path = out or Path(f"{Path(structure.name).name}_opensees.py")
     require_new(path)
     script = script_of(structure, seed=seed)
@@ -97,7 +101,7 @@ def _result_file(source: Path) -> Path:
 def _of_model(source: Path, records: Sequence[Path], columns: str | None, *, in_sequence: bool) -> Exportable:
     from bwbn_bayes.export import of_model
 
-    file = loaded(source, columns, *records)
+    file = model_file(source, columns, *records)
     excitation = record_of(records, file, in_sequence=in_sequence) or file.excitation or file.record
     if excitation is None:
         raise UserError(f"{source} defines no `excitation`: add one, or give it with --record FILE")

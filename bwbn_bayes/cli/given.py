@@ -48,6 +48,18 @@ def loaded(model: Path, columns: str | None, *records: Path | str | None) -> Mod
     return load_model_file(model, columns)
 
 
+def model_file(model: Path, columns: str | None, *records: Path | str | None) -> ModelFile:
+    """A model file, where no record will do: its starting model has no values to be solved at."""
+    from bwbn_bayes.records.readers import RECORD_SUFFIXES
+
+    if model.suffix.lower() in RECORD_SUFFIXES:
+        raise UserError(
+            f"{model} is a record: give a model file, Python that defines `model` and its `truth`; bwbn model writes "
+            "one to start from"
+        )
+    return loaded(model, columns, *records)
+
+
 def record_of(paths: Sequence[Path], file: ModelFile, *, in_sequence: bool) -> Record | None:
     """The given record, or several of them as one; None where none is given."""
     from bwbn_bayes.records.joined import join_records

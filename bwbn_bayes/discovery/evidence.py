@@ -91,7 +91,7 @@ def laplace(posterior: Posterior, modes: tuple[Mode, ...]) -> Evidence:
     sds = np.sqrt(np.diag(covariance_of(best.information))) * posterior.space.unit_scale(values)[0]
     return Evidence(
         log_likelihood=best.log_likelihood,
-        log_evidence=laplace_log_evidence(_apart(modes)) - posterior.space.log_admissible_mass,
+        log_evidence=laplace_log_evidence(_apart(modes), posterior.standard) - posterior.space.log_admissible_mass,
         log_evidence_se=LAPLACE_SE,
         means=dict(zip(posterior.space.names, values[0].tolist(), strict=True)),
         sds=dict(zip(posterior.space.names, sds.tolist(), strict=True)),

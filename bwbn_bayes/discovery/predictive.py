@@ -15,6 +15,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,8 @@ from scipy.stats import norm
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.probability import Beliefs
 from bwbn_bayes.inference.correlation import conditioned
-from bwbn_bayes.inference.importance import laplace_mixture, sample_importance
+from bwbn_bayes.inference.importance import PARETO_LIMIT, laplace_mixture
+from bwbn_bayes.inference.pooled import sample_learning
 from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.inference.tmcmc.resampling import systematic
 from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
@@ -35,7 +37,7 @@ LEVEL = 0.9
 """Probability of an interval, half of the rest on each side."""
 N_DRAWS = 400
 """Of all explanations together."""
-_LEAST_EFFECTIVE, _MOST = 100, 4
+_LEAST_EFFECTIVE, _MOST = 100, 30
 """Effective draws wanted of an explanation, and how many times as many draws are worth the trouble."""
 
 
@@ -49,17 +51,23 @@ class PredictiveInterval:
         [unit of the channel]
     coverage : float
         Share of the measured samples inside.
+    covered : float
+        Share of the draws that stand for the whole posterior of their explanation, by the tail of their weights.
     """
 
     low: Floats
     high: Floats
     coverage: float
+    covered: float = 1.0
 
     @property
     def in_words(self) -> str:
         """How many of the held-out points lie inside, in a sentence."""
         inside, level = 100.0 * self.coverage, 100.0 * LEVEL
-        return f"Of the held-out points {inside:.0f} % lie inside their {level:.0f} % predictive intervals."
+        said = f"Of the held-out points {inside:.0f} % lie inside their {level:.0f} % predictive intervals."
+        if self.covered >= 1.0:
+            return said
+        return f"{said} Of their draws {100.0 * (1.0 - self.covered):.0f} % may leave out a part of the posterior."
 
 
 def predictive_interval(
@@ -79,18 +87,21 @@ def predictive_interval(
     """
     shares = np.bincount(systematic(believed.probabilities, N_DRAWS, rng), minlength=len(believed.explanations))
     chosen = [(one, n) for one, n in zip(believed.explanations, shares.tolist(), strict=True) if n > 0]
-    predicted = np.concatenate([_predicted(one, n, counted, rng) for one, n in chosen])
+    draws = [_draws(one, n, rng) for one, n in chosen]
+    every = zip(chosen, draws, strict=True)
+    predicted = np.concatenate([_predicted(one, own.points, counted, rng) for (one, _), own in every])
+    covered = sum(len(own.points) for own in draws if own.covers) / N_DRAWS
     solved = predicted[np.all(np.isfinite(predicted), axis=(1, 2))]
     low, high = np.quantile(solved, (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL), axis=0)
     measured = record.measured[:, counted]
-    return PredictiveInterval(low=low, high=high, coverage=float(np.mean((measured >= low) & (measured <= high))))
+    inside = float(np.mean((measured >= low) & (measured <= high)))
+    return PredictiveInterval(low=low, high=high, coverage=inside, covered=covered)
 
 
-def _predicted(one: Explanation, n: int, counted: NDArray[np.int64], rng: np.random.Generator) -> Floats:
-    """Draws ``(n, n_channels, n_counted)`` of what an explanation predicts, noise included."""
+def _predicted(one: Explanation, points: Floats, counted: NDArray[np.int64], rng: np.random.Generator) -> Floats:
+    """Draws ``(n, n_channels, n_counted)`` of what an explanation predicts at points ``(n, n_dim)``, with its noise."""
     posterior = one.evidence.settled
     record, noise = posterior.record, posterior.noise
-    points = _draws(one, n, rng)
     values, noise_values = posterior.split(points)
     response = posterior.engine.simulate(posterior.model, values, record).values
     sd = noise.draw_sd(rng, posterior.misfit(points), record.n_counted, noise_values)[:, :, None]
@@ -127,11 +138,18 @@ def _stretched(one: Explanation) -> float:
     return float(np.quantile(np.concatenate(misses), LEVEL) / norm.ppf(0.5 + 0.5 * LEVEL))
 
 
-def _draws(one: Explanation, n: int, rng: np.random.Generator) -> Floats:
+class _Draws(NamedTuple):
+    points: Floats
+    covers: bool
+    """Whether they stand for the whole posterior."""
+
+
+def _draws(one: Explanation, n: int, rng: np.random.Generator) -> _Draws:
     """Points ``(n, n_dim)`` of the posterior under an explanation's own account of the errors."""
     wanted = max(n, _LEAST_EFFECTIVE)
     proposal = laplace_mixture(one.evidence.modes)
-    weighted = sample_importance(one.evidence.posterior, proposal, rng, effective=wanted, most=_MOST * wanted)
+    weighted = sample_learning(one.evidence.posterior, proposal, rng, effective=wanted, most=_MOST * wanted)
     if not np.any(np.isfinite(weighted.log_weights)):
-        return np.repeat(one.evidence.modes[0].point[None], n, axis=0)
-    return weighted.resampled(rng, n)[0]
+        return _Draws(np.repeat(one.evidence.modes[0].point[None], n, axis=0), False)
+    covers = weighted.pareto_k <= PARETO_LIMIT and weighted.effective_sample_size >= wanted
+    return _Draws(weighted.resampled(rng, n)[0], covers)

@@ -6,7 +6,9 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from pathlib import Path
+from types import NoneType
 
 import numpy as np
 
@@ -22,9 +24,9 @@ from bwbn_bayes.discovery.workers import Threads, Workers
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.executors import Executor
 from bwbn_bayes.engines.lanes import Lanes, usable_processors
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, in_short, require_kind
 from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.settings import require_few_particles, require_whole
+from bwbn_bayes.inference.settings import require_checkpoint, require_few_particles, require_whole
 
 Listener = Callable[[str, Progress | Unfinished | None], None]
 """Called with what is being done or was found; with how far it is; after each step with all that is known by then."""
@@ -64,7 +66,8 @@ class DiscoverySettings:
     Raises
     ------
     UserError
-        If the time limit is no positive number, or a count or the seed is no whole number in its range.
+        If the time limit is no positive number, a count or the seed is no whole number in its range, or the effects are
+        no classes of effects.
     """
 
     seed: int = 1
@@ -81,10 +84,26 @@ class DiscoverySettings:
 
     def __post_init__(self) -> None:
         limit = self.time_limit_s
+        require_kind("DiscoverySettings: time_limit_s", limit, (Real, NoneType), "give a number of seconds")
         if limit is not None and not 0.0 < limit < np.inf:
             raise UserError(f"time limit: {limit:g} s is no time to search in, give a positive number of seconds")
         require_whole(self, _LEAST)
         require_few_particles(self.particles)
+        require_checkpoint(self)
+        if self.effects is not None:
+            _require_classes(self.effects)
+
+
+def _require_classes(effects: object) -> None:
+    """Raise :class:`UserError` unless these are classes of effects, of which there is one at least."""
+    advice = "give a tuple of classes, such as (SlipLock,), or leave it out for the whole catalogue"
+    if not isinstance(effects, (tuple, list)):
+        raise UserError(f"DiscoverySettings: effects is {in_short(effects)}: {advice}")
+    if not effects:
+        raise UserError(f"DiscoverySettings: effects is empty: {advice}")
+    for one in effects:
+        if not (isinstance(one, type) and Effect in one.__mro__):
+            raise UserError(f"DiscoverySettings: effects holds what is no class of effects, {in_short(one)}: {advice}")
 
 
 @dataclass

@@ -13,6 +13,7 @@ from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.outcome import SignatureFacts
 from bwbn_bayes.elements.signature import PlaceResponse, Signature
 from bwbn_bayes.inference.arrays import measured_storey_force
+from bwbn_bayes.inference.likelihood import IntegratedNoise
 from bwbn_bayes.inference.refits import refitted
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.inference.summary import observe
@@ -29,9 +30,9 @@ _N_STEPS = 8
 def spread_of(present: Explanation, rng: np.random.Generator) -> Floats:
     """Points ``(n, n_dim)`` over which the parameters of an explanation spread: its fits to records with other errors.
 
-    In each record what the explanation leaves has its sign or the other one at random (a wild bootstrap), sample by
-    sample where it is noise, else in whole stretches, over which an error of the law hangs together. The fits follow
-    the posterior along its bends; those of a wrong law spread by what its errors move it.
+    In each record what the explanation leaves has its sign or the other one at random (a wild bootstrap), where it is
+    noise by as many samples as count as one, else in whole stretches, over which an error of the law hangs together.
+    The fits follow the posterior along its bends; those of a wrong law spread by what its errors move it.
 
     Parameters
     ----------
@@ -48,7 +49,11 @@ def spread_of(present: Explanation, rng: np.random.Generator) -> Floats:
     posterior = present.evidence.settled
     slopes, record = Slopes.at(posterior, present.best), posterior.record
     signs = rng.choice([-1.0, 1.0], (N_DRAWS, 1, record.n_times))
-    if not present.is_noise:
+    if present.is_noise:
+        noise = posterior.noise
+        as_one = np.ceil(np.max(noise.as_one)) if isinstance(noise, IntegratedNoise) else 1
+        signs = np.repeat(signs, int(as_one), axis=2)[:, :, : record.n_times]
+    else:
         for _, own in stretches_of(record):
             signs[:, :, own] = signs[:, :, own[:1]]
     errors = (signs - 1.0) * slopes.residual

@@ -17,6 +17,7 @@ from bwbn_bayes.inference.unnamed.further_link import FurtherLink, Span
 from bwbn_bayes.inference.unnamed.reading import ReadingError
 from bwbn_bayes.inference.unnamed.state_function import StateForce
 from bwbn_bayes.inference.unnamed.storey import Estimate, Neighbourhood, over_time
+from bwbn_bayes.parameters import Floats
 
 
 def nameless(believed: Beliefs) -> Explanation | None:
@@ -92,7 +93,7 @@ def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
         storey=1,
         place=one.model.link_in_words(1),
         probability=probability,
-        share=float(np.std(force) / np.sqrt(np.mean(np.square(measured)))),
+        share=_rms(force) / _rms(measured),
         state=record.excitation[record.kept],
         force=force,
     )
@@ -107,7 +108,7 @@ def _of_link(one: Explanation, span: Span, probability: float) -> UnnamedForce:
         storey=span.upper,
         place=f"a link between {span.in_words}",
         probability=probability,
-        share=float(np.std(own) / max(np.std(force) for force in storeys)),
+        share=_rms(own) / max(_rms(force) for force in storeys),
         function="of the drift between the two and its rate",
         nodes=span,
         state=rows["drift"][0][-1][kept],
@@ -131,7 +132,7 @@ def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
         rows = here.rows
         forces = {at: over_time(force, record, one.model) for at, force in found.forces.items()}
     whole = np.sqrt(np.mean(np.square(rows["restoring_force"]), axis=1))
-    shares = {at: float(np.sqrt(np.mean(np.square(force)))) / whole[at - 1] for at, force in forces.items()}
+    shares = {at: _rms(force) / whole[at - 1] for at, force in forces.items()}
     storey = max(shares, key=lambda at: shares[at])
     over = found.effect.state if isinstance(found, StateForce) else ""
     return UnnamedForce(
@@ -144,3 +145,7 @@ def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
         state=rows[over or "drift"][storey - 1][record.kept],
         force=forces[storey][record.kept],
     )
+
+
+def _rms(history: Floats) -> float:
+    return float(np.sqrt(np.mean(np.square(history))))

@@ -32,7 +32,7 @@ from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.engines.executors import opened
 from bwbn_bayes.engines.journal import Journal, forget, question_of, search_in_words
 from bwbn_bayes.engines.precompile import precompile
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, require_kind
 from bwbn_bayes.inference.accuracy import LADDER, coarsest_stable, in_doubles
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, distinct, find_modes, polish, settled
@@ -42,8 +42,8 @@ from bwbn_bayes.inference.unnamed.storey import places_of
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.noise import LEAST_NOISE, with_least_noise
-from bwbn_bayes.records.record import MIN_TIMES, Record
-from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.records.record import MIN_TIMES, Record, require_record
+from bwbn_bayes.structures.structure import Structure, require_structure
 
 MOST_POINTS = 3000
 """Points of one cyclic test that are fitted: some hundred in each of thirty cycles."""
@@ -92,11 +92,14 @@ def discover(
     Raises
     ------
     UserError
-        If the model identifies nothing, the record measures nothing, they do not belong together, the record has
-        no end or no repeat cycles to hold out, or no scheduler answers.
+        If an argument is of another kind, the model identifies nothing, the record measures nothing, they do not belong
+        together, the record has no end or no repeat cycles to hold out, or no scheduler answers.
     """
+    require_structure(model)
+    require_record(record)
+    settings = DiscoverySettings() if settings is None else settings
+    require_kind("settings", settings, DiscoverySettings, "give DiscoverySettings(...), or leave them out")
     require_suitable(model, record, held_out if isinstance(held_out, Record) else None, name)
-    settings = settings or DiscoverySettings()
     run = Run(settings, np.random.default_rng(settings.seed), listener, name, data=record.content_hash)
     # Repeat cycles lie among what is fitted: both are samples of one record.
     record, apart = set_apart(model, _thinned(record, run) if held_out == "repeats" else record, held_out)

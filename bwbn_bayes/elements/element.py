@@ -9,7 +9,7 @@ import sympy as sp
 
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.law import Addition, Definition
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, in_short
 from bwbn_bayes.parameters import Parameter, Value
 
 
@@ -49,6 +49,12 @@ class Element(Protocol):
     def values(self) -> Mapping[str, Value]:
         """The value (number, prior or PerStorey) of each parameter, by symbol."""
         ...
+
+
+def require_element(name: str, given: object) -> None:
+    """Raise :class:`UserError` unless an argument is an element with its values."""
+    if isinstance(given, type) or not all(hasattr(given, one) for one in ("parameters", "derived", "values")):
+        raise UserError(f"{name} is {in_short(given)}: give one element, such as BoucWen(...) or Linear(...)")
 
 
 _PLAIN = BoucWen(k=0.0, beta=0.0, gamma=0.0)

@@ -9,13 +9,11 @@ from bwbn_bayes.engines.cuda import Cuda
 from bwbn_bayes.engines.cuda_driver import first_card
 from bwbn_bayes.engines.cvodes import Cvodes, load_library
 from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.engines.names import NAMES
 from bwbn_bayes.engines.reference import Reference
 from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.engines.sunode import Sunode, load_sunode
 from bwbn_bayes.errors import UserError
-
-NAMES = ("lanes", "cvodes", "reference", "scalar", "sunode", "cuda")
-"""Every engine, the default first."""
 
 _SUMMARIES = {
     "lanes": "the default: generated code that solves sixteen draws at once",
@@ -52,7 +50,7 @@ def engine(name: str, n_threads: int | None = None) -> Engine:
     Parameters
     ----------
     name : str
-        One of :data:`NAMES`.
+        One of :data:`~bwbn_bayes.engines.names.NAMES`.
     n_threads : int, optional
         Threads over draws, for engines that use them; the engine's own default where left out.
 

@@ -20,7 +20,8 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.directions import require_one_direction
 from bwbn_bayes.records.noise import require_long_enough
-from bwbn_bayes.records.record import Record, require_measured
+from bwbn_bayes.records.record import Record, require_measured, require_whole
+from bwbn_bayes.records.sizes import require_sizes
 from bwbn_bayes.structures.structure import Structure
 
 OBSERVED_KINDS = (
@@ -262,10 +263,6 @@ def check_record(model: Structure, record: Record) -> None:
         )
 
 
-_MOST = 1e15
-"""Of a signal, far beyond any, and one over the least: sums of squares are still numbers of single precision."""
-
-
 def require_parameters(model: Structure, name: str) -> None:
     """Raise :class:`UserError` unless a model, called ``name`` in reports, identifies a parameter."""
     if model.space.n_dim == 0:
@@ -283,6 +280,7 @@ def require_usable(model: Structure, record: Record) -> None:
     """
     check_record(model, record)
     require_measured(record)
+    require_sizes(record)
     for part in record.parts:
         if part.channels:
             _require_telling(model, part)
@@ -292,16 +290,13 @@ def _require_telling(model: Structure, record: Record) -> None:
     where = f"record {record.name!r}"
     channel_map(model, tuple(record.channels))
     require_long_enough(record)
+    require_whole(record)
     moves = any(np.ptp(signal) > 0.0 for signal in (record.excitation, *record.forces.values()))
     if not moves and not model.law.initial:
         raise UserError(
             f"{where} has no excitation: its {record.excitation_kind} never changes, give one that moves; or for a "
             "structure that was released a model with InitialState"
         )
-    for name, signal in record.columns.items():
-        peak = float(np.max(np.abs(signal)))
-        if peak > _MOST or 0.0 < peak < 1.0 / _MOST:
-            raise UserError(f"{where}: {name} reaches {peak:.3g} in SI units: mend its unit or its values")
     still = [channel for channel, signal in record.channels.items() if np.ptp(signal[record.kept]) == 0.0]
     if still:
         raise UserError(f"{where}: {', '.join(still)} never changes: leave it out")

@@ -10,10 +10,10 @@ import numpy as np
 from bwbn_bayes.engines.base import Engine, Status
 from bwbn_bayes.engines.exact import exact_response
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, whole_number
 from bwbn_bayes.records.noise import add_noise
-from bwbn_bayes.records.record import Record, require_whole
-from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.records.record import Record, require_record, require_whole
+from bwbn_bayes.structures.structure import Structure, require_structure
 
 
 def simulate(
@@ -53,8 +53,13 @@ def simulate(
     Raises
     ------
     UserError
-        If a parameter is missing or unknown, or the solve fails.
+        If a parameter is missing or unknown, an argument is of another kind, or the solve fails.
     """
+    require_structure(model)
+    require_record(excitation, "excitation")
+    seed = whole_number("seed", seed, 0)
+    if isinstance(channels, str):
+        raise UserError(f"channels is {channels!r}: give a list of names, such as [{channels!r}]")
     if channels is None:
         floors = range(1, model.n_floors + 1)
         driven = model.excitation_kind == "displacement"
@@ -102,6 +107,8 @@ def periods_until_repeated(
         If a parameter is missing or unknown, ``within`` is no positive number, the solve fails, or the response does
         not repeat within 1,024 periods, as that of a structure which degrades.
     """
+    require_structure(model)
+    require_record(record)
     require_whole(record)
     if not 0.0 < within < np.inf:
         raise UserError(f"within is {within}, it must be a positive number, such as 1e-4")

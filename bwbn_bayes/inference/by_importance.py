@@ -177,6 +177,6 @@ def _size_check(reached: float, wanted: float) -> Check:
         name="effective draws",
         value=reached,
         limit=wanted,
-        passed=reached >= 0.98 * wanted,
+        passed=reached >= wanted,
         sentence=f"The weighted draws are worth {reached:.0f} independent ones.",
     )

@@ -52,8 +52,7 @@ class _Starts(NamedTuple):
     @property
     def checks(self) -> tuple[Check, ...]:
         return (
-            _worth_check(self.first),
-            *_length_checks(self.first),
+            *_mixing_checks(self.first),
             _evidence_check(*self),
             _means_check(*self),
             _spreads_check(*self),
@@ -156,23 +155,20 @@ def _worth(cloud: TmcmcResult) -> float:
     return min(cloud.stages[-1].effective_sample_size, float(len(cloud.particles)))
 
 
-def _worth_check(cloud: TmcmcResult) -> Check:
-    worth, wanted = _worth(cloud), min(_LEAST_WORTH, 0.5 * len(cloud.particles))
-    return Check(
-        name="independent particles",
-        value=worth,
-        limit=wanted,
-        passed=worth >= wanted,
-        sentence=f"The {len(cloud.particles)} particles are worth {worth:.0f} independent ones.",
-    )
-
-
-def _length_checks(cloud: TmcmcResult) -> tuple[Check, ...]:
-    """Of the start whose states are the draws; the plain variant does not measure it."""
-    length = cloud.correlation_times
+def _mixing_checks(cloud: TmcmcResult) -> tuple[Check, ...]:
+    """Of the start whose states are the draws; the plain variant does not measure how well it mixes."""
+    length, worth = cloud.correlation_times, _worth(cloud)
     if np.isnan(length):
         return ()
+    wanted = min(_LEAST_WORTH, 0.5 * len(cloud.particles))
     return (
+        Check(
+            name="independent particles",
+            value=worth,
+            limit=wanted,
+            passed=worth >= wanted,
+            sentence=f"The {len(cloud.particles)} particles are worth {worth:.0f} independent ones.",
+        ),
         Check(
             name="length of chains",
             value=length,

@@ -31,7 +31,9 @@ def doubts(posterior: Posterior, mode: Mode) -> tuple[Check, ...]:
 
 def _quiet_check(posterior: Posterior, mode: Mode) -> Check:
     rests = heard_rests(posterior, mode.point).values()
-    smallest = min((min(whiteness_probability(rest), steadiness(rest)) for rest in rests), default=1.0)
+    every = [own for rest in rests for own in (whiteness_probability(rest), steadiness(rest))]
+    # That the smallest of so many is as small (Sidak).
+    smallest = float(-np.expm1(len(every) * np.log1p(-min(every)))) if every and min(every) < 1.0 else 1.0
     return Check(
         name=QUIET,
         value=smallest,

@@ -199,7 +199,7 @@ def _accompanied(posterior: Posterior, section: Section | None, force: Force) ->
 
 def _fit(posterior: Posterior, streams: Sequence[np.random.SeedSequence], history: History) -> _Fitted:
     """Modes at the final scheme; searched again from new and more starts while the residual is not noise."""
-    modes: tuple[Mode, ...] = ()
+    fitted: _Fitted | None = None
     for attempt, stream in enumerate(streams):
         rng = np.random.default_rng(stream)
         history.say(
@@ -211,10 +211,14 @@ def _fit(posterior: Posterior, streams: Sequence[np.random.SeedSequence], histor
             n_starts=1024 * 4**attempt,
             progress=lambda facts: history.tell_window(posterior, facts),
         )
-        fitted = _finish(posterior, np.array([mode.point for mode in (*found, *modes)]))
-        modes = fitted.modes
+        points = np.array([mode.point for mode in found])
+        if fitted is not None:  # the scheme is judged at the best
+            points = np.concatenate([points, [mode.point for mode in fitted.modes]])
+            points = points[np.argsort(-fitted.posterior.log_likelihood(points), kind="stable")]
+        fitted = _finish(posterior, points)
         if all(check.passed for check in fitted.checks):
             break
+    assert fitted is not None
     return fitted
 
 

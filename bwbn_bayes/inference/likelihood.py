@@ -172,9 +172,13 @@ class IntegratedNoise:
         return np.asarray((2.0 * as_one * self.shape + n_times) / rate / as_one)
 
     def most(self, promised: Floats, n_times: float | Floats) -> Floats:
-        """A fit that leaves less is measured by a smaller level: most of all where one block has all of the gain."""
-        counted = self.shape + 0.5 * float(np.min(n_times / self.as_one))
-        return np.asarray(-counted * np.log(np.maximum(1.0 - promised / counted, _LEAST_LEVEL**2)))
+        """What is left is measured by a level that it makes smaller: most of all where the shortest blocks gain."""
+        counted = np.broadcast_to(self.shape + 0.5 * n_times / self.as_one, (self.n_blocks,))
+        gained, left = np.zeros(np.shape(promised)), np.asarray(promised)
+        for own in np.sort(counted):
+            share = np.minimum(left / own, 1.0 - _LEAST_LEVEL**2)
+            gained, left = gained - own * np.log1p(-share), left - own * share
+        return np.asarray(gained + left)
 
     def draw_sd(self, rng: np.random.Generator, misfit: Floats, n_times: float | Floats, values: Floats) -> Floats:
         rate = np.asarray(self.scale) + 0.5 * misfit / self.as_one
@@ -418,6 +422,11 @@ class Posterior:
         question = question_of("misfit", self.about, points)
         (found,) = self.journal.kept("misfit", question, len(points), lambda some: (self._misfit(points[some]),))
         return found
+
+    @property
+    def standard(self) -> NDArray[np.int64]:
+        """Coordinates whose priors are normal, so that evidence is told in their standard normals: none."""
+        return np.empty(0, dtype=np.int64)
 
     @property
     def about(self) -> str:

@@ -150,7 +150,8 @@ class NestedLaplace:
     def bent(self, posterior: Posterior, nodes: Nodes) -> Self:
         """With the curvature within the rest, read off at the best node.
 
-        Over a design of the first coordinates of the rest, which fills one lane block, the later ones are refitted.
+        Over a design of the first coordinates of the rest, which fills one lane block, the later ones are refitted. It
+        stays as it is where too few refits can be solved.
         """
         best = int(np.argmax(nodes.local.log_likelihood))
         point, m = nodes.points[best], min(_N_BENDING, len(self.order) - 1)
@@ -164,14 +165,17 @@ class NestedLaplace:
         double = [1.2 * (sd[i] * np.eye(m)[i] + sd[j] * np.eye(m)[j]) for i in range(m) for j in range(i)]
         starts = np.tile(point, (len(single) + len(double), 1))
         starts[:, first] = np.clip(point[first] + np.array(single + double), EDGE, 1.0 - EDGE)
-        deviations = starts[:, first] - mean[:m]
-        straight = mean[m:] + deviations @ np.linalg.solve(covariance[:m, :m], covariance[:m, m:])
-        starts[:, later] = np.clip(straight, EDGE, 1.0 - EDGE)
+        along = np.linalg.solve(covariance[:m, :m], covariance[:m, m:])
+        starts[:, later] = np.clip(mean[m:] + (starts[:, first] - mean[:m]) @ along, EDGE, 1.0 - EDGE)
         points, local = refitted(posterior, starts, np.concatenate([self.box.wide, first]), 10)
+        bend = Bend(n_wide=m, coefficients=np.zeros((m * (m + 3) // 2, len(self.order))))
+        if len(points) < len(bend.coefficients):
+            return self
+        deviations = points[:, first] - mean[:m]
         # One further Newton step tells where an optimum beyond a bound would lie, as the means do.
         _, step = _newton(local, later)
-        bend = Bend(n_wide=m, coefficients=np.zeros((m * (m + 3) // 2, len(self.order))))
-        found, *_ = np.linalg.lstsq(bend.features(deviations), points[:, later] + step - straight, rcond=1e-8)
+        beside = points[:, later] + step - mean[m:] - deviations @ along
+        found, *_ = np.linalg.lstsq(bend.features(deviations), beside, rcond=1e-8)
         bend.coefficients[:, m:] = found
         return replace(self, bend=bend)
 

@@ -29,8 +29,10 @@ _SHARES = (0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.97, 0.99)
 _MOTIONS = ("drift", "drift_rate", "hysteretic_displacement")
 
 
-def whiteness_probability(residual: Floats) -> float:
+def whiteness_probability(residual: Floats, n_fitted: int = 0) -> float:
     """Probability of autocorrelations as large as those of ``residual (n_times,)`` if it were white noise.
+
+    So many of its lags were fitted to it, and have no degree of freedom left.
 
     References
     ----------
@@ -45,7 +47,7 @@ def whiteness_probability(residual: Floats) -> float:
         return 1.0
     correlation = np.array([centred[lag:] @ centred[:-lag] for lag in range(1, lags + 1)]) / power
     statistic = n * (n + 2) * np.sum(np.square(correlation) / (n - np.arange(1, lags + 1)))
-    return float(chi2.sf(statistic, lags))
+    return float(chi2.sf(statistic, max(lags - n_fitted, 1)))
 
 
 class ColouredNoise(NamedTuple):
@@ -101,7 +103,7 @@ def is_noise(residual: Floats, motions: Floats | Sequence[Floats] = (), *, noise
     innovations = noise.innovations(residual)
     # In this order: one that is too improbable is enough, and those of the motions cost most.
     return (
-        whiteness_probability(innovations) > LEAST_PROBABILITY
+        whiteness_probability(innovations, len(noise.coefficients)) > LEAST_PROBABILITY
         and _centredness(innovations) > LEAST_PROBABILITY
         and steadiness(innovations) > LEAST_PROBABILITY
         and steadiness(residual, noise.correlation_samples) > LEAST_PROBABILITY

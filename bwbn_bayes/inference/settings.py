@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Integral
 from pathlib import Path
+from types import NoneType
 from typing import Any, Literal
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.engines.names import NAMES
+from bwbn_bayes.errors import UserError, require_kind, whole_number
 from bwbn_bayes.inference.registry import METHODS
 
-_CHOICES = {"method": tuple(METHODS), "variant": ("default", "plain"), "sampler": ("pymc", "nutpie")}
+_CHOICES = {
+    "method": tuple(METHODS),
+    "engine": NAMES,
+    "variant": ("default", "plain"),
+    "sampler": ("pymc", "nutpie"),
+}
+_OF_METHODS = {"variant": ("tmcmc", "smc", "importance"), "sampler": ("nuts",)}
+"""Methods that an option has a meaning for; where importance sampling fails its check, TMCMC takes over."""
 _LEAST = {"seed": 0, "particles": 1, "workers": 1}
 MOST_PARTICLES = 10_000_000
 """Beyond that memory ends before patience does."""
@@ -20,12 +28,14 @@ MOST_PARTICLES = 10_000_000
 def require_whole(options: Any, least: Mapping[str, int]) -> None:
     """Raise :class:`UserError` unless each of these is a whole number from so many on; NumPy's become Python's own."""
     for name, fewest in least.items():
-        given = getattr(options, name)
-        if not isinstance(given, Integral) or given < fewest:
-            raise UserError(
-                f"{type(options).__name__}: {name} is {given!r}, it must be a whole number from {fewest} on"
-            )
-        object.__setattr__(options, name, int(given))
+        given = whole_number(f"{type(options).__name__}: {name}", getattr(options, name), fewest)
+        object.__setattr__(options, name, given)
+
+
+def require_checkpoint(options: Any) -> None:
+    """Raise :class:`UserError` unless the checkpoint is a path or none."""
+    told = f"{type(options).__name__}: checkpoint"
+    require_kind(told, options.checkpoint, (Path, NoneType), 'give the path of a file without suffix, as Path("run")')
 
 
 def require_few_particles(particles: int) -> None:
@@ -84,5 +94,13 @@ class Settings:
             given = getattr(self, name)
             if given not in choices:
                 raise UserError(f"Settings: {name} {given!r} is not known: choose one of {', '.join(choices)}")
+        for name, methods in _OF_METHODS.items():
+            given = getattr(self, name)
+            if given != _CHOICES[name][0] and self.method not in methods:
+                raise UserError(
+                    f"{name} {given} says nothing to method {self.method}: leave it out, or choose method "
+                    f"{' or '.join(methods)}"
+                )
         require_whole(self, _LEAST)
         require_few_particles(self.particles)
+        require_checkpoint(self)

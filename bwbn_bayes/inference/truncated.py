@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, log_ndtr, ndtri_exp, stdtr, stdtrit
 
+from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.parameters import Floats
 
 _TINY = 1e-300
@@ -47,7 +48,14 @@ class TruncatedStudent:
 
     @classmethod
     def at(
-        cls, point: Floats, gradient: Floats, information: Floats, *, inflation: float = 1.0, degrees: float = np.inf
+        cls,
+        point: Floats,
+        gradient: Floats,
+        information: Floats,
+        *,
+        inflation: float = 1.0,
+        degrees: float = np.inf,
+        flattest: float = PRIOR_PRECISION,
     ) -> Self:
         """Quadratic expansion of a log posterior at a point: mean one Newton step away, scale the inverse information.
 
@@ -56,15 +64,17 @@ class TruncatedStudent:
         point, gradient : (n_dim,) array
             Expansion point in the unit cube and the gradient of the log posterior there.
         information : (n_dim, n_dim) array
-            Gauss-Newton information in unit coordinates; directions flatter than the prior get the prior's variance.
+            Gauss-Newton information in unit coordinates.
         inflation : float
             Factor on the scale matrix.
         degrees : float
             Degrees of freedom.
+        flattest : float
+            Least information of a direction: by default directions flatter than the prior get the prior's variance.
         """
         values, vectors = np.linalg.eigh(information)
         # What is flatter than rounding shows as flat as rounding can.
-        covariance = (vectors / np.maximum(values, max(12.0, 1e-12 * values[-1]))) @ vectors.T
+        covariance = (vectors / np.maximum(values, max(flattest, 1e-12 * values[-1]))) @ vectors.T
         mean = point + covariance @ gradient
         return cls.of(mean, inflation * covariance, degrees=degrees)
 
@@ -79,10 +89,14 @@ class TruncatedStudent:
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draws ``(n, n_dim)``."""
-        ordered, _ = walk(self.mean, self.factor, self.degrees, uniforms=rng.random((n, len(self.mean))))
+        return self.at_uniforms(rng.random((n, len(self.mean))))[0]
+
+    def at_uniforms(self, uniforms: Floats) -> tuple[Floats, Floats]:
+        """Draws ``(n, n_dim)`` that uniform numbers of that shape make, and their log density ``(n,)``."""
+        ordered, log_density = walk(self.mean, self.factor, self.degrees, uniforms=uniforms)
         points = np.empty_like(ordered)
         points[:, self.order] = ordered
-        return points
+        return points, log_density
 
     def log_density(self, points: Floats) -> Floats:
         """Normalised log density ``(n,)``; minus infinity outside the cube."""

@@ -16,7 +16,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, require_kind
 
 EXAMPLE = '"ag = ground_acceleration [g], roof = acceleration_3 [m/s^2]"'
 
@@ -60,8 +60,9 @@ def parse_columns(text: str) -> tuple[Item, ...]:
     Raises
     ------
     UserError
-        If an item is not ``LABEL = NAME [UNIT]``, or a name is given twice.
+        If it is no text, an item is not ``LABEL = NAME [UNIT]``, or a name is given twice.
     """
+    require_kind("columns", text, str, f"give a column map as text, such as {EXAMPLE}")
     items = tuple(_item(part) for part in _split(text))
     names = [item.meaning.name for item in items]
     for position, name in enumerate(names):

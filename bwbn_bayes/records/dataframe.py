@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records.column_map import Meaning, find_column, header_meaning
@@ -13,6 +15,7 @@ from bwbn_bayes.records.columns import Column, Table, record_of
 from bwbn_bayes.records.labels import labels_as_json, labels_of_json
 from bwbn_bayes.records.record import Record, si_unit
 from bwbn_bayes.records.series import column_of
+from bwbn_bayes.records.text import number
 from bwbn_bayes.records.time_base import Source
 
 
@@ -66,9 +69,29 @@ def record_from_dataframe(frame: pd.DataFrame, columns: str | None = None, *, na
 
 def _column(cell: str, series: pd.Series, source: Source) -> Column:
     meaning = header_meaning(cell) or Meaning(cell)
-    array = series.to_numpy(dtype=np.float64, na_value=np.nan) if _is_extension(series) else series.to_numpy()
-    column = column_of(array, meaning.name, meaning.unit, source)
+    try:
+        array = _array(series.infer_objects(), meaning.name, source)
+        column = column_of(array, meaning.name, meaning.unit, source)
+    except UserError as error:  # the user's to hear only where the column is used
+        column = Column(label=meaning.name, values=np.empty(0), unit=meaning.unit, fault=str(error))
     return replace(column, cell=cell, minus=meaning.minus, minus_unit=meaning.minus_unit)
+
+
+def _array(series: pd.Series, label: str, source: Source) -> NDArray[Any]:
+    """What a column holds; cells of any kind that say a number, as text does, become numbers.
+
+    Raises
+    ------
+    UserError
+        Naming the first cell that is none.
+    """
+    if _is_extension(series):
+        return np.asarray(series.to_numpy(dtype=np.float64, na_value=np.nan))
+    array = np.asarray(series.to_numpy())
+    if series.dtype.kind != "O":
+        return array
+    places = (f"{source.file}, {source.place(row)}, column {label}" for row in range(len(array)))
+    return np.array([number(str(cell), place) for cell, place in zip(array, places, strict=True)])
 
 
 def _is_extension(series: pd.Series) -> bool:

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, whole_number
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.readers import read_record
 from bwbn_bayes.records.record import Record
@@ -140,7 +140,7 @@ def multisine(
     Raises
     ------
     UserError
-        If a number is not positive, or no line lies in the band.
+        If a number is not positive, the band reaches half the sampling rate, or no line lies in it.
 
     References
     ----------
@@ -148,14 +148,16 @@ def multisine(
     """
     _require_positive("time_step", time_step, "s")
     _require_positive("rms", rms, "m/s^2")
+    n_per_period, n_periods = whole_number("n_per_period", n_per_period, 1), whole_number("n_periods", n_periods, 1)
+    _require_below_half(band_hz, time_step)
     low, high = band_hz
     lines = np.arange(1, (n_per_period + 1) // 2)
     frequency = lines / (n_per_period * time_step)
     lines = lines[(frequency >= low) & (frequency <= high)]
-    if not lines.size or n_periods < 1:
+    if not lines.size:
         raise UserError(
-            f"multisine: no line of a period of {n_per_period} samples lies between {low:g} and {high:g} Hz, or "
-            f"n_periods = {n_periods} is none: give a longer period or a wider band"
+            f"multisine: no line of a period of {n_per_period} samples lies between {low:g} and {high:g} Hz: give a "
+            "longer period or a wider band"
         )
     spectrum = np.zeros(n_per_period // 2 + 1, dtype=np.complex128)
     spectrum[lines] = np.exp(2j * np.pi * rng.random(lines.size))
@@ -189,10 +191,7 @@ def sweep(amplitude: float, band_hz: tuple[float, float], duration: float, time_
     times = _times(duration, time_step)
     _require_positive("amplitude", amplitude, "m/s^2")
     first, last = band_hz
-    if not 0.0 < min(band_hz) <= max(band_hz) < 0.5 / time_step:
-        raise UserError(
-            f"band_hz is {band_hz}: both ends must lie between 0 and half the sampling rate, {0.5 / time_step:g} Hz"
-        )
+    _require_below_half(band_hz, time_step)
     turns = first * times + 0.5 * (last - first) / times[-1] * np.square(times)
     return Record(
         name=f"sweep {first:g} to {last:g} Hz",
@@ -393,6 +392,13 @@ def _times(duration: float, time_step: float) -> Floats:
     _require_positive("duration", duration, "s")
     _require_positive("time_step", time_step, "s")
     return time_step * np.arange(int(duration / time_step + 1e-6) + 1, dtype=np.float64)
+
+
+def _require_below_half(band_hz: tuple[float, float], time_step: float) -> None:
+    if not 0.0 < min(band_hz) <= max(band_hz) < 0.5 / time_step:
+        raise UserError(
+            f"band_hz is {band_hz}: both ends must lie between 0 and half the sampling rate, {0.5 / time_step:g} Hz"
+        )
 
 
 def _require_positive(name: str, value: float, unit: str) -> None:

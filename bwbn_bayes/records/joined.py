@@ -15,9 +15,9 @@ from typing import override
 
 import numpy as np
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, whole_number
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.record import MIN_TIMES, Block, Record
+from bwbn_bayes.records.record import MIN_TIMES, Block, Record, require_record
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -194,11 +194,13 @@ def join_records(records: Sequence[Record], *, in_sequence: bool = False) -> Joi
     Raises
     ------
     UserError
-        If there is none, one of them is joined already, or they are driven in different ways.
+        If there is none, one of them is none or joined already, or they are driven in different ways.
     """
     members = tuple(records)
     if not members:
         raise UserError("join_records was given no record: give at least one")
+    for number, member in enumerate(members, 1):
+        require_record(member, f"record {number}")
     if any(isinstance(member, JoinedRecord) for member in members):
         raise UserError("join_records joins single records: give those that a joined one was made of")
     for word, values in (
@@ -257,9 +259,9 @@ def periodic(record: Record, *, periods: int) -> JoinedRecord:
     Raises
     ------
     UserError
-        If there are none.
+        If ``periods`` is no whole number from 1 on.
     """
-    if periods < 1:
-        raise UserError(f"periods is {periods}: at least one must come before the one that was measured")
+    require_record(record)
+    periods = whole_number("periods", periods, 1)
     before = replace(record, channels={}, noise_sd={}, counted=None)
     return join_records([*[before] * periods, record], in_sequence=True)

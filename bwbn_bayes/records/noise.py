@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import Floats
+from bwbn_bayes.parameters import Floats, is_number
 from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.joined import JoinedRecord, join_records
 from bwbn_bayes.records.record import MIN_SAMPLES, Record
@@ -56,7 +56,7 @@ def add_noise(record: Record, snr_db: float | None, rng: np.random.Generator) ->
     """
     if snr_db is None or snr_db == np.inf:
         return record
-    if not abs(snr_db) <= MOST_DECIBELS:
+    if not is_number(snr_db) or not abs(snr_db) <= MOST_DECIBELS:
         raise UserError(
             f"snr_db is {snr_db}: it must be a number of decibels within {MOST_DECIBELS:g} of zero, or None for none"
         )

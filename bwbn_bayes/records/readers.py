@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, require_kind
 from bwbn_bayes.records.at2 import read_at2
 from bwbn_bayes.records.cosmos import read_cosmos
 from bwbn_bayes.records.delimited import read_csv, write_csv
@@ -55,6 +55,7 @@ def read_record(path: Path | str, columns: str | None = None) -> Record:
     UserError
         If the file is missing or wrong: one sentence that names the file, the line and the column.
     """
+    require_kind("path", path, (str, Path), "give the name of a file")
     suffix = Path(path).suffix.lower()
     if suffix not in _READERS:
         raise UserError(f"{path}: {suffix_in_words(path)}, use {', '.join(RECORD_SUFFIXES)}")

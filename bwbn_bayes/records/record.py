@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bwbn_bayes.errors import UserError
+from bwbn_bayes.errors import UserError, require_kind
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.cycles import turning_points
 
@@ -528,6 +528,12 @@ class Record:
 
 def _rebuilt(plain_fields: Mapping[str, object]) -> Record:
     return Record(**plain_fields)  # type: ignore[arg-type]
+
+
+def require_record(given: object, name: str = "record") -> None:
+    """Raise :class:`UserError` unless what is given as ``name`` is a record."""
+    advice = "give a Record, which read_record makes of a file and join_records of several records"
+    require_kind(name, given, Record, advice)
 
 
 def require_measured(record: Record) -> None:

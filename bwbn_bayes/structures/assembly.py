@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from numbers import Real
 
 import numpy as np
 import sympy as sp
@@ -15,7 +13,18 @@ from numpy.typing import NDArray
 
 from bwbn_bayes.elements.law import SensorLaw, StoreyLaw
 from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import Booleans, Constraint, Floats, FreeParameter, Parameter, PerStorey, Prior, Value
+from bwbn_bayes.parameters import (
+    Booleans,
+    Constraint,
+    Floats,
+    FreeParameter,
+    Parameter,
+    PerStorey,
+    Prior,
+    Value,
+    is_number,
+    require_number,
+)
 from bwbn_bayes.structures.parts import Links, PlacedEffect
 
 
@@ -100,7 +109,7 @@ def spread(
         raise UserError(f"{symbol} belongs to the whole building: give one number or prior, not PerStorey")
     if isinstance(value, PerStorey):
         return [(f"{symbol}[{s}]", value.at(i, len(storeys)), (s,)) for i, s in enumerate(storeys)]
-    if not isinstance(value, (Real, Prior)):
+    if not (is_number(value) or isinstance(value, Prior)):
         raise UserError(f"{symbol} is {value!r}: give a number, a prior, or PerStorey of either")
     label = symbol if len(storeys) in (0, n_links) else f"{symbol}[{','.join(map(str, storeys))}]"
     return [(label, value, storeys)]
@@ -108,10 +117,7 @@ def spread(
 
 def checked(parameter: Parameter, name: str, value: float) -> float:
     """A known value as a number; an error where it is none, or lies outside the admissible range."""
-    if not isinstance(value, Real):
-        raise UserError(f"{name} is {value!r}: give a number")
-    if isinstance(value, int) and abs(value) > sys.float_info.max:
-        raise UserError(f"{name} is larger than any number of double precision")
+    require_number(name, value)
     if not (np.isfinite(value) and parameter.lower <= value <= parameter.upper):
         raise UserError(
             f"{name} = {value:g} lies outside its admissible range [{parameter.lower:g}, {parameter.upper:g}]"

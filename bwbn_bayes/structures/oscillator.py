@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bwbn_bayes.elements.element import Element
+from bwbn_bayes.elements.element import Element, require_element
+from bwbn_bayes.parameters import require_number
 from bwbn_bayes.structures.parts import Links
 from bwbn_bayes.structures.structure import Structure
 
@@ -20,6 +21,8 @@ def Oscillator(*, mass: float, spring: Element) -> Structure:  # noqa: N802  as 
     Raises
     ------
     UserError
-        If the mass is not positive, or a value lies outside its admissible range.
+        If the mass is not positive, the spring is no element, or a value lies outside its admissible range.
     """
+    require_number("mass", mass)
+    require_element("spring", spring)
     return Structure(masses=(mass,), links=(Links(element=spring, joins=((0, 1),)),))

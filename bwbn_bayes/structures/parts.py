@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from operator import index
 
-from bwbn_bayes.elements.element import Element
+from bwbn_bayes.elements.element import Element, require_element
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.errors import UserError
 
@@ -32,6 +32,7 @@ class Links:
 
     def __post_init__(self) -> None:
         """Nodes are whole numbers, of whatever kind they were given."""
+        require_element("element", self.element)
         try:
             joins = tuple((index(lower), index(upper)) for lower, upper in self.joins)
         except (TypeError, ValueError):

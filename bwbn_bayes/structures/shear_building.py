@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from bwbn_bayes.elements.element import Element
+from bwbn_bayes.elements.element import Element, require_element
 from bwbn_bayes.structures.parts import Links
-from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.structures.structure import Structure, masses_of
 
 
 def ShearBuilding(  # noqa: N802  a model reads like the class it once was
@@ -33,13 +33,16 @@ def ShearBuilding(  # noqa: N802  a model reads like the class it once was
     Raises
     ------
     UserError
-        If a mass or a height is not positive, the heights are not one per storey, or a value lies outside its
-        admissible range.
+        If a mass or a height is not positive, the heights are not one per storey, a storey is no element, or a value
+        lies outside its admissible range.
     """
-    n_floors = len(masses) if hasattr(masses, "__len__") else 0
-    joins = tuple(pairwise(range(n_floors + 1)))
+    require_element("storey", storey)
+    if isolator is not None:
+        require_element("isolator", isolator)
+    masses = masses_of(masses)
+    joins = tuple(pairwise(range(len(masses) + 1)))
     n_isolated = 1 if isolator is not None else 0
-    elements = (isolator or storey, storey)
+    elements = (storey if isolator is None else isolator, storey)
     layers = (joins[:n_isolated], joins[n_isolated:])
     links = tuple(Links(element=one, joins=own) for one, own in zip(elements, layers, strict=True) if own)
     return Structure(masses=masses, links=links, heights=heights)

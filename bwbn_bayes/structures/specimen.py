@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bwbn_bayes.elements.element import Element
+from bwbn_bayes.elements.element import Element, require_element
 from bwbn_bayes.structures.parts import Links
 from bwbn_bayes.structures.structure import Structure
 
@@ -14,5 +14,11 @@ def Specimen(*, storey: Element) -> Structure:  # noqa: N802  a model reads like
     ----------
     storey : Element
         Its drift is the displacement.
+
+    Raises
+    ------
+    UserError
+        If it is no element, or a value lies outside its admissible range.
     """
+    require_element("storey", storey)
     return Structure(masses=(), links=(Links(element=storey, joins=((0, 1),)),), excitation_kind="displacement")

@@ -13,10 +13,11 @@ from bwbn_bayes.parameters import Floats, HalfNormal, LogNormal, PerStorey, Prio
 from bwbn_bayes.records.cycles import half_cycles
 from bwbn_bayes.records.directions import require_one_direction
 from bwbn_bayes.records.noise import require_long_enough
-from bwbn_bayes.records.record import Record, require_measured
+from bwbn_bayes.records.record import Record, require_measured, require_record
+from bwbn_bayes.records.sizes import LEAST_LENGTH, require_sizes
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
-from bwbn_bayes.structures.structure import Structure
+from bwbn_bayes.structures.structure import Structure, masses_of
 
 STIFFNESS_LOG_SD = 1.0
 """Of k around what the record shows: a factor of 7 to either side is two of it. Best fits of 28 measured cyclic tests
@@ -34,6 +35,8 @@ DAMPING_SHARE = 0.1
 DAMPING_RATIO = 0.03
 """Of a building's first mode, about which damping is log-normal: 0.4 to 20 % are two standard deviations."""
 DAMPING_LOG_SD = 1.0
+MOST_YIELD = 5.0
+"""Of a building's yield drift over its largest drift: then nothing yields."""
 N = Uniform(1.0, 6.0)
 """Beyond 6 the corner of a loop is sharper than a record tells."""
 DIGITS = 3
@@ -71,10 +74,13 @@ def starting_model(record: Record, masses: Sequence[float] | None = None) -> Str
     Raises
     ------
     UserError
-        If the record measures nothing, is too short, is driven by forces or nothing in it moves, a specimen's force is
-        counted against its displacement, or masses are given for one.
+        If the record measures nothing, is too short, is driven by forces or nothing in it moves, its numbers are too
+        large or too small to be a structure's, a specimen's force is counted against its displacement, or masses are
+        given for one.
     """
+    require_record(record)
     require_measured(record)
+    require_sizes(record)
     for part in record.parts:
         if part.channels:
             require_long_enough(part)
@@ -164,11 +170,16 @@ def _specimen(record: Record) -> Structure:
 
 def _building(record: Record, masses: Sequence[float] | None) -> Structure:
     n_storeys = max(map(_place, record.channels))
-    masses = [1.0] * n_storeys if masses is None else masses
+    masses = (1.0,) * n_storeys if masses is None else masses_of(masses)
     omega = 2.0 * np.pi * first_frequency(record)
     # First mode of a uniform building: omega = 2 sqrt(k/m) sin(pi / (4 n + 2)).
     stiffness = float(np.mean(masses)) * (0.5 * omega / np.sin(0.5 * np.pi / (2 * n_storeys + 1))) ** 2
     drift = _largest_drift(record, omega, stiffness)
+    if MOST_YIELD * drift <= LEAST_LENGTH:
+        raise UserError(
+            f"record {record.name!r}: {_highest(record)[0]} tells of drifts up to {drift:.3g} m: mend its unit or its "
+            "values"
+        )
     return ShearBuilding(
         masses=masses,
         storey=BoucWen(
@@ -176,7 +187,7 @@ def _building(record: Record, masses: Sequence[float] | None) -> Structure:
             c=PerStorey(LogNormal(_rounded(2.0 * DAMPING_RATIO * stiffness / omega), DAMPING_LOG_SD)),
             alpha=ALPHA_OF_BUILDING,
             u_y=LogNormal(_rounded(0.5 * drift), YIELD_LOG_SD).truncated(
-                _rounded(drift / 200.0), _rounded(5.0 * drift)
+                _rounded(drift / 200.0), _rounded(MOST_YIELD * drift)
             ),
             rho=RHO,
             n=N,

@@ -13,7 +13,7 @@ from functools import cached_property
 from itertools import pairwise
 from numbers import Integral, Real
 from operator import index
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import sympy as sp
@@ -22,8 +22,18 @@ from bwbn_bayes.elements.bouc_wen import ShortStrides
 from bwbn_bayes.elements.combine import combine, combine_sensors, kind_of
 from bwbn_bayes.elements.element import Element, common_element
 from bwbn_bayes.elements.law import Addition, Effect, SensorLaw, StoreyLaw
-from bwbn_bayes.errors import UserError
-from bwbn_bayes.parameters import Floats, FreeParameter, Parameter, ParameterSpace, PerStorey, Prior, Value
+from bwbn_bayes.errors import UserError, require_kind
+from bwbn_bayes.parameters import (
+    Floats,
+    FreeParameter,
+    Parameter,
+    ParameterSpace,
+    PerStorey,
+    Prior,
+    Value,
+    is_list,
+    is_number,
+)
 from bwbn_bayes.records.record import ExcitationKind
 from bwbn_bayes.structures.assembly import ParameterTable, assemble, check_symbols, checked, constraints, spread
 from bwbn_bayes.structures.parts import SPECIMEN, Links, PlacedEffect
@@ -73,9 +83,7 @@ class Structure:
 
     def __post_init__(self) -> None:
         """Build the table once, so that every mistake shows where the model is written."""
-        masses = _positive(self.masses)
-        if len(masses) == 0 and self.excitation_kind != "displacement":
-            raise UserError(f"masses = {self.masses!r}: give a list with one positive number of kg for each storey")
+        masses = _positive(self.masses) if self.is_driven else masses_of(self.masses)
         object.__setattr__(self, "masses", masses)
         if self.heights is not None:
             heights = _positive(self.heights)
@@ -358,6 +366,7 @@ class Structure:
 
     def draws(self, values: Mapping[str, float]) -> Floats:
         """One draw ``(1, n_parameters)`` from named values, e.g. ``{"k[1]": 20.0, "alpha": 0.01}``."""
+        require_kind("values of parameters", values, Mapping, 'give a number for each label, as in {"k[1]": 20.0}')
         missing = [name for name in self.space.names if name not in values]
         unknown = [str(name) for name in values if name not in self.space.names]
         if missing or unknown:
@@ -404,15 +413,30 @@ _LEAST = 1e-30
 """Of a mass or a height, and one over the most: both are numbers of single precision."""
 
 
-def _positive(values: object) -> tuple[float, ...]:
+def masses_of(given: object) -> tuple[float, ...]:
+    """Masses [kg] as they were given, as numbers.
+
+    Raises
+    ------
+    UserError
+        If they are no list of positive numbers.
+    """
+    masses = _positive(given)
+    if not masses:
+        raise UserError(f"masses = {given!r}: give a list with one positive number of kg for each storey")
+    return masses
+
+
+def _positive(given: Any) -> tuple[float, ...]:
     """The numbers of a list, none where one of them is no positive number."""
-    if isinstance(values, str):
-        return ()
-    try:
-        numbers = tuple(float(value) for value in values)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        return ()
-    return numbers if all(_LEAST < one < 1.0 / _LEAST for one in numbers) else ()
+    values = tuple(given) if is_list(given) else ()
+    return tuple(map(float, values)) if all(is_number(one) and _LEAST < one < 1.0 / _LEAST for one in values) else ()
+
+
+def require_structure(given: object) -> None:
+    """Raise :class:`UserError` unless what is given for a model is a structure."""
+    advice = "give a structure, such as ShearBuilding, Oscillator or Specimen make, or the `model` of a model file"
+    require_kind("model", given, Structure, advice)
 
 
 def _check_joints(structure: Structure) -> None:

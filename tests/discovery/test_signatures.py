@@ -18,8 +18,9 @@ from bwbn_bayes.elements.scales import NOMINAL
 from bwbn_bayes.elements.search_guide import guide_of
 from bwbn_bayes.elements.signature import NO_SIGNATURE, Signature
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
+from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, Posterior
 from bwbn_bayes.inference.modes import distinct
+from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats, HalfNormal, Uniform
 from bwbn_bayes.records.record import Record
@@ -157,6 +158,24 @@ def test_parameters_spread_as_what_is_left_moves_them(
     expected = inverse @ (pulls.T @ pulls) @ inverse
     found = np.cov(spread_of(one, np.random.default_rng(6)).T)
     np.testing.assert_allclose(np.diag(found), np.diag(expected), rtol=0.2)
+
+
+def test_parameters_spread_as_filtered_noise_moves_them(present: Explanation, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of noise whose samples count by fours the spread is twice that of as much noise that is white: sd by sd."""
+    monkeypatch.setattr(signatures, "N_DRAWS", 600)
+    rng, sds = np.random.default_rng(8), {}
+    for as_one in (1, 4):
+        record = present.posterior.record
+        clean = record.channels["force"] - residual_of(present.posterior, present.best)[0]
+        coarse = rng.standard_normal(len(clean) // as_one + 1)
+        record = record.with_channels({"force": clean + 0.02 * np.repeat(coarse, as_one)[: len(clean)]})
+        noise = IntegratedNoise(shape=1.0, scale=(0.02**2,), correlation_samples=float(as_one))
+        posterior = replace(present.posterior, record=record, noise=noise)
+        one = cast(Any, SimpleNamespace(
+            evidence=SimpleNamespace(settled=posterior), best=present.best, is_noise=True,
+        ))  # fmt: skip
+        sds[as_one] = np.std(spread_of(one, np.random.default_rng(6)), axis=0)
+    np.testing.assert_allclose(sds[4] / sds[1], 2.0, rtol=0.25)
 
 
 def test_what_cannot_be_solved_without_the_effect_is_judged_all_the_same(

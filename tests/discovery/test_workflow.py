@@ -12,7 +12,7 @@ from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.elements.bouc_wen import BoucWen
-from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping
+from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, StoreyCoupling
 from bwbn_bayes.elements.effects.cubic_stiffness import CubicStiffnessSearch
 from bwbn_bayes.elements.law import StoreyLaw
 from bwbn_bayes.elements.scales import Scales
@@ -54,10 +54,9 @@ def without_unnamed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_hypotheses_a_smooth_disagreement_is_an_unnamed_force(record: Record) -> None:
-    """A cubic spring is a smooth force of the drift; the catalogue, empty here, has no name for it."""
-    found = discover(
-        MODEL, record, settings=DiscoverySettings(particles=100, effects=()), assumptions=["The base is rigid."]
-    )
+    """A cubic spring is a smooth force of the drift; the one effect that is asked for cannot act on one storey."""
+    settings = DiscoverySettings(particles=100, effects=(StoreyCoupling,))
+    found = discover(MODEL, record, settings=settings, assumptions=["The base is rigid."])
     assert found.verdict == "unexplained"
     assert found.verdict_probabilities["unexplained"] > 0.99
     assert found.added == ()

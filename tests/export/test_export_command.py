@@ -80,6 +80,11 @@ def _written(model: Path) -> str:
         (MODEL, ("none.nc", "--record", "one.csv"), "belong to a model: a result"),
         (MODEL + KNOWN, ("one.py", "--columns", "t = time [s]"), "no record is given: add --record FILE"),
         (MODEL + KNOWN, ("one.py", "--record", "r.csv", "--record", "r.csv"), "one record at a time"),
+        (
+            MODEL + KNOWN,
+            ("one.py", "--at", "map"),
+            "--at is a point of a result's posterior: a model is written at its",
+        ),
     ],
 )
 def test_a_mistake_is_one_sentence(

@@ -74,6 +74,21 @@ def test_a_right_model_is_not_doubted(seed: int) -> None:
     assert all(check.passed for check in found), [check.sentence for check in found if not check.passed]
 
 
+def test_of_many_channels_one_may_look_coloured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """White noise in thirty channels: the smallest of sixty probabilities is below a thousandth in six cases of 100."""
+    record = recorded(1, snr_db=SNR_DB)
+    posterior = posterior_of(sdof_model(), record)
+    mode = fitted(posterior, true_point(sdof_model(), record))
+    rng, found = np.random.default_rng(3), []
+    for _ in range(200):
+        rests = {str(channel): rng.standard_normal(400) for channel in range(30)}
+        monkeypatch.setattr("bwbn_bayes.inference.doubts.heard_rests", lambda *_, rests=rests: rests)
+        found.append(doubts(posterior, mode)[0].value)
+    # Both tests are of the same residual: their probabilities are not independent, nor exact in so few samples.
+    assert 0.4 < np.median(found) < 0.6
+    assert np.mean(np.array(found) < 0.1) < 0.2
+
+
 def test_the_catalogue_is_asked_whatever_the_engine() -> None:
     """A model that another engine than the lanes had solved ended in a TypeError."""
     record = recorded(1, snr_db=SNR_DB)

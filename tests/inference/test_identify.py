@@ -29,6 +29,7 @@ from bwbn_bayes import (
     simulate,
 )
 from bwbn_bayes.engines.base import require_usable
+from bwbn_bayes.inference.finely import Solved, solve_finely
 from bwbn_bayes.inference.identify import identify_from
 from bwbn_bayes.inference.likelihood import Noise, Posterior
 from bwbn_bayes.inference.modes import Mode
@@ -241,6 +242,24 @@ def test_a_missing_effect_is_not_silent(slip_record: Record) -> None:
     assert {"residual level", "residual whiteness"} <= failed
     assert "does not explain the record" in facts.verdict[0]
     assert "passed all" not in facts.verdict[1]
+
+
+def test_a_second_search_has_its_scheme_judged_at_the_best_of_both(
+    slip_record: Record, mode: Mode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A worse optimum has a larger noise level, by which a coarse scheme looks fine enough."""
+    poor, judged = replace(mode, point=np.clip(mode.point + 0.1, 0.01, 0.99)), []
+    found = iter([(mode,), *[(poor,)] * 10])
+    monkeypatch.setattr("bwbn_bayes.inference.identify.find_modes", lambda *_, **__: next(found))
+
+    def solved(posterior: Posterior, points: Floats) -> Solved:
+        judged.append(posterior.log_likelihood(points))
+        return solve_finely(posterior, points)
+
+    monkeypatch.setattr("bwbn_bayes.inference.identify.solve_finely", solved)
+    identify(sdof_model(), slip_record, settings=Settings(particles=200))
+    assert len(judged) > 1
+    assert all(np.argmax(values) == 0 for values in judged)
 
 
 def test_a_redundant_scale_is_said_and_sampled(record: Record) -> None:

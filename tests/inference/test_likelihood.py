@@ -67,6 +67,22 @@ def test_where_samples_count_together_there_are_fewer_of_them() -> None:
     np.testing.assert_allclose(drawn[0], drawn[1], rtol=1e-12)
 
 
+@pytest.mark.parametrize("promised", [30.0, 400.0, 3000.0])
+def test_at_most_is_what_blocks_of_unlike_length_can_gain(promised: float) -> None:
+    """By any division of a fall of the squared residuals among them; it was less than promised."""
+    noise, n_times = IntegratedNoise(shape=1.0, scale=(1.0, 1.0)), np.array([100.0, 20_000.0])
+    counted = noise.shape + 0.5 * n_times
+    misfit = 2.0 * counted - 2.0  # levels of one
+    most = noise.most(np.array([promised]), n_times)[0]
+    for share in np.linspace(0.0, 1.0, 101):
+        fall = 2.0 * promised * np.array([share, 1.0 - share])
+        left = np.maximum(misfit - fall, 0.0)
+        gained = noise.log_likelihood(left[None], n_times, VALUES) - noise.log_likelihood(misfit[None], n_times, VALUES)
+        if np.all(fall < misfit):
+            assert gained[0] <= most * (1.0 + 1e-9)
+    assert most >= promised
+
+
 def test_the_likelihood_of_filtered_noise_is_calibrated(record: Record) -> None:
     """At the truth the slopes scatter as the information says: their squared length has a chi-square's mean.
 

@@ -261,7 +261,7 @@ def test_what_cannot_be_solved_is_no_node(
     free_mode: Mode,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Half of the refits fail; the sheet goes through the rest."""
+    """Half of the refits fail; the sheet goes through the rest, and bends as they do."""
 
     def failing(*given: object, **options: object) -> tuple[Floats, Linearisation]:
         points, local = polish(*given, **options)  # type: ignore[arg-type]
@@ -273,7 +273,9 @@ def test_what_cannot_be_solved_is_no_node(
     monkeypatch.setattr("bwbn_bayes.inference.sheet_nodes.polish", failing)
     nodes = first_nodes(free_posterior, [free_mode])
     assert 0 < len(nodes.points) < 32
-    assert np.all(np.isfinite(NestedLaplace.through(nodes).log_density(free_mode.point[None])))
+    sheet = NestedLaplace.through(nodes)
+    assert np.all(np.isfinite(sheet.log_density(free_mode.point[None])))
+    assert np.all(np.isfinite(sheet.bent(free_posterior, nodes).log_density(free_mode.point[None])))
 
 
 def test_a_posterior_that_no_gaussian_covers(free_posterior: Posterior, free_mode: Mode) -> None:

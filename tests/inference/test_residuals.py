@@ -37,6 +37,18 @@ def test_whiteness_is_uniform_under_white_noise() -> None:
     assert stats.kstest(probabilities, stats.uniform.cdf).pvalue > 1e-3
 
 
+def test_whiteness_of_innovations_is_uniform_where_their_noise_was_fitted() -> None:
+    """A fitted coefficient takes a degree of freedom: with all twenty lags counted five in a hundred were 1.5."""
+    rng = np.random.default_rng(12)
+    coefficients, found = np.array([0.5, -0.3, 0.2, -0.1]), []
+    for _ in range(500):
+        residual = signal.lfilter([1.0], [1.0, *-coefficients], rng.standard_normal(2000))
+        lagged = np.stack([residual[4 - lag : -lag] for lag in range(1, 5)], axis=1)
+        fitted = ColouredNoise(np.linalg.lstsq(lagged, residual[4:], rcond=None)[0], 0.0)
+        found.append(whiteness_probability(fitted.innovations(residual), 4))
+    assert stats.kstest(found, stats.uniform.cdf).pvalue > 1e-3
+
+
 def test_whiteness_is_tiny_under_an_autoregression() -> None:
     """At a coefficient of 0.3 the first lag alone is worth n 0.09: 180 of a chi-square with 20 degrees."""
     rng = np.random.default_rng(2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from decimal import Decimal
 
 import numpy as np
 import pandas as pd
@@ -49,8 +50,29 @@ def frame_with(index: pd.Index | None = None, **columns: object) -> pd.DataFrame
         (frame_with(t=np.arange(10) / 50.0, note=["x"] * 10), f"t = time [s], {MAP}"),
         (frame_with(), f"50 = sampling_rate [Hz], {MAP}"),
         (frame_with(roof=pd.array(np.arange(10) ** 2, dtype="Int32")), f"50 = sampling_rate [Hz], {MAP}"),
+        (frame_with(roof=pd.Series(np.arange(10) ** 2, dtype=object)), f"50 = sampling_rate [Hz], {MAP}"),
+        (frame_with(roof=[f" {i**2}.0" for i in range(10)]), f"50 = sampling_rate [Hz], {MAP}"),
+        (
+            frame_with(roof=[Decimal(i**2) if i % 2 else str(i**2) for i in range(10)]),
+            f"50 = sampling_rate [Hz], {MAP}",
+        ),
+        (frame_with(t=pd.Series(pd.date_range("2024", periods=10, freq="20ms"), dtype=object)), f"t = time, {MAP}"),
     ],
-    ids=["dates", "differences", "index", "index in ms", "column", "dates in a column", "text beside", "rate", "Int32"],
+    ids=[
+        "dates",
+        "differences",
+        "index",
+        "index in ms",
+        "column",
+        "dates in a column",
+        "text beside",
+        "rate",
+        "Int32",
+        "objects",
+        "text",
+        "mixed",
+        "dates as objects",
+    ],
 )
 def test_time_in_every_form(frame: pd.DataFrame, columns: str) -> None:
     record = record_from_dataframe(frame, columns, name="run 3")
@@ -88,7 +110,22 @@ def missing(frame: pd.DataFrame) -> pd.DataFrame:
             f"5 = sampling_rate [Hz], {MAP}",
             "run, row 2, column roof: the value is nan",
         ),
-        (frame_with(roof=["x"] * 10), f"5 = sampling_rate [Hz], {MAP}", "run, column roof: it must hold one number"),
+        (frame_with(roof=["x"] * 10), f"5 = sampling_rate [Hz], {MAP}", "run, row 1, column roof: 'x' is not a number"),
+        (
+            frame_with(roof=pd.Series([0, 1, "off", *range(7)], dtype=object)),
+            f"5 = sampling_rate [Hz], {MAP}",
+            "run, row 3, column roof: 'off' is not a number",
+        ),
+        (
+            frame_with(roof=pd.Series([0.0, None, True, *range(7)], dtype=object)),
+            f"5 = sampling_rate [Hz], {MAP}",
+            "run, row 2, column roof: 'None' is not a number",
+        ),
+        (
+            frame_with(roof=pd.Series([0.0, 1.0, True, *range(7)], dtype=object)),
+            f"5 = sampling_rate [Hz], {MAP}",
+            "run, row 3, column roof: 'True' is not a number",
+        ),
         (frame_with(), "5 = sampling_rate [Hz], ag = ground_acceleration", "run, column ground_acceleration: the unit"),
         (frame_with(t=[pd.NaT] * 10), f"t = time, {MAP}", "run, row 1, column t: the value is nan"),
         (

@@ -128,7 +128,7 @@ def test_periods_that_only_drive_come_before_the_measured_one() -> None:
     assert [list(part.channels) for part in steady.parts] == [[], [], [], list(FIRST.channels)]
     assert steady.name == "a"
     assert steady.n_counted == 20
-    with pytest.raises(UserError, match="periods is 0: at least one"):
+    with pytest.raises(UserError, match="periods is 0, it must be a whole number from 1 on"):
         periodic(FIRST, periods=0)
 
 

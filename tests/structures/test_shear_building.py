@@ -13,7 +13,9 @@ from bwbn_bayes.elements.effects import CubicStiffness, FolientePinching, SlipLo
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import LogNormal, Normal, PerStorey, Truncated, Uniform
+from bwbn_bayes.structures.oscillator import Oscillator
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.specimen import Specimen
 
 SLIP = SlipLock(delta_s=Uniform(0.0, 0.3), sigma=0.05)
 
@@ -147,6 +149,26 @@ def test_a_warning_where_a_loop_can_give_energy_back():
             "give a list with one positive number of kg",
         ),
         (lambda: ShearBuilding(masses=1.0, storey=storey()), "masses = 1.0: give a list"),
+        # Of a mapping and a set the keys were taken for masses, in whatever order they came.
+        (lambda: ShearBuilding(masses={1.0: 2.0}, storey=storey()), r"masses = \{1.0: 2.0\}: give a list"),
+        (lambda: ShearBuilding(masses={1.0, 2.0}, storey=storey()), r"masses = \{1.0, 2.0\}: give a list"),
+        (lambda: ShearBuilding(masses=["1"], storey=storey()), r"masses = \['1'\]: give a list"),
+        (lambda: ShearBuilding(masses=[True], storey=storey()), r"masses = \[True\]: give a list"),
+        (lambda: ShearBuilding(masses=np.array(1.0), storey=storey()), r"masses = array\(1.\): give a list"),
+        (lambda: ShearBuilding(masses=[1.0], heights={3.0: 1.0}, storey=storey()), r"heights = \{3.0: 1.0\}: give a"),
+        (lambda: PerStorey({1: 10.0, 2: 20.0}), r"PerStorey\(\{1: 10.0, 2: 20.0\}\): give a list with a number or"),
+        (lambda: PerStorey({10.0, 20.0}), "PerStorey.*: give a list with a number or a prior for each storey"),
+        (lambda: PerStorey("12"), r"PerStorey\('12'\): give a list with a number or a prior for each storey"),
+        (lambda: three(k=PerStorey(["1", 2.0, 3.0])), r"k\[1\] is '1': give a number"),
+        (lambda: three(k=True), "k is True: give a number, a prior, or PerStorey of either"),
+        (lambda: ShearBuilding(masses=[1.0], storey=3), "storey is of type int: give one element, such as BoucWen"),
+        (lambda: ShearBuilding(masses=[1.0], storey=[storey()]), "storey is of type list: give one element"),
+        (lambda: ShearBuilding(masses=[1.0], storey=BoucWen), "storey is the class BoucWen: give one element"),
+        (lambda: ShearBuilding(masses=[1.0], storey=storey(), isolator=0), "isolator is of type int: give one element"),
+        (lambda: Specimen(storey=Uniform(1, 2)), "storey is of type Uniform: give one element"),
+        (lambda: Oscillator(mass=1.0, spring=Uniform(1, 2)), "spring is of type Uniform: give one element"),
+        (lambda: Oscillator(mass="1", spring=storey()), "mass is '1': give a number"),
+        (lambda: three().with_link(5.0, joins=(0, 2)), "element is 5.0: give one element"),
         (lambda: ShearBuilding(masses=["12 t"], storey=storey()), "one positive number of kg"),
         (lambda: ShearBuilding(masses=[1.0], heights=[3.0, 3.0], storey=storey()), "each of the 1 storeys"),
         (lambda: ShearBuilding(masses=[1.0], heights=[0.0], storey=storey()), "one positive number of m"),

@@ -189,6 +189,9 @@ def test_storeys_reach_up_to_the_highest_measured_floor():
         ({"channels": {}}, 'has no force beside its displacement: add .* --columns "displacement, LABEL = force'),
         ({"channels": {"force": np.full(320, 3.0)}}, "force never changes, .*: mend the column, or say with --columns"),
         ({"excitation": np.zeros(320)}, "displacement never changes, .*: mend the column, or say with --columns"),
+        # A header [nm] where metres were meant: the sentence was about a prior that nobody had given.
+        ({"excitation": 1e-9 * cyclic(STEEL, 0.005, 0.02).excitation}, "displacement reaches 2e-11 in SI units: mend"),
+        ({"channels": {"force": np.r_[1e300, np.ones(319)]}}, r"force reaches 1e\+300 in SI units: mend its unit or"),
         ({"excitation": np.arange(19.0), "channels": {"force": np.arange(19.0)}}, "19 samples: at least 32 are needed"),
     ],
 )

@@ -26,7 +26,7 @@ from pytensor.graph.replace import vectorize_graph
 
 from bwbn_bayes.inference.tmcmc.coordinates import UNBOUNDED
 from bwbn_bayes.inference.tmcmc.moves import FIRST_TUNING
-from bwbn_bayes.inference.tmcmc.stages import Population, Streams, waste_free_stage
+from bwbn_bayes.inference.tmcmc.stages import ALONE, Population, Streams, waste_free_stage
 from bwbn_bayes.inference.tmcmc.target import Cloud
 from bwbn_bayes.inference.tmcmc.tempering import log_mean, next_tempering_parameter
 from bwbn_bayes.parameters import Floats
@@ -96,7 +96,7 @@ class Batched(SMC_KERNEL):
         """Resample a few ancestors and keep every state of the chains that they begin."""
         streams = Streams(self.streams_seed, self.iteration)
         moved = waste_free_stage(
-            self._evaluate, self.population, self.log_weights, self.beta, streams, self.draws, UNBOUNDED
+            self._evaluate, self.population, self.log_weights, self.beta, streams, self.draws, ALONE, UNBOUNDED
         )
         self.population, self.acc_rate = moved.population, moved.acceptance
         self.tempered_posterior = self.population.thinned(self.draws).points

@@ -211,8 +211,8 @@ def _next_state(
             tempering_parameter,
             streams,
             n_particles,
+            lengths,
             guide=None if guide is None else guide(tempering_parameter),
-            lengths=lengths,
         )
     n_solves = state.n_solves + moved.n_solves
     facts = StageFacts(

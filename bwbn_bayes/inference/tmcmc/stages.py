@@ -168,9 +168,9 @@ def waste_free_stage(
     tempering_parameter: float,
     streams: Streams,
     n_particles: int,
+    lengths: Lengths,
     chart: Chart = PROBIT,
     guide: Reference | None = None,
-    lengths: Lengths = DRAWS,
 ) -> Moved:
     """Resample a few ancestors and run them as chains until decorrelated; the cloud is every state of every chain.
 
@@ -191,12 +191,12 @@ def waste_free_stage(
         Random streams of this stage.
     n_particles : int
         Smallest size of the new cloud.
+    lengths : Lengths
+        Of the chains.
     chart : Chart
         Of the cloud's points.
     guide : Reference, optional
         A density near this stage's, from which some moves are drawn; it may be zero where the stage's is not.
-    lengths : Lengths
-        Of the chains.
 
     Returns
     -------

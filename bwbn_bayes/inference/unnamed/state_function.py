@@ -149,6 +149,11 @@ class TiedPosterior(Posterior):
         symbols = [p.symbol for p in self.model.space.parameters]
         return np.array([symbols.index(p.symbol) for p in _WEIGHTS])
 
+    @property
+    @override
+    def standard(self) -> NDArray[np.int64]:
+        return self.columns
+
     @override
     def log_likelihood_of(self, misfit: Floats, points: Floats) -> Floats:
         """With the log ratio of the two priors added."""

@@ -15,11 +15,8 @@ import numpy as np
 
 from bwbn_bayes.inference.correlation import Correlation, SharedFunctions, autoregression, order_cost
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION, covariance_of
-from bwbn_bayes.inference.importance import (
-    PARETO_LIMIT,
-    laplace_log_evidence,
-    laplace_mixture,
-)
+from bwbn_bayes.inference.importance import PARETO_LIMIT, laplace_mixture
+from bwbn_bayes.inference.laplace import laplace_log_evidence
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Linearisation, Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, outlook, polish
 from bwbn_bayes.inference.pooled import sample_learning

@@ -23,6 +23,10 @@ ENGINE = Lanes(substeps=1, resolution=0.25)
 A_RANGE = (0.7, 1.4)
 """Prior of A where it is free: so narrow that along the redundant direction no other bound binds."""
 
+INSIDE = (np.array([0.3, 0.6, 0.5]), np.array([0.01, 0.05, 0.002]))
+AT_BOUND = (np.array([0.5, 0.0, 1.02]), np.array([0.01, 0.05, 0.02]))
+"""Centre and standard deviations of Gaussians in the unit cube, one of them centred beyond it."""
+
 _SLIP: Mapping[str, Value] = {"delta_s": Uniform(0.001, 0.03), "sigma": Uniform(0.001, 0.02)}
 
 
@@ -122,3 +126,14 @@ def require_posterior_of_a(a: Floats, weights: Floats, size: float, marginal: tu
     expected = np.diff(np.interp(cells, grid, below))
     seen = np.array([weights @ ((a >= low) & (a < high)) for low, high in pairwise(cells)])
     assert np.all(np.abs(seen - expected) < 4.0 * np.sqrt(expected * (1.0 - expected) / size))
+
+
+def gaussian_mode(centre: Floats, sd: Floats) -> Mode:
+    """The highest point inside the cube of a Gaussian whose centre may lie outside."""
+    point = np.clip(centre, 0.0, 1.0)
+    return Mode(
+        point=point,
+        log_likelihood=float(np.sum(-0.5 * ((point - centre) / sd) ** 2 - np.log(sd * np.sqrt(2.0 * np.pi)))),
+        gradient=(centre - point) / sd**2,
+        information=np.diag(sd**-2.0),
+    )

@@ -52,7 +52,8 @@ def _at_rest(mode: Mode) -> Mode:
 
 def _pressing(mode: Mode) -> Booleans:
     """Coordinates ``(n_dim,)`` in which an optimum presses on a bound."""
-    return np.asarray(np.where(mode.gradient < 0.0, mode.point, 1.0 - mode.point) < _AT_A_FACE)
+    to_the_face = np.where(mode.gradient < 0.0, mode.point, 1.0 - mode.point)
+    return (to_the_face < _AT_A_FACE) & (mode.gradient != 0.0)
 
 
 def _integrated(mode: Mode, standard: Integers) -> Mode:
@@ -83,8 +84,11 @@ def _in_the_cube(mode: Mode) -> float:
     A one-sided effect has its optimum at a bound or presses on it: over all space such an expansion has up to several
     times the mass that the cube holds, and a direction that the record says nothing of has none of its own.
     """
+    pressing = _pressing(mode)
+    # A fit stops short of a bound that it presses on, and beyond it steep slopes promise what is not there.
+    point = np.where(pressing, np.where(mode.gradient < 0.0, 0.0, 1.0), mode.point)
     steepness = np.abs(mode.gradient) / np.sqrt(np.maximum(np.diag(mode.information), PRIOR_PRECISION))
-    steep = _pressing(mode) & (steepness > _STEEP)
+    steep = pressing & (steepness > _STEEP)
     if np.any(steep):  # what falls off at once has no curvature that counts, nor digits in a normal's tail
         rest = np.flatnonzero(~steep)
         edge = mode.log_likelihood - float(np.sum(np.log(np.abs(mode.gradient[steep]))))
@@ -92,11 +96,11 @@ def _in_the_cube(mode: Mode) -> float:
             return edge
         inner = mode.information[np.ix_(rest, rest)]
         return _in_the_cube(
-            Mode(point=mode.point[rest], log_likelihood=edge, gradient=mode.gradient[rest], information=inner)
+            Mode(point=point[rest], log_likelihood=edge, gradient=mode.gradient[rest], information=inner)
         )
-    drawn = TruncatedStudent.at(mode.point, mode.gradient, mode.information, flattest=1.0)
-    points, log_density = drawn.at_uniforms(_design(len(mode.point)))
-    step = points - mode.point
+    drawn = TruncatedStudent.at(point, mode.gradient, mode.information, flattest=1.0)
+    points, log_density = drawn.at_uniforms(_design(len(point)))
+    step = points - point
     values, vectors = np.linalg.eigh(mode.information)
     fall = 0.5 * np.square(step @ vectors) @ np.maximum(values, 0.0)
     return mode.log_likelihood + float(logsumexp(step @ mode.gradient - fall - log_density) - np.log(len(step)))

@@ -335,7 +335,7 @@ class _Keeping:
         """As of the engine; some draws at a time."""
         engine: Any = super()
         asked_about = about(self, model, record)
-        result = np.empty((len(draws), len(record.channels)))
+        result = np.empty((len(draws), len(record.blocks)))
         at_once = _AT_ONCE * getattr(self, "n_workers", 1)
         for start in range(0, len(draws), at_once):
             own = draws[start : start + at_once]
@@ -357,7 +357,7 @@ class _Keeping:
             own = engine.normal_equations(model, draws[some], record, free=None if free is None else free[some])
             return own.misfit, own.gradient, own.information
 
-        if len(record.channels) * 8 * (1 + model.space.n_dim) ** 2 > record.n_times or not len(draws):
+        if len(record.blocks) * 8 * (1 + model.space.n_dim) ** 2 > record.n_times or not len(draws):
             return NormalEquations(**dict(zip(_EQUATIONS, solve(slice(None)), strict=True)))
         asked_about = about(self, model, record)
         asked = [draws] if free is None else [draws, free]

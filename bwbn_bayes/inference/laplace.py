@@ -53,7 +53,7 @@ def _at_rest(mode: Mode) -> Mode:
 def _pressing(mode: Mode) -> Booleans:
     """Coordinates ``(n_dim,)`` in which an optimum presses on a bound."""
     to_the_face = np.where(mode.gradient < 0.0, mode.point, 1.0 - mode.point)
-    return (to_the_face < _AT_A_FACE) & (mode.gradient != 0.0)
+    return np.asarray((to_the_face < _AT_A_FACE) & (mode.gradient != 0.0))
 
 
 def _integrated(mode: Mode, standard: Integers) -> Mode:

@@ -91,4 +91,6 @@ def _hdf5_arrays(group: h5py.Group, prefix: str = "", depth: int = 0) -> Iterato
 
 def _holds_numbers(item: h5py.Dataset) -> bool:
     is_own = not (item.external or item.is_virtual)
-    return is_own and item.dtype.kind in "fiu" and item.ndim <= 2 and "MATLAB_empty" not in item.attrs
+    is_plain = is_own and item.dtype.kind in "fiu" and item.ndim <= 2 and "MATLAB_empty" not in item.attrs
+    # MATLAB stores letters as whole numbers.
+    return is_plain and item.attrs.get("MATLAB_class", b"double") not in (b"char", b"cell")

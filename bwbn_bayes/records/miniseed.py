@@ -17,8 +17,10 @@ from bwbn_bayes.records.labels import Labels
 from bwbn_bayes.records.record import Record, one_line
 from bwbn_bayes.records.series import column_of
 from bwbn_bayes.records.text import file_bytes
-from bwbn_bayes.records.time_base import Source
+from bwbn_bayes.records.time_base import CLOCK_JITTER, Source
 
+_TICK = 1e-4
+"""To which headers of version 2 round a start. [s]"""
 _UNIT_ADVICE = 'say in the column map what one count is, as in "IV.ABC..HNZ = {name} [2.4e-6 {unit}]"'
 
 
@@ -82,10 +84,17 @@ def _table(traces: list[_Trace], path: Path) -> Table:
     for position, trace in enumerate(traces):
         if trace.name in [earlier.name for earlier in traces[:position]]:
             raise UserError(f"{path}, trace {trace.name}: it comes in pieces with a gap, cut the file to one piece")
-        if trace.rate != first.rate or abs(trace.start - first.start) > 0.5 / first.rate:
+        if trace.rate != first.rate:
             raise UserError(
                 f"{path}, trace {trace.name}: it starts at {trace.told_start} with {trace.rate:g} Hz, the first trace "
                 f"at {first.told_start} with {first.rate:g} Hz, cut them to one time base"
+            )
+        late = trace.start - first.start
+        if abs(late) > max(CLOCK_JITTER / first.rate, 1.5 * _TICK):
+            raise UserError(
+                f"{path}, trace {trace.name}: it starts at {trace.told_start}, {abs(late):.3g} s "
+                f"{'after' if late > 0.0 else 'before'} the first trace, cut whole samples and resample the rest, so "
+                "that they start together"
             )
     source = Source(file=str(path), header=str(path), place=lambda row: f"sample {row + 1}")
     found = tuple(column_of(trace.data, trace.name, None, source) for trace in traces)

@@ -94,8 +94,17 @@ def read_netcdf(path: Path | str, columns: str | None = None) -> Record:
     file_bytes(Path(path))
     try:
         require_hdf5(path)
-        # decode_cf would turn a time in "seconds" into a timedelta.
-        dataset = xr.load_dataset(path, engine="h5netcdf", decode_cf=False, phony_dims="sort")
+        # decode_times would turn a time in "seconds" into a timedelta.
+        dataset = xr.load_dataset(
+            path,
+            engine="h5netcdf",
+            phony_dims="sort",
+            mask_and_scale=True,
+            decode_times=False,
+            decode_timedelta=False,
+            decode_coords=False,
+            concat_characters=False,
+        )
     except UNREADABLE_ARRAYS:
         raise UserError(
             f"{path}: the file is not netCDF-4, or it is damaged: save it anew as netCDF-4, or give CSV"

@@ -344,11 +344,12 @@ class Record:
     def content_hash(self) -> str:
         """SHA-256 of the data: time step, kind and values of the excitation, names and values of the channels.
 
-        Which samples count enters where not all do. The record's name, provenance, truth and noise level do not enter:
-        the same data give the same hash.
+        Which samples count enters where not all do, and that there is no time where there is none. The record's name,
+        provenance, truth and noise level do not enter: the same data give the same hash.
         """
         digest = hashlib.sha256()
         header = [repr(self.time_step), str(self.n_times), self.excitation_kind, *self.forces, *self.channels]
+        header += [] if self.has_time else ["no time"]
         digest.update("\n".join(header).encode())
         for values in (self.excitation, *self.forces.values(), *self.channels.values()):
             digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())

@@ -112,14 +112,14 @@ def yield_drift(parameters: xr.Dataset) -> xr.DataArray:
 
 
 def tangent_stiffness(parameters: xr.Dataset, eta: xr.DataArray) -> xr.DataArray:
-    """Initial tangent ``alpha k + (1 - alpha) k A / eta`` of each storey, degraded as it is at a time, in N/m.
+    """Initial tangent ``alpha k + (1 - alpha) k A / eta - k_geo`` of each storey, degraded as it is at a time, in N/m.
 
     It is the slope at z = 0 without slip or pinching: what a small vibration around rest sees.
 
     Parameters
     ----------
     parameters : Dataset (draw, storey, ...)
-        ``k`` [N/m], ``alpha``, and where it is not 1 ``A``, at the times of ``eta``.
+        ``k`` [N/m], ``alpha``, and where they are not neutral ``A`` and ``k_geo`` [N/m], at the times of ``eta``.
     eta : DataArray (draw, storey, ...)
         What the stiffness is divided by.
 
@@ -128,7 +128,8 @@ def tangent_stiffness(parameters: xr.Dataset, eta: xr.DataArray) -> xr.DataArray
     DataArray (draw, storey, ...)
     """
     k, alpha = parameters["k"], parameters["alpha"]
-    return alpha * k + (1.0 - alpha) * k * _initial_rate(parameters) / eta
+    own = alpha * k + (1.0 - alpha) * k * _initial_rate(parameters) / eta
+    return own - parameters["k_geo"] if "k_geo" in parameters else own
 
 
 Joints = Sequence[tuple[int, int]]
@@ -150,13 +151,48 @@ def link_matrix(coefficients: Floats, joints: Joints | None = None) -> Floats:
     (..., n_floors, n_floors) array
         Symmetric, in the unit of the coefficients.
     """
-    ends = np.array([(i, i + 1) for i in range(coefficients.shape[-1])] if joints is None else joints)
+    drifts = _drifts(_chain(coefficients.shape[-1]) if joints is None else joints)
+    return np.asarray(np.einsum("si,...s,sj->...ij", drifts, coefficients, drifts))
+
+
+def bending_matrix(k_bend: Floats, joints: Joints) -> Floats:
+    """Stiffness matrix of what resists a difference of drift wherever one storey runs on into the next.
+
+    Parameters
+    ----------
+    k_bend : (...) array
+        Stiffness against that difference. [N/m]
+    joints : sequence of (int, int)
+        The nodes that each link joins; the first of them carry the nodes in order.
+
+    Returns
+    -------
+    (..., n_floors, n_floors) array
+        Symmetric. [N/m]
+    """
+    drifts = _drifts(joints)
+    n_floors = drifts.shape[1]
+    upper = [i for i, (stands_on, _) in enumerate(joints[:n_floors]) if stands_on]
+    lower = [joints[i][0] - 1 for i in upper]
+    change = drifts[upper] - drifts[lower]
+    return np.asarray(np.einsum("...,si,sj->...ij", k_bend, change, change))
+
+
+def _chain(n_links: int) -> Joints:
+    """The nodes that storeys join from the ground up."""
+    return [(i, i + 1) for i in range(n_links)]
+
+
+def _drifts(joints: Joints) -> Floats:
+    """Rows ``(n_links, n_floors)`` that make drifts of the links from displacements of the floors."""
+    ends = np.array(joints)
     nodes = np.arange(1, np.max(ends) + 1)
-    difference = (ends[:, 1:] == nodes).astype(np.float64) - (ends[:, :1] == nodes)
-    return np.asarray(np.einsum("si,...s,sj->...ij", difference, coefficients, difference))
+    return np.asarray((ends[:, 1:] == nodes).astype(np.float64) - (ends[:, :1] == nodes))
 
 
-def modes(stiffness: Floats, damping: Floats, masses: Floats, joints: Joints | None = None) -> tuple[Floats, Floats]:
+def modes(
+    stiffness: Floats, damping: Floats, masses: Floats, joints: Joints | None = None, k_bend: Floats | None = None
+) -> tuple[Floats, Floats]:
     """Undamped periods and modal damping ratios, longest period first.
 
     Parameters
@@ -169,6 +205,8 @@ def modes(stiffness: Floats, damping: Floats, masses: Floats, joints: Joints | N
         Floor masses. [kg]
     joints : sequence of (int, int), optional
         As for :func:`link_matrix`.
+    k_bend : (...) array, optional
+        As for :func:`bending_matrix`; zero where left out.
 
     Returns
     -------
@@ -182,7 +220,10 @@ def modes(stiffness: Floats, damping: Floats, masses: Floats, joints: Joints | N
     .. [1] A. K. Chopra, "Dynamics of Structures", 4th ed., 2012, sections 10.2 and 10.10.
     """
     root = np.sqrt(masses)
-    squares, vectors = np.linalg.eigh(link_matrix(stiffness, joints) / (root[..., :, None] * root[..., None, :]))
+    whole = link_matrix(stiffness, joints)
+    if k_bend is not None:
+        whole = whole + bending_matrix(k_bend, _chain(stiffness.shape[-1]) if joints is None else joints)
+    squares, vectors = np.linalg.eigh(whole / (root[..., :, None] * root[..., None, :]))
     omega = np.sqrt(np.where(squares > 0.0, squares, np.nan))  # a mode without stiffness has no period
     shapes = vectors / root[..., :, None]
     modal_damping = np.einsum("...im,...ij,...jm->...m", shapes, link_matrix(damping, joints), shapes)
@@ -299,7 +340,8 @@ def engineering_quantities(
         Every parameter of the storey law by symbol.
     masses : (n_floors,) array
         Floor masses. [kg] An identified error of a mass, and damping in proportion to the masses, are taken from
-        ``storey_parameters``; periods are those on a rigid base and without appendages.
+        ``storey_parameters``; periods are those on a rigid base and without appendages, with geometric stiffness and
+        bending between storeys.
     law : StoreyLaw
         Whose parameters they are.
     heights : (n_storeys,) array, optional
@@ -400,14 +442,16 @@ def _modal_quantities(
     then = parameters_at(law, given, time)
     eta = _factor(law, "eta", then, worn)
     stiffness = tangent_stiffness(then, eta.fillna(1.0)).transpose("draw", "time_point", "storey")
+    k_bend = (xr.zeros_like(stiffness) + then["k_bend"]).values[..., 0] if "k_bend" in then else None
     parameters = parameters_at(law, given, float(time[0]))
     if "e_m" in parameters:
         masses = masses * (1.0 + parameters["e_m"].transpose("draw", "storey").values[:, : len(masses)])
     else:
         masses = np.broadcast_to(masses, (stiffness.sizes["draw"], len(masses)))
-    periods, _ = modes(stiffness.values, np.zeros_like(stiffness.values), masses[:, None], joints)
+    periods, _ = modes(stiffness.values, np.zeros_like(stiffness.values), masses[:, None], joints, k_bend)
     damping = parameters["c"].transpose("draw", "storey").values
-    modal_period, damping_ratio = modes(stiffness.values[:, 0], damping, masses, joints)
+    at_start = None if k_bend is None else k_bend[:, 0]
+    modal_period, damping_ratio = modes(stiffness.values[:, 0], damping, masses, joints, at_start)
     if "c_m" in parameters:
         # Of c_m M each mode gains c_m / (2 omega): the same in every storey's row.
         damping_ratio = damping_ratio + parameters["c_m"].isel(storey=[0]).values * modal_period / (4.0 * np.pi)

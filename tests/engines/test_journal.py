@@ -19,7 +19,7 @@ import xarray as xr
 from full_disk import full_at
 from inference_cases import MODELS, recorded, sdof_model
 
-from bwbn_bayes import BoucWen, Result, Settings, ShearBuilding, Uniform, UserError, identify
+from bwbn_bayes import BoucWen, Result, Settings, ShearBuilding, Uniform, UserError, identify, join_records
 from bwbn_bayes.engines import journal
 from bwbn_bayes.engines.journal import Journal, forget, has_begun, kept
 from bwbn_bayes.engines.lanes import Lanes
@@ -110,6 +110,15 @@ def test_answers_are_kept_and_some_solved_again(tmp_path: Path, draws: np.ndarra
         found, n = _misfit(tmp_path / "run", draws)
         np.testing.assert_array_equal(found, expected)
         assert n == n_solved
+
+
+def test_answers_about_joined_records_are_kept_block_by_block(tmp_path: Path, draws: np.ndarray) -> None:
+    """They were cut to one column for each channel, which ended in a traceback."""
+    joined = join_records([RECORD, RECORD.until(6.0)])
+    expected = Lanes().misfit(MODEL, draws, joined)
+    for _ in range(2):
+        with kept(Lanes(n_threads=1), tmp_path / "run") as engine:
+            np.testing.assert_array_equal(engine.misfit(MODEL, draws, joined), expected)
 
 
 def test_a_file_cut_anywhere_gives_the_same_answers(tmp_path: Path, draws: np.ndarray) -> None:

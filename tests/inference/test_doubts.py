@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,8 @@ from bwbn_bayes import (
     simulate,
 )
 from bwbn_bayes.discovery.alternatives import alternatives_check
+from bwbn_bayes.discovery.candidates import Hypothesis
+from bwbn_bayes.discovery.score import Score
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.scalar import ScalarRk4
 from bwbn_bayes.inference.doubts import LARGEST_GAIN, doubts
@@ -62,6 +65,24 @@ def test_a_prior_that_excludes_the_truth_is_said() -> None:
     _, within = doubts(posterior, fitted(posterior, start))
     assert not within.passed
     assert "lower end of the prior of c, 0.26" in within.sentence
+
+
+def test_an_amount_has_its_sign_and_counts_from_where_nothing_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sensor that shows 3 % too little was told as one with a gain near 0.03."""
+
+    def scores(_: Posterior, every: Sequence[Hypothesis], *__: object, **___: object) -> list[Score]:
+        nats = {"sensor_gain": 50.0}
+        return [
+            Score(nats=nats.get(h.name, 0.0), amplitude=h.amplitudes[0], unit="", smallest=1e-3, size=-0.0312)
+            for h in every
+        ]
+
+    monkeypatch.setattr("bwbn_bayes.discovery.alternatives.scores", scores)
+    monkeypatch.setattr("bwbn_bayes.discovery.alternatives.heard_rests", lambda *_: True)
+    record = recorded(1, snr_db=SNR_DB)
+    (check,) = alternatives_check(posterior_of(sdof_model(), record), true_point(sdof_model(), record))
+    assert check.sentence.startswith("Wrong sensor gain")
+    assert "(gain near 0.969) would explain more: worth 50 nats" in check.sentence
 
 
 @pytest.mark.parametrize("seed", [1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 9))])

@@ -18,6 +18,7 @@ def save_v73(path: Path, variables: dict[str, Any]) -> Path:
                 put(group.create_group(name), value)
             elif isinstance(value, str):
                 group[name] = np.frombuffer(value.encode("utf-16-le"), dtype=np.uint16)[:, None]
+                group[name].attrs["MATLAB_class"] = np.bytes_("char")
             elif np.asarray(value).dtype.kind == "O":
                 group.create_dataset(name, data=np.array([group.file["t"].ref] * 2, dtype=h5py.ref_dtype)[:, None])
             else:

@@ -14,6 +14,7 @@ import pytest
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.records import read_record
+from bwbn_bayes.records.miniseed import _table, _Trace
 
 MAP = "IV.ABC..HNZ = ground_acceleration [2.4e-6 m/s^2], IV.ABC..HNE = acceleration_1 [1e-6 g]"
 
@@ -102,6 +103,20 @@ def test_every_mistake_gets_one_sentence(
         read_record(path, columns)
     assert str(caught.value).startswith(f"{path}, {sentence}")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("late", "words"), [(0.004, "0.004 s after"), (-0.001, "0.001 s before"), (5e-6, "")])
+def test_traces_that_start_between_samples_are_refused(late: float, words: str) -> None:
+    """Up to half a sample apart they were read as one, in silence."""
+    traces = [
+        _Trace("IV.ABC..HNZ", "first", 0.0, 100.0, np.arange(99)),
+        _Trace("IV.ABC..HNE", "x", late, 100.0, np.arange(99)),
+    ]
+    if not words:
+        assert len(_table(traces, Path("run.mseed")).columns) == 2
+        return
+    with pytest.raises(UserError, match=rf"run\.mseed, trace IV\.ABC\.\.HNE: it starts at x, {words} the first trace"):
+        _table(traces, Path("run.mseed"))
 
 
 def test_damaged_files_get_one_sentence(obspy: Any, tmp_path: Path) -> None:

@@ -64,6 +64,27 @@ def test_reads_a_file_from_elsewhere(tmp_path: Path) -> None:
     assert record.channels["drift_1"][0] == 0.002
 
 
+def test_packed_numbers_are_unpacked(tmp_path: Path) -> None:
+    """Whole numbers with a scale were read as they are stored, a missing sample as one of them."""
+    drift = 0.001 * np.arange(2000.0) + 5.0
+    packing = {"scale_factor": 0.001, "add_offset": 5.0, "_FillValue": -32768, "dtype": "int16"}
+    times = ("time", 0.01 * np.arange(2000), {"units": "seconds"})
+    dataset = xr.Dataset(
+        {"ground_acceleration": ("time", np.ones(2000), {"units": "g"}), "drift_1": ("time", drift, {"units": "m"})},
+        coords={"time": times},
+    )
+    packed = {"drift_1": packing, "time": {"scale_factor": 0.01, "dtype": "int32"}}
+    path = tmp_path / "run.nc"
+    dataset.to_netcdf(path, engine="h5netcdf", encoding=packed)
+    record = read_record(path)
+    assert record.time_step == 0.01
+    np.testing.assert_allclose(record.channels["drift_1"], drift, rtol=1e-12)
+    dataset["drift_1"].values[6] = np.nan
+    dataset.to_netcdf(path, engine="h5netcdf", encoding=packed)
+    with pytest.raises(UserError, match="point 7, column drift_1: the value is nan"):
+        read_record(path)
+
+
 def dropped(dataset: xr.Dataset) -> xr.Dataset:
     return dataset.isel(time=np.delete(np.arange(5000), 40))
 

@@ -207,6 +207,11 @@ def test_content_hash_follows_the_data_alone() -> None:
     assert len({record.content_hash, *(other.content_hash for other in others)}) == 5
 
 
+def test_content_hash_tells_a_path_from_a_test_in_time() -> None:
+    timed = Record(name="x", time_step=1.0, excitation=np.arange(8.0), excitation_kind="displacement")
+    assert replace(timed, has_time=False).content_hash != timed.content_hash
+
+
 def test_content_hash_is_stable() -> None:
     # Snapshot: the hash names data in reports and must not change between versions.
     record = Record(name="x", time_step=0.5, excitation=np.arange(8.0), channels={"drift_1": np.ones(8)})

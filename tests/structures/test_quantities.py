@@ -11,8 +11,20 @@ from scipy import linalg
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
 from bwbn_bayes.elements.combine import combine
-from bwbn_bayes.elements.effects import StiffnessDegradation, StoreyParameter, StrengthDegradation, SuddenDamage
+from bwbn_bayes.elements.effects import (
+    PDelta,
+    StiffnessDegradation,
+    StoreyCoupling,
+    StoreyParameter,
+    StrengthDegradation,
+    SuddenDamage,
+)
 from bwbn_bayes.elements.law import HYSTERETIC_DISPLACEMENT, Slots, StoreyLaw
+from bwbn_bayes.elements.linear import Linear
+from bwbn_bayes.engines.lanes import Lanes
+from bwbn_bayes.engines.simulation import simulate
+from bwbn_bayes.parameters import PerStorey
+from bwbn_bayes.records import Record
 from bwbn_bayes.structures.quantities import (
     dissipated_energy,
     engineering_quantities,
@@ -20,11 +32,13 @@ from bwbn_bayes.structures.quantities import (
     link_matrix,
     modes,
     parameters_at,
+    storey_parameters,
     tangent_stiffness,
     ultimate_hysteretic_displacement,
     yield_drift,
 )
 from bwbn_bayes.structures.shear_building import ShearBuilding
+from bwbn_bayes.structures.structure import Structure
 
 VALUES = {"k": 10.0, "c": 0.05, "alpha": 0.1, "A": 1.0, "beta": 2.0, "gamma": 2.0, "n": 2.0}
 PLAIN = ShearBuilding(masses=[1.0, 1.0], storey=BoucWen(**VALUES))
@@ -284,6 +298,46 @@ def test_period_of_one_storey_follows_the_degraded_tangent():
     assert 24 <= found.sizes["time_point"] <= 48
     np.testing.assert_allclose(found["period"].isel(draw=1), expected, rtol=1e-12)
     np.testing.assert_allclose(found["modal_damping_ratio"], 0.05 / (2 * np.sqrt(k * mass)), rtol=1e-12)
+
+
+def swung(model: Structure) -> np.ndarray:
+    """Periods of an undamped model, longest first, from how its accelerations follow its displacements."""
+    floors = range(1, model.n_floors + 1)
+    pulse = Record(name="pulse", time_step=0.01, excitation=np.where(np.arange(800) < 20, 1e-3, 0.0))
+    channels = [f"{kind}_{floor}" for kind in ("displacement", "acceleration") for floor in floors]
+    motion = simulate(model, pulse, {}, engine=Lanes(substeps=16), channels=channels).measured
+    displacement, acceleration = np.split(motion, 2)
+    squares = np.linalg.eigvals(-np.linalg.lstsq(displacement.T, acceleration.T)[0]).real
+    return np.sort(2.0 * np.pi / np.sqrt(squares))[::-1]
+
+
+WEAK = {"c": 0.0, "alpha": 0.1, "A": 1.0, "beta": 0.5, "gamma": 0.5, "n": 1.0}
+TWO_STOREYS = ShearBuilding(masses=[2e3, 2e3], storey=BoucWen(k=PerStorey([2e5, 5e4]), **WEAK))
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        TWO_STOREYS,
+        ShearBuilding(masses=[2618.0], storey=BoucWen(k=1e5, **WEAK)).with_effect(PDelta(k_geo=3e4)),
+        TWO_STOREYS.with_effect(StoreyCoupling(k_bend=1e5)),
+        TWO_STOREYS.with_link(Linear(k=3e4), joins=(0, 2))
+        .with_effect(PDelta(k_geo=1e4), storeys=[2])
+        .with_effect(StoreyCoupling(k_bend=4e4)),
+    ],
+    ids=["neither", "p_delta", "coupled", "both, braced"],
+)
+def test_periods_are_those_in_which_the_model_swings(model):
+    """Geometric stiffness and bending between storeys were left out: 1.02 s told where a storey swung in 1.22."""
+    found = quantities(
+        storey_parameters(model, np.zeros((1, 0))),
+        law=model.law,
+        masses=model.masses,
+        histories=ramp_response(1, model.n_links, end_energy=0.0),
+        joints=model.joints,
+    )
+    np.testing.assert_allclose(found["modal_period"][0], swung(model), rtol=1e-3)
+    np.testing.assert_array_equal(found["period"][0], found["modal_period"][0, 0])
 
 
 def test_a_jump_of_stiffness_shows_in_the_tangent():

@@ -14,6 +14,7 @@ from bwbn_bayes.engines.simulation import simulate
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import HalfNormal, PerStorey
 from bwbn_bayes.records import Record, el_centro, read_record
+from bwbn_bayes.records.joined import join_records
 from bwbn_bayes.structures.quantities import modes
 from bwbn_bayes.structures.shear_building import ShearBuilding
 from bwbn_bayes.structures.specimen import Specimen
@@ -151,6 +152,17 @@ def test_the_first_frequency_of_weak_motion():
     model, record = shaken(3, 0.05)
     periods, _ = modes(np.full(3, model.element.k), np.zeros(3), np.array(model.masses))
     assert first_frequency(record) == pytest.approx(1.0 / periods[0], rel=0.06)
+
+
+def test_joined_records_are_read_with_their_own_time_steps():
+    """With the shortest of them for all, a frequency of 2 Hz was told as 8."""
+    _, record = shaken(1, 0.05)
+    finer = replace(record.until(5.0), time_step=0.25 * record.time_step)
+    assert first_frequency(join_records([finer, record])) == first_frequency(record)
+    assert first_frequency(join_records([record.with_channels({}), finer])) == first_frequency(finer)
+    test = replace(cyclic(STEEL, 0.005, 0.02), has_time=True, time_step=0.04)
+    brief = replace(test, time_step=0.01)
+    assert starting_model(join_records([brief, test])).element.c == starting_model(test).element.c
 
 
 @pytest.mark.parametrize("kind", ["relative_acceleration", "displacement", "drift", "force"])

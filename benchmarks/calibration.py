@@ -7,7 +7,7 @@
 A simulator that shares no code with the package's engines draws a truth from the prior and records it; ``identify``
 does the rest, blind. If the posterior is right the rank of the truth among its draws is uniform, for every parameter
 and for the log likelihood [1]_. With ``--checkpoint FILE`` each finished replicate is a line of that file, and a run
-that was cut off goes on.
+that was cut off goes on, unless the code or the model file has changed.
 
 .. [1] S. Talts et al., "Validating Bayesian Inference Algorithms with Simulation-Based Calibration", 2018,
    arXiv:1804.06788.
@@ -16,6 +16,7 @@ that was cut off goes on.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import math
 import sys
@@ -31,11 +32,17 @@ from benchmarks.calibrating.outcome import Outcome, judged, not_identified
 from benchmarks.calibrating.records import CONDITIONS, Replicate, replicate
 from benchmarks.calibrating.summary import Calibration, Wrong, calibration, wrong
 from benchmarks.calibrating.wrong import KINDS, force_replicate, wrong_replicate
-from benchmarks.running import Clock, filed_lines
+from benchmarks.running import ROOT, Clock, code_version, filed_lines, package_version
 from bwbn_bayes import Settings, el_centro, identify
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.summary import processor_name
 from bwbn_bayes.structures.model_file import ModelFile, load_model_file
+
+_DECIDING = (
+    "calibration.py", "calibrating/frame.py", "calibrating/framing.py", "calibrating/outcome.py",
+    "calibrating/records.py", "calibrating/wrong.py", "blind/path.py", "blind/simulator.py", "blind/storey.py",
+)  # fmt: skip
+"""Files of the benchmarks that decide what comes of a replicate."""
 
 
 def run(made: Replicate, settings: Settings, *, unnamed_force: bool = False) -> Outcome:
@@ -48,11 +55,19 @@ def run(made: Replicate, settings: Settings, *, unnamed_force: bool = False) -> 
     return judged(result, made, settings.seed, clock.processor_seconds)
 
 
-class Kept:
-    """Finished replicates, one a line of a file; a line that a kill cut short is none."""
+def origin(file: ModelFile, options: argparse.Namespace) -> str:
+    """What must agree for a kept replicate to stand for a new one: code, model file and settings."""
+    code = f"{package_version()}-{code_version(ROOT / 'benchmarks' / name for name in _DECIDING)}"
+    content = hashlib.sha256(options.model.read_bytes()).hexdigest()[:12]
+    return f"{code}, {file.name} {content}, {options.method}, {options.particles}, seed {options.seed}"
 
-    def __init__(self, path: Path | None) -> None:
+
+class Kept:
+    """Finished replicates of one origin, one a line of a file; a line that a kill cut short is none."""
+
+    def __init__(self, path: Path | None, origin: str) -> None:
         self._path = path
+        self._origin = origin
         self._found: dict[str, Outcome] = {}
         for entry in filed_lines(path) if path is not None else ():
             # Files of earlier versions tell elapsed seconds alone.
@@ -60,6 +75,7 @@ class Kept:
 
     def outcome(self, key: str, run_it: Callable[[], Outcome]) -> Outcome:
         """The kept outcome, or that of running it, which is then kept."""
+        key = f"{self._origin}, {key}"
         if key not in self._found:
             self._found[key] = run_it()
             if self._path is not None:
@@ -68,19 +84,16 @@ class Kept:
         return self._found[key]
 
 
-def outcomes_of(
-    file: ModelFile, label: str, make: Callable[[int], Replicate], options: argparse.Namespace, kept: Kept
-) -> list[Outcome]:
+def outcomes_of(label: str, make: Callable[[int], Replicate], options: argparse.Namespace, kept: Kept) -> list[Outcome]:
     """The outcomes of one row of the table."""
     found = []
     for number in range(options.replicates):
-        key = f"{file.name}, {label}, {options.method}, {options.particles}, seed {options.seed}, {number}"
 
         def run_it(number: int = number) -> Outcome:
             seed = options.seed + number
             return run(make(number), Settings(method=options.method, particles=options.particles, seed=seed))
 
-        found.append(kept.outcome(key, run_it))
+        found.append(kept.outcome(f"{label}, {number}", run_it))
     return found
 
 
@@ -103,8 +116,7 @@ def with_forces(file: ModelFile, snr_db: float, options: argparse.Namespace, kep
                 )
                 return run(made, settings, unnamed_force=has_force)
 
-            key = f"{file.name}, force, {snr_db:g} dB, {label}, {options.method}, seed {options.seed}, {number}"
-            outcome = kept.outcome(key, run_it)
+            outcome = kept.outcome(f"force, {snr_db:g} dB, {label}, {number}", run_it)
             found.setdefault(f"{label}, {snr_db:g} dB", []).append(outcome)
             effect = force_replicate(file, snr_db, options.seed, number)[0].partition(",")[0]
             by_effect.setdefault(f"{label}, {snr_db:g} dB: {effect}", []).append(outcome)
@@ -189,7 +201,7 @@ def rows_of(file: ModelFile, options: argparse.Namespace, console: Console, kept
                 def make(number: int, kind: str = kind, snr_db: float = snr_db) -> Replicate:
                     return wrong_replicate(file, kind, snr_db, options.seed, number)
 
-                rows[label] = wrong(outcomes_of(file, label, make, options, kept))
+                rows[label] = wrong(outcomes_of(label, make, options, kept))
         show_wrong(console, title, rows)
     else:
         for name in options.condition:
@@ -197,7 +209,7 @@ def rows_of(file: ModelFile, options: argparse.Namespace, console: Console, kept
             def make_right(number: int, name: str = name) -> Replicate:
                 return replicate(file, CONDITIONS[name], options.seed, number)
 
-            rows[name] = calibration(outcomes_of(file, name, make_right, options, kept))
+            rows[name] = calibration(outcomes_of(name, make_right, options, kept))
         show_calibration(console, title, rows)
         show_parameters(console, rows)
     return rows
@@ -206,12 +218,12 @@ def rows_of(file: ModelFile, options: argparse.Namespace, console: Console, kept
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the replicates, print a table, write JSON."""
     options = parsed(arguments)
-    console, kept = Console(), Kept(options.checkpoint)
+    console = Console()
     try:
         file = load_model_file(options.model)
         if file.excitation is None:
             file = replace(file, excitation=el_centro("chopra", duration=12.0))
-        rows = rows_of(file, options, console, kept)
+        rows = rows_of(file, options, console, Kept(options.checkpoint, origin(file, options)))
     except UserError as error:
         print(error, file=sys.stderr)
         sys.exit(2)

@@ -226,7 +226,7 @@ def print_rows(console: Console, rows: Sequence[Row]) -> None:
             console.print(f"chiu, {what}: {here}; PROVENANCE.md: {there}", highlight=False, markup=False)
 
 
-def print_labels(console: Console, rows: Sequence[LabelRow]) -> None:
+def print_labels(console: Console, rows: Sequence[LabelRow], totals: Sequence[Mapping[str, Any]]) -> None:
     """Print what discovery says of the columns' whole records."""
     table = Table(title="whole records", title_justify="left", box=None, pad_edge=False)
     for name in ("column", "loops", "said", "index measured", "identified", "strength lost measured", "identified",
@@ -236,11 +236,11 @@ def print_labels(console: Console, rows: Sequence[LabelRow]) -> None:
         numbers = [f"{value:.3f}" for value in (*one.index, *one.strength_lost)]
         table.add_row(one.name, one.loops, "pinched" if one.says_pinched else "", *numbers, f"{one.fit:.1f}")
     console.print(table)
-    for total in label_sums(rows):
+    for total in totals:
         console.print(f"{total['what']}: {total['count']} of {total['total']}", highlight=False, markup=False)
 
 
-def print_repeats(console: Console, rows: Sequence[RepeatRow]) -> None:
+def print_repeats(console: Console, rows: Sequence[RepeatRow], totals: Sequence[Mapping[str, Any]]) -> None:
     """Print errors on the repeat cycles and how many points their intervals hold."""
     table = Table(title="repeat cycles held out", title_justify="left", box=None, pad_edge=False)
     for name in ("test", "points", "held out", "as given %", "fitted / held out %", "inside 90 % interval", ""):
@@ -250,7 +250,7 @@ def print_repeats(console: Console, rows: Sequence[RepeatRow]) -> None:
         counts = str(one.n_points), str(one.n_held_out)
         table.add_row(one.name, *counts, given, errors, f"{100.0 * one.coverage:.0f} %", Text(in_words(one.answer)))
     console.print(table)
-    for total in repeat_sums(rows):
+    for total in totals:
         console.print(f"{total['what']}: {total['count']} of {total['total']} specimens", highlight=False, markup=False)
 
 
@@ -266,10 +266,13 @@ def gather(
     }
     labels = [label_row(test, entry) for test, entry in good["whole"]]
     repeated = [repeat_row(test, entry) for test, entry in good["repeats"]]
+    failed = {what: [test for test in tests if "error" in by_test[test.name].get(what, {})] for what in APART}
+    failed_loops = [test.label.loops for test in failed["whole"] if test.label is not None]
     facts = {
         "processor": processor_name(),
         "versions": versions(entries),
         "not_run": not_run(tests, by_test),
+        "failed": failures(tests, by_test),
         "sums": sums(rows),
         "rows": [
             {
@@ -282,9 +285,9 @@ def gather(
             }
             for one in rows
         ],
-        "label_sums": label_sums(labels) if labels else [],
+        "label_sums": label_sums(labels, failed_loops) if labels or failed_loops else [],
         "labels": [{**asdict(one), "names": names_in_words(one.answer)} for one in labels],
-        "repeat_sums": repeat_sums(repeated) if repeated else [],
+        "repeat_sums": repeat_sums(repeated, len(failed["repeats"])) if repeated or failed["repeats"] else [],
         "repeats": [
             {**asdict(one), "is_covered": one.is_covered, "names": names_in_words(one.answer)} for one in repeated
         ],
@@ -310,6 +313,16 @@ def versions(entries: Entries) -> list[dict[str, Any]]:
             "tests": [entry["identity"]["name"] for entry in own],
         }
         for (what, code), own in sorted(found.items())
+    ]
+
+
+def failures(tests: Sequence[MeasuredTest], by_test: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """What ended in an error, of every kind of trial, with the error."""
+    return [
+        f"{test.name}, {what}: {entry['error']}"
+        for test in tests
+        for what, entry in by_test[test.name].items()
+        if "error" in entry
     ]
 
 
@@ -369,10 +382,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         keep(options.keep, entries)
     rows, labels, repeated, facts = gather(tests, entries)
     print_rows(console, rows)
-    if labels:
-        print_labels(console, labels)
-    if repeated:
-        print_repeats(console, repeated)
+    if facts["label_sums"]:
+        print_labels(console, labels, facts["label_sums"])
+    if facts["repeat_sums"]:
+        print_repeats(console, repeated, facts["repeat_sums"])
+    for one in facts["failed"]:
+        console.print(f"failed: {one}", highlight=False, markup=False)
     for what, n_versions in Counter(one["what"] for one in facts["versions"]).items():
         if n_versions > 1:
             console.print(f"{what}: filed by {n_versions} versions of the code; run it again to have one")

@@ -42,27 +42,38 @@ class Proportion:
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """What is counted over cases; one about probabilities, over the cases that state some."""
+    """What is counted over cases; one about probabilities, over the cases that state some, or failed to."""
 
     what: str
     test: Callable[[Outcome], bool]
     of_probabilities: bool = False
+    of_failed: bool = False
 
     def over(self, outcomes: Sequence[Outcome], what: str = "") -> Proportion:
         """The answer, under another heading if one is given."""
-        asked = [o for o in outcomes if o.claims is not None or not self.of_probabilities]
+        asked = [o for o in outcomes if self._is_asked(o)]
         return Proportion(what=what or self.what, count=sum(map(self.test, asked)), total=len(asked))
+
+    def _is_asked(self, outcome: Outcome) -> bool:
+        states_enough = outcome.claims is not None or not self.of_probabilities
+        return states_enough or (self.of_failed and outcome.verdict == FAILED)
 
 
 RIGHT_NAME = Question(what="right name", test=lambda o: o.right_name)
 RIGHT_PLACE = Question(what="right name and storey", test=lambda o: o.right_place)
 SOMETHING_NAMED = Question(what="an effect named", test=lambda o: bool(o.named))
+NAMED_OR_FAILED = Question(what="an effect named, or failed", test=lambda o: bool(o.named) or o.verdict == FAILED)
 ALL_NAMED = Question(what="every hidden effect named", test=lambda o: o.all_named)
 NOT_THERE = Question(what="an effect that is not there", test=lambda o: bool(o.extra))
 SURE_AND_WRONG = Question(
     what="a wrong effect with probability above 0.9", test=lambda o: bool(o.sure_and_wrong), of_probabilities=True
 )
-NONE_SURE = Question(what="no name above 0.9", test=lambda o: not o.sure_and_wrong, of_probabilities=True)
+NONE_SURE = Question(
+    what="no name above 0.9",
+    test=lambda o: not o.sure_and_wrong and o.verdict != FAILED,
+    of_probabilities=True,
+    of_failed=True,
+)
 
 _NAMED: tuple[Question, ...] = (
     RIGHT_NAME,
@@ -78,7 +89,7 @@ _QUESTIONS: dict[str, tuple[Question, ...]] = {
     "forms": _NAMED,
     "more_forms": _NAMED,
     "later": _NAMED,
-    "none": (SOMETHING_NAMED, SURE_AND_WRONG),
+    "none": (NAMED_OR_FAILED, SURE_AND_WRONG),
     "outside": (NONE_SURE, SOMETHING_NAMED, NOT_THERE),
     "pairs": (
         ALL_NAMED,

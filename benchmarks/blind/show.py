@@ -7,11 +7,11 @@ from typing import Any
 
 from benchmarks.blind.columns import (
     ALL_NAMED,
+    NAMED_OR_FAILED,
     NONE_SURE,
     NOT_THERE,
     RIGHT_NAME,
     RIGHT_PLACE,
-    SOMETHING_NAMED,
     SURE_AND_WRONG,
     Question,
 )
@@ -20,7 +20,7 @@ from benchmarks.blind.scoring import Outcome
 _ASKED_BY_SNR = {40.0: ">= 98 %", 30.0: ">= 97 %", 20.0: ">= 93 %", 10.0: ">= 85 %"}
 
 _ROWS: tuple[tuple[tuple[str, ...], str, Question, str], ...] = (
-    (("none",), "nothing hidden", SOMETHING_NAMED, "<= 1 %"),
+    (("none",), "nothing hidden", NAMED_OR_FAILED, "<= 1 %"),
     (("later",), "joined later", RIGHT_NAME, ">= 95 % at 30 dB"),
     (("later",), "joined later", SURE_AND_WRONG, ""),
     (("forms", "more_forms"), "other forms", RIGHT_NAME, ">= 85 %"),
@@ -55,7 +55,7 @@ def show_rows(outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
     hiding, plain = ([o for o in judged if o.kind == "cyclic" and bool(o.hidden) == some] for some in (True, False))
     asked_of_cyclic = (ALL_NAMED, NOT_THERE, SURE_AND_WRONG)
     rows += [_row(question, hiding, f"cyclic tests: {question.what}", "") for question in asked_of_cyclic]
-    rows.append(_row(SOMETHING_NAMED, plain, f"cyclic tests, nothing hidden: {SOMETHING_NAMED.what}", ""))
+    rows.append(_row(NAMED_OR_FAILED, plain, f"cyclic tests, nothing hidden: {NAMED_OR_FAILED.what}", ""))
     return [row for row in rows if row["total"]]
 
 

@@ -40,7 +40,7 @@ def write_page(facts: Json, figures: Mapping[str, Path], path: Path) -> None:
         "asked": [_asked(one) for one in (*facts["sums"], *facts["label_sums"], *facts["repeat_sums"]) if one["total"]],
         "processors": sorted({name for one in facts["versions"] for name in one["processors"]}),
         "rows": [_row(one) for one in facts["rows"] if one["is_run"]],
-        "failed": [f"{one['name']}, {what}" for one in facts["rows"] for what in one["failed"]],
+        "failed": facts["failed"],
         "labels": [_label(one) for one in facts["labels"]],
         "repeats": [_repeat(one) for one in facts["repeats"]],
         "figures": links(figures, path),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -78,7 +79,9 @@ class Row:
     @property
     def fits(self) -> bool | None:
         """Whether discovery fits at least as well as the better competitor; None where either is missing."""
-        return None if self.best is None or self.ours is None else self.ours[0] <= self.best[0]
+        if self.best is None or self.ours is None:
+            return None
+        return bool(np.isfinite(self.ours[0])) and self.ours[0] <= self.best[0]
 
     @property
     def predicts(self) -> bool | None:
@@ -93,7 +96,9 @@ class Row:
     def keeps_up(self, what: str) -> bool | None:
         """Whether one predicts the held-out end within the stated factor of the best other; None where one is alone."""
         own, others = self.laws.get(what), [errors[1] for other, errors in self.laws.items() if other != what]
-        return None if own is None or not others else own[1] <= HELD_OUT_FACTOR * min(others)
+        if own is None or not others:
+            return None
+        return bool(np.isfinite(own[1])) and own[1] <= HELD_OUT_FACTOR * min(others)
 
     @property
     def is_hopeless(self) -> bool:
@@ -250,14 +255,14 @@ def repeat_row(test: MeasuredTest, entry: Json) -> RepeatRow:
     )
 
 
-def repeat_sums(rows: Sequence[RepeatRow]) -> list[dict[str, Any]]:
-    """Over the tests with repeat cycles: whose intervals cover what they should."""
+def repeat_sums(rows: Sequence[RepeatRow], n_failed: int = 0) -> list[dict[str, Any]]:
+    """Over the tests with repeat cycles, those that failed too: whose intervals cover what they should."""
     low, high = (100.0 * end for end in COVERED)
     return [
         {
             "what": f"coverage within {low:.0f} to {high:.0f} %",
             "count": sum(one.is_covered for one in rows),
-            "total": len(rows),
+            "total": len(rows) + n_failed,
             "asked": "all",
         }
     ]
@@ -296,8 +301,17 @@ def sums(rows: Sequence[Row]) -> list[dict[str, Any]]:
     ]
 
 
-def label_sums(rows: Sequence[LabelRow]) -> list[dict[str, Any]]:
-    """Over the columns: labels told, and measures of the identified loops."""
+def label_sums(rows: Sequence[LabelRow], failed: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """Over the columns: labels told, and measures of the identified loops.
+
+    Parameters
+    ----------
+    rows : sequence of LabelRow
+    failed : sequence of str
+        Loops of the columns whose runs ended in an error: misses of every sum.
+    """
+    lost = Counter(failed)
+    n_columns = len(rows) + len(failed)
     said = {loops: [one.says_pinched for one in rows if one.loops == loops] for loops in ("pinched", "fat")}
     errors = [abs(one.index[1] - one.index[0]) for one in rows if np.isfinite(one.index).all()]
     median = float(np.median(errors)) if errors else float("nan")
@@ -305,25 +319,25 @@ def label_sums(rows: Sequence[LabelRow]) -> list[dict[str, Any]]:
         {
             "what": "pinched said of the pinched",
             "count": sum(said["pinched"]),
-            "total": len(said["pinched"]),
+            "total": len(said["pinched"]) + lost["pinched"],
             "asked": ">= 10 of 12",
         },
         {
-            "what": "pinched said of the fat",
-            "count": sum(said["fat"]),
-            "total": len(said["fat"]),
+            "what": "pinched said of the fat, or failed",
+            "count": sum(said["fat"]) + lost["fat"],
+            "total": len(said["fat"]) + lost["fat"],
             "asked": "<= 1 of 12",
         },
         {
             "what": f"pinching index within {INDEX_WITHIN:g} (median error {median:.2f})",
             "count": sum(one.index_agrees for one in rows),
-            "total": len(rows),
+            "total": n_columns,
             "asked": "",
         },
         {
             "what": "strength lost per cycle within a third",
             "count": sum(one.strength_agrees for one in rows),
-            "total": len(rows),
+            "total": n_columns,
             "asked": "",
         },
     ]

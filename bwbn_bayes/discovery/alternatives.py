@@ -67,14 +67,18 @@ def alternatives_check(posterior: Posterior, point: Floats) -> tuple[Check, ...]
     best, hypothesis = ranked[0]
     if best.nats <= limit:
         return _check(best.nats, limit, f"No effect of the catalogue would gain more than {best.nats:.1f} nats.")
-    # At the maximum of a parabola that gains one nat at `smallest`.
-    size = best.smallest * np.sqrt(best.nats)
-    amount = f" ({best.amplitude} near {size:.2g}{f' {best.unit}' if best.unit else ''})" if np.isfinite(size) else ""
-    sentence = f"{capital(hypothesis.label)}{amount} would explain more: worth {best.nats:.0f} nats to first order."
+    amount = f"{best.amplitude} near {_near(hypothesis.neutral(best.amplitude), best.size)}"
+    amount += f" {best.unit}" if best.unit else ""
+    sentence = f"{capital(hypothesis.label)} ({amount}) would explain more: worth {best.nats:.0f} nats to first order."
     other = next((pair for pair in ranked[1:] if pair[1].name != hypothesis.name), None)
     if other is not None and other[0].nats > best.nats - _AS_WELL:
         sentence += f" So would {other[1].label}."
     return _check(best.nats, limit, sentence)
+
+
+def _near(neutral: float, size: float) -> str:
+    """The amplitude so far from neutral, with two digits of how far that is."""
+    return f"{round(neutral + size, 1 - int(np.floor(np.log10(abs(size))))):g}"
 
 
 def _asking(posterior: Posterior) -> tuple[Posterior, Workers]:

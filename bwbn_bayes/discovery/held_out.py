@@ -61,6 +61,11 @@ class HeldOut:
         return np.arange(self.first, self.record.n_times)
 
     @property
+    def is_of_fitted(self) -> bool:
+        """Whether its other samples are those that are fitted."""
+        return self.repeats or self.after_s > 0.0
+
+    @property
     def first(self) -> int:
         """Index of the first sample that counts."""
         slack = 1e-6 * self.record.time_step

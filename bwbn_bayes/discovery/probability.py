@@ -130,11 +130,22 @@ class Beliefs:
         the tests of :mod:`~bwbn_bayes.inference.residuals`. Else something without a name is left, a force or not, and
         it counts among those that have it.
         """
-        kinds = [(bool(one.added), self._has_nameless(one, p)) for one, p in self._pairs]
+        probabilities = self.probabilities.tolist()
         return {
-            verdict: float(min(sum(p for (_, p), own in zip(self._pairs, kinds, strict=True) if own == kind), 1.0))
-            for kind, verdict in _CLASSES.items()
+            verdict: float(
+                min(sum(p for p, own in zip(probabilities, self._classes, strict=True) if own == verdict), 1.0)
+            )
+            for verdict in _CLASSES.values()
         }
+
+    @cached_property
+    def _classes(self) -> list[Verdict]:
+        """Of each explanation."""
+        return [_CLASSES[bool(one.added), self._has_nameless(one, p)] for one, p in self._pairs]
+
+    def first_of(self, verdict: Verdict) -> int:
+        """Which of the explanations is the most probable one of a class."""
+        return self._classes.index(verdict)
 
     def _has_nameless(self, one: Explanation, probability: float) -> bool:
         """Whether something without a name is part of an explanation, or left by it; the improbable are not asked."""

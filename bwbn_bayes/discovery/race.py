@@ -203,7 +203,7 @@ def _starts(present: Posterior, family: Family, point: Floats, known: Sequence[t
     every = [_first_steps(view, family, *known[0]), *(_guesses(view, family, *one) for one in known)]
     points, reached, owner = (np.concatenate(part) for part in zip(*every, strict=True))
     best = np.argsort(-reached, kind="stable")
-    n = min(_BLOCK // len(family.members), _MOST)
+    n = min(max(_BLOCK // len(family.members), 1), _MOST)
     return [
         points[best[owner[best] == number][:n]][:, family.columns(member)]
         for number, member in enumerate(family.members)

@@ -45,12 +45,15 @@ class Score:
         Its unit.
     smallest : float
         The amplitude whose expected gain is one nat, in its own unit; infinite where the record cannot show it.
+    size : float
+        How far from neutral the amplitude gains that, in its own unit; zero where it gains nothing.
     """
 
     nats: float
     amplitude: str
     unit: str
     smallest: float
+    size: float
 
     def named_from(self, log_odds: float, prior_sd: float) -> float:
         """Amplitude at which the log Bayes factor of a normal prior about neutral reaches a number of nats.
@@ -124,11 +127,14 @@ def _best(member: Hypothesis, amplitude: str, projected: Floats) -> Score:
     one_sided = parameter.prior.support[0] >= member.neutral(amplitude)
     slope, left = projected[projected[:, 1] > 0.0].T
     if len(left) == 0:
-        return Score(nats=0.0, amplitude=amplitude, unit=parameter.unit, smallest=np.inf)
-    gain = np.where((slope > 0.0) | (not one_sided), slope**2 / (2.0 * left), 0.0)
+        return Score(nats=0.0, amplitude=amplitude, unit=parameter.unit, smallest=np.inf, size=0.0)
+    size = np.where((slope > 0.0) | (not one_sided), slope / left, 0.0)
+    gain = 0.5 * left * size**2
+    best = np.argmax(gain)
     return Score(
-        nats=float(np.max(gain)),
+        nats=float(gain[best]),
         amplitude=amplitude,
         unit=parameter.unit,
         smallest=float(np.sqrt(2.0 / np.max(left))),
+        size=float(size[best]),
     )

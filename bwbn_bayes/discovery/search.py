@@ -56,6 +56,8 @@ _MOST_ANEW = 6
 _MOST_RIVALS = 3
 """Other effects that are tried in free shape in the place of one of the best explanation's."""
 
+_WEIGHED = "Weighed what was found"
+
 
 def search(given: Explanation, run: Run) -> Pool:
     """Look for explanations, from the model as given on.
@@ -88,8 +90,8 @@ def search(given: Explanation, run: Run) -> Pool:
     if not given.is_specimen:
         _search_anew(pool, run)
     done = _beside_a_force(given, pool, run)
-    if done and not run.stopped:
-        _tell(done, pool.ranked()[0].label, pool, run)
+    if run.steps or not run.stopped:
+        _tell(_WEIGHED if run.stopped else done, pool.ranked()[0].label, pool, run)
     if run.stopped:
         sentence = (
             f"The search was stopped by the time limit of {run.settings.time_limit_s:g} s, "
@@ -102,13 +104,13 @@ def search(given: Explanation, run: Run) -> Pool:
 
 
 def _beside_a_force(given: Explanation, pool: Pool, run: Run) -> str:
-    """What is asked at the end of a force of no known law, in words; nothing of several tests of a specimen."""
+    """What is done at the end, in words: a force of no known law is asked for, but of several tests of a specimen."""
     build_alone(pool, run)
     pool.weigh(last=True)
     if pool.has_force:
         return "Built laws by themselves"
     if given.is_specimen:
-        return ""
+        return _WEIGHED
     if not pool.laws.best.is_noise:
         follow(pool, run)
     weigh_to_first_order(pool, run, REACH)

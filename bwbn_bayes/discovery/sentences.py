@@ -118,21 +118,23 @@ def _first(believed: Beliefs, certain: Sequence[Added], unsplit: Sequence[Family
         alone = [one.grade for one in certain] == ["named"] and not unsplit
         meaning = f": {certain[0].hypothesis.effect.summary}" if alone else ""
         return f"The model lacks {titles}{meaning} ({sure})."
+    shown = believed.first_of(believed.verdict)
+    best = believed.explanations[shown]
     if believed.verdict == "partly_explained":
         what = f"The model lacks {titles}, and more" if titles else "What the model lacks is only partly known"
-        left = f"stays {_nameless(believed.best)}" if believed.best.has_unnamed else _left_by_law(believed)
+        left = f"stays {_nameless(best)}" if best.has_unnamed else _left_by_law(believed, shown)
         return f"{what}: beside it {left} ({sure})."
-    if believed.best.has_unnamed:
-        rest = f"no catalogued effect explains it better than {_nameless(believed.best)}"
+    if best.has_unnamed:
+        rest = f"no catalogued effect explains it better than {_nameless(best)}"
     else:
         rest = "neither a catalogued effect nor a smooth force of the storeys explains it"
     return f"Model and record disagree, and {rest} ({sure})."
 
 
-def _left_by_law(believed: Beliefs) -> str:
-    """What the best laws leave by themselves."""
-    if believed.forgiven[0] > 0.0:
-        return f"stays what its law may err by, {100.0 * believed.law_error[0]:.1g} % of what it does"
+def _left_by_law(believed: Beliefs, number: int) -> str:
+    """What the laws of one of the explanations leave by themselves."""
+    if believed.forgiven[number] > 0.0:
+        return f"stays what its law may err by, {100.0 * believed.law_error[number]:.1g} % of what it does"
     return "stays what no smooth force explains"
 
 

@@ -101,12 +101,12 @@ def discover(
     require_kind("settings", settings, DiscoverySettings, "give DiscoverySettings(...), or leave them out")
     require_suitable(model, record, held_out if isinstance(held_out, Record) else None, name)
     run = Run(settings, np.random.default_rng(settings.seed), listener, name, data=record.content_hash)
-    # Repeat cycles lie among what is fitted: both are samples of one record.
+    # Repeat cycles lie among what is fitted: both are samples of one record, thinned once.
     record, apart = set_apart(model, _thinned(record, run) if held_out == "repeats" else record, held_out)
     if apart is not None:
         run.say(f"keeping apart the {apart.label}")
     _tell_limits(model, record, run)
-    record = _with_noise(_thinned(record, run), run)
+    record = _with_noise(record if held_out == "repeats" else _thinned(record, run), run)
     with (
         # Hypotheses are what runs beside each other; and sums come out alike on however many cores.
         threadpool_limits(limits=1, user_api="blas"),

@@ -47,6 +47,8 @@ class Part:
     improved : (n_channels, n_counted) array or None
     interval : PredictiveInterval or None
         Of held-out samples among the fitted ones.
+    whole : Record or None
+        The measurement that it is a part of, where that is another record than its own.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Part:
     given: Floats
     improved: Floats | None
     interval: PredictiveInterval | None = None
+    whole: Record | None = None
 
     @property
     def models(self) -> tuple[tuple[str, Floats], ...]:
@@ -126,6 +129,8 @@ def parts_of(discovery: Discovery) -> tuple[Part, ...]:
     if apart is not None and gap.held_out is not None:
         both = gap.held_out.before, gap.held_out.after if changed else None
         held_out = _part("held_out", apart.label, apart.record, apart.counted, both)
+        if apart.is_of_fitted:
+            parts = [replace(parts[0], whole=apart.record)]
         parts.append(replace(held_out, interval=gap.held_out.interval))
     return tuple(parts)
 
@@ -175,7 +180,8 @@ def errors_by_cycle(parts: Sequence[Part]) -> tuple[CycleErrors, ...]:
     found = []
     for part in parts:
         numbers, cycles = _cycles_of(part)
-        signal = float(np.sqrt(np.mean(np.square(part.record.channels[part.channels[0]][part.record.kept]))))
+        whole = part.record if part.whole is None else part.whole
+        signal = float(np.sqrt(np.mean(np.square(whole.channels[part.channels[0]][whole.kept]))))
         errors = []
         for _, values in part.models:
             with np.errstate(over="ignore", invalid="ignore"):

@@ -16,6 +16,7 @@ from benchmarks.blind import cases
 from benchmarks.blind.columns import Proportion, column_summary
 from benchmarks.blind.picture import draw_confusion
 from benchmarks.blind.scoring import case_outcome
+from benchmarks.blind.show import show_rows
 from benchmarks.running import commit, package_version
 from bwbn_bayes.records import Record
 
@@ -158,7 +159,7 @@ def test_columns_without_a_right_name() -> None:
     nothing = [case_outcome(truth(kind="none"), answer(e, verdict=v)) for e, v in ((effect("asymmetry", 1), "x"),)]
     nothing.append(case_outcome(truth(kind="none"), answer(verdict="no_missing_effect")))
     named = column_summary("none", nothing)["proportions"][1]
-    assert (named["what"], named["count"], named["total"]) == ("an effect named", 1, 2)
+    assert (named["what"], named["count"], named["total"]) == ("an effect named, or failed", 1, 2)
     strange = truth(hidden("snap_window", 1), kind="outside")
     outcomes = [case_outcome(strange, answer(verdict=v)) for v in ("unexplained", "unexplained", "no_missing_effect")]
     outcomes.append(case_outcome(strange, answer(effect("asymmetry", 1), verdict="partly_explained")))
@@ -167,6 +168,21 @@ def test_columns_without_a_right_name() -> None:
     assert [verdicts[f"verdict {v}"] for v in ("unexplained", "partly_explained", "no_missing_effect")] == [2, 1, 1]
     assert verdicts["an effect named"] == 1
     assert column["misses"] == ["case: snap_window[1]; said asymmetry[1]"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "effects", "row", "counted"),
+    [
+        ("none", (), "an effect named, or failed", (1, 1)),
+        ("outside", (hidden("snap_window", 1),), "no name above 0.9", (0, 1)),
+    ],
+)
+def test_a_crash_is_a_miss_where_nothing_is_to_be_named(
+    kind: str, effects: tuple[dict[str, Any], ...], row: str, counted: tuple[int, int]
+) -> None:
+    failed = [case_outcome(truth(*effects, kind=kind), {"error": "ValueError: no"})]
+    for rows in (column_summary(kind, failed)["proportions"], show_rows(failed)):
+        assert [(one["count"], one["total"]) for one in rows if one["what"].endswith(row)] == [counted]
 
 
 @pytest.mark.parametrize(("count", "total"), [(0, 20), (13, 40), (40, 40)])

@@ -149,6 +149,36 @@ def test_sums() -> None:
     assert found_wrong.others_refused_or_doubtful == 1
 
 
+@pytest.mark.parametrize("which", [(), ("--unnamed-force", "--snr", "30")])
+def test_a_replicate_is_kept_for_its_code_model_and_settings(
+    which: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of an older version, another file of the name or another number of particles stood for a new one."""
+    runs: list[Settings] = []
+
+    def run(_: object, settings: Settings, **__: object) -> Outcome:
+        runs.append(settings)
+        return outcome(0.2, 0.5, "explains")
+
+    monkeypatch.setattr(benchmark, "run", run)
+    model = tmp_path / "sdof.py"
+    source = (Path(__file__).parents[2] / "models" / "sdof.py").read_text()
+    model.write_text(source)
+    asked = ["--model", str(model), "--replicates", "1", "--checkpoint", str(tmp_path / "kept.jsonl"), *which]
+
+    def n_new(*more: str) -> int:
+        before = len(runs)
+        main([*asked, *more])
+        return len(runs) - before
+
+    n_asked = 2 if which else 1
+    assert [n_new(), n_new(), n_new("--particles", "500"), n_new()] == [n_asked, 0, n_asked, 0]
+    model.write_text(source.replace("Uniform(20, 60)", "Uniform(20, 70)", 1))
+    assert [n_new(), n_new()] == [n_asked, 0]
+    monkeypatch.setattr(benchmark, "package_version", lambda: "another")
+    assert n_new() == n_asked
+
+
 def test_a_truth_that_cannot_be_identified_is_counted_and_ends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def refusing(*_: object, **__: object) -> None:
         raise UserError("no draw could be solved")

@@ -294,6 +294,18 @@ def test_each_law_is_counted_beside_the_best_of_the_others():
     assert row(test, entries).keeps_up("bwbn") is True
 
 
+def test_a_prediction_that_runs_away_keeps_up_with_none():
+    """All ran away, and each counted as predicting what it should."""
+    ran_away = {**SCHEMA_2, "best_model": {"effects": [], "fit": 0.09, "held_out": None}}
+    entries = {
+        "bwbn": entry(measured_test(), "bwbn", {"errors": [8.0, None]}),
+        "pinching4": entry(measured_test(), "pinching4", {"errors": [None, None]}),
+        "discover": entry(measured_test(), "discover", discovered(ran_away, [9.5, None])),
+    }
+    found = row(measured_test(), entries)
+    assert [found.keeps_up(what) for what in entries] == [False, False, False]
+
+
 def test_a_failure_is_told_and_counts_nowhere():
     test = measured_test()
     failed = {"identity": identity(test, "bwbn", "a", 1), "error": "ValueError: no"}
@@ -327,6 +339,19 @@ def test_labels_are_counted():
     totals = label_sums(rows)
     assert [(total["count"], total["total"]) for total in totals] == [(1, 2), (1, 1), (2, 3), (2, 3)]
     assert "median error 0.14" in totals[2]["what"]
+    totals = label_sums(rows, ["fat", "pinched"])
+    assert [(total["count"], total["total"]) for total in totals] == [(1, 3), (2, 2), (2, 5), (2, 5)]
+
+
+def test_a_whole_record_that_failed_is_on_the_page_and_in_every_sum(tmp_path):
+    test, _ = labelled("one", "fat", 0.2, 0.07, "abc1234")
+    broken = {"error": "ValueError: no", "identity": {"code": "a", "name": "one"}}
+    _, labels, _, facts = measured.gather([test], {("one", "whole"): broken})
+    assert labels == []
+    write_page(json.loads(json.dumps(facts)), {}, tmp_path / "page.md")
+    page = (tmp_path / "page.md").read_text()
+    assert "- one, whole: ValueError: no" in page
+    assert "| pinched said of the fat, or failed | <= 1 of 12 | 1 of 1 |" in page
 
 
 def labelled(name: str, loops: str, index: float, strength: float, commit: str) -> tuple[MeasuredTest, dict[str, Any]]:
@@ -461,8 +486,12 @@ def test_repeat_cycles_are_tabulated_with_what_their_intervals_hold(tmp_path):
     (total,) = repeat_sums(rows)
     assert total == {"what": "coverage within 80 to 97 %", "count": 2, "total": 4, "asked": "all"}
     console = Console(file=io.StringIO(), width=160)
-    measured.print_repeats(console, rows[:2])
+    measured.print_repeats(console, rows[:2], repeat_sums(rows[:2]))
     assert "coverage within 80 to 97 %: 1 of 2 specimens" in console.file.getvalue()
+    broken = {"error": "ValueError: no", "identity": {"code": "a", "name": "twice"}}
+    *_, repeated, facts = measured.gather([test], {("twice", "repeats"): broken})
+    assert (repeated, facts["failed"]) == ([], ["twice, repeats: ValueError: no"])
+    assert [(one["count"], one["total"]) for one in facts["repeat_sums"]] == [(0, 1)]
     *_, repeated, facts = measured.gather([test], {("twice", "repeats"): filed_with(0.9)})
     assert [one.coverage for one in repeated] == [0.9]
     write_page(facts, {}, tmp_path / "page.md")

@@ -428,3 +428,18 @@ def test_repeat_cycles_of_a_test_with_more_points_than_are_fitted_are_thinned_al
     assert found.record.n_times == found.held_out.record.n_times == (record.n_times + 1) // 2
     assert found.gap.held_out.interval is not None
     assert 0.8 < found.gap.held_out.interval.coverage < 0.98
+
+
+def test_repeat_cycles_that_turn_beside_the_points_kept_are_thinned_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the turning points more than the most were left and thinned again, beside what is held out of the first."""
+    monkeypatch.setattr(workflow, "MOST_POINTS", 344)
+    monkeypatch.setattr(workflow, "_given", lambda _, record, *__: record)
+    monkeypatch.setattr(workflow, "_searched", lambda record, _: record)
+    monkeypatch.setattr(workflow, "conclude", lambda record, apart, *_: (record, apart))
+    path = pushed(*THRICE, per_half=100)
+    force = path.excitation + 1e-3 * np.random.default_rng(1).standard_normal(path.n_times)
+    settings = DiscoverySettings(n_workers=1)
+    found: Any = discover(COLUMN, path.with_channels({"force": force}), held_out="repeats", settings=settings)
+    record, apart = found
+    assert record.n_times == apart.record.n_times > 344
+    np.testing.assert_array_equal(np.flatnonzero(~record.counted), apart.counted)

@@ -279,6 +279,17 @@ def test_what_is_left_must_be_noise() -> None:
     assert found.verdict == "partly_explained"
 
 
+def test_the_best_of_the_most_probable_class_may_not_be_the_best_of_all() -> None:
+    """Slip alone 0.40, with a force in either storey 0.32 and 0.28."""
+    every = tuple(
+        explanation(float(np.log(p)), SLIP, unnamed=unnamed)
+        for p, unnamed in ((0.40, None), (0.32, (1,)), (0.28, (2,)))
+    )
+    found = Beliefs(explanations=every, log_prior=np.zeros(3), law_error=np.zeros(3), forgiven=np.zeros(3))
+    assert (found.verdict, found.best) == ("partly_explained", every[0])
+    assert [found.first_of(verdict) for verdict in ("effects_found", "partly_explained")] == [0, 1]
+
+
 def test_an_explanation_tells_where_its_unnamed_force_is() -> None:
     """Three of one building read alike."""
     assert explanation(0.0).label == "the model as given"

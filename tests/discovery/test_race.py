@@ -224,6 +224,21 @@ def test_where_little_is_missing_the_scores_own_steps_are_enough(
     assert max(found[False].values()) == pytest.approx(max(found[True].values()), abs=0.1)
 
 
+def test_a_family_of_more_members_than_a_block_holds_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An effect at one of 17 storeys: no start was left of any, and the search ended in a ValueError."""
+    monkeypatch.setattr(racing, "ROUNDS", ((1, 1.0),))
+    tower = ShearBuilding(masses=[1.0] * 17, storey=BoucWen(k=Uniform(2e3, 8e3), c=1.0, alpha=0.5, beta=1.0, gamma=1.0))
+    ground, point = el_centro("chopra", duration=2.0), np.array([0.5])
+    values = ENGINE.simulate(tower, tower.space.from_unit(point[None]), ground, ("acceleration_17",)).values[0]
+    noise = SD * np.random.default_rng(1).standard_normal(ground.n_times)
+    record = ground.with_channels({"acceleration_17": values[0] + noise})
+    posterior = Posterior(model=tower, record=record, engine=ENGINE, noise=default_noise(record))
+    found = hypotheses(tower, scales_of(posterior, point), measured=("acceleration_17",), effects=(QuadraticDamping,))
+    at_one = [hypothesis for hypothesis in found if len(hypothesis.storeys) == 1]
+    assert {fit.hypothesis for fit in race(posterior, at_one, point[None])} == set(at_one)
+    assert len(at_one) == 17
+
+
 def test_nothing_to_race(present: Posterior, base_points: Floats) -> None:
     told: list[str] = []
     assert race(present, (), base_points, progress=told.append) == ()

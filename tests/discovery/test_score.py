@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import norm
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
-from bwbn_bayes.discovery.score import Score, scores
+from bwbn_bayes.discovery.score import Score, _best, scores
 from bwbn_bayes.discovery.workers import Threads
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, GapImpact, QuadraticDamping, SensorGain
@@ -148,9 +148,9 @@ def test_an_effect_at_the_detection_limit_gains_what_was_promised(
 def test_the_detection_limit_is_where_the_bayes_factor_of_a_normal_prior_reaches_the_odds(prior_sd: float) -> None:
     """Of one Gaussian measurement of the amplitude with sd 0.1, for which evidence is a normal density."""
     sd = 0.1
-    seen = Score(nats=0.0, amplitude="a", unit="", smallest=sd * np.sqrt(2.0)).named_from(12.0, prior_sd)
+    seen = Score(nats=0.0, amplitude="a", unit="", smallest=sd * np.sqrt(2.0), size=0.0).named_from(12.0, prior_sd)
     assert norm.logpdf(seen, 0.0, np.hypot(sd, prior_sd)) - norm.logpdf(seen, 0.0, sd) == pytest.approx(12.0)
-    assert Score(nats=0.0, amplitude="a", unit="", smallest=np.inf).named_from(12.0, prior_sd) == np.inf
+    assert Score(nats=0.0, amplitude="a", unit="", smallest=np.inf, size=0.0).named_from(12.0, prior_sd) == np.inf
 
 
 @pytest.mark.parametrize("name", ["cubic_stiffness", "quadratic_damping", "sensor_gain"])
@@ -176,9 +176,17 @@ def test_one_sided_amplitudes_gain_on_their_side_only(every: dict[str, Hypothesi
         (score,) = scores(posterior, [damper], TRUTH)
         assert score.nats == pytest.approx(size, rel=0.2)
     for sign in (1.0, -1.0):
-        posterior = with_effect(spring, 5.0 * sign * found["cubic_stiffness"].smallest)
-        (score,) = scores(posterior, [spring], TRUTH)
+        amount = 5.0 * sign * found["cubic_stiffness"].smallest
+        (score,) = scores(with_effect(spring, amount), [spring], TRUTH)
         assert score.nats == pytest.approx(25.0, rel=0.2)
+        assert score.size == pytest.approx(amount, rel=0.2)
+
+
+def test_the_size_is_that_of_the_best_of_the_grid(every: dict[str, Hypothesis]) -> None:
+    """Not that of the point where the least could be seen, which may be another."""
+    spring = every["cubic_stiffness"]
+    best = _best(spring, spring.amplitudes[0], np.array([[2.0, 4.0], [-30.0, 1.0], [0.0, 0.0]]))
+    assert (best.nats, best.size, best.smallest) == (450.0, -30.0, np.sqrt(0.5))
 
 
 def test_noise_alone_scores_half_a_nat(clean: Posterior, every: dict[str, Hypothesis]) -> None:

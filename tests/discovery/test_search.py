@@ -59,7 +59,7 @@ def explanation(script: Script, *added: Any) -> Explanation:
 
 
 def searched(script: Script, monkeypatch: pytest.MonkeyPatch, **settings: Any) -> tuple[list[str], Pool]:
-    """What was built upon, in order, and the pool."""
+    """What was built upon, in order, and the pool; the last step weighs what was found, or asks for a force."""
 
     def built_upon(parent: Explanation, _: Run) -> list[Explanation]:
         return [explanation(script, *parent.added, one) for one in ALPHABET if one.name not in parent.names]
@@ -75,7 +75,7 @@ def searched(script: Script, monkeypatch: pytest.MonkeyPatch, **settings: Any) -
     monkeypatch.setattr(Pool, "weigh", lambda _, **__: None)
     run = run_of(**settings)
     pool = search(explanation({"": 0.0}), run)
-    return [step.parent for step in run.steps], pool
+    return [step.parent for step in run.steps[:-1]], pool
 
 
 def run_of(**settings: Any) -> Run:
@@ -134,7 +134,7 @@ def test_a_building_is_looked_at_deeper_where_one_effect_leaves_anything_of_note
     parents, _ = searched({"a": 50.0, "ab": 100.0, "abc": 150.0}, monkeypatch)
     assert looked == ([1] if noise_from > 1 else [])
     later = ["d"] if looked else ["a", "a + b", "a + b + c"]
-    assert parents[:-1] == ["the model as given", *later]  # last, an unnamed force is asked for
+    assert parents == ["the model as given", *later]
 
 
 def test_what_was_found_first_must_be_the_best_beside_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,7 +149,7 @@ def test_what_was_found_first_must_be_the_best_beside_the_others(monkeypatch: py
     assert alone == ["the model as given", "a", "a + b"]
     monkeypatch.setattr(sys.modules[__name__], "TEST", building)
     parents, pool = searched(script, monkeypatch)
-    assert parents[:-1] == ["the model as given", "a", "a + b", "b", "c"]
+    assert parents == ["the model as given", "a", "a + b", "b", "c"]
     assert pool.ranked()[0].label == "b + c"
 
 
@@ -211,7 +211,7 @@ def test_no_law_is_sought_in_the_place_of_a_force_that_explains_more(monkeypatch
     monkeypatch.setattr(Explanation, "is_specimen", property(lambda one: one.posterior.record is not building))
     monkeypatch.setattr(sys.modules[__name__], "TEST", building)
     parents, pool = searched({"a": 50.0, "ab": 100.0, "abc": 150.0}, monkeypatch)
-    assert parents[:-1] == ["the model as given", "a"]
+    assert parents == ["the model as given", "a"]
     assert followed == [2, 2]
     assert pool.beliefs.best.has_unnamed
 
@@ -231,6 +231,21 @@ def test_where_nothing_leaves_noise_another_first_step_is_tried(
     parents, pool = searched(script, monkeypatch)
     assert ("b" in parents) != leaves_noise
     assert pool.compared.best.label == ("a + c" if leaves_noise else "b + d")
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_the_last_step_tells_what_the_verdict_is_made_of(stopped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of several tests of a specimen, and where the time was over, what was weighed last was in no step."""
+
+    def build_alone(pool: Pool, run: Run) -> None:
+        pool.add([explanation({"c": 300.0}, ALPHABET[2])])
+        run.stopped = stopped
+
+    monkeypatch.setattr(searching, "build_alone", build_alone)
+    _, pool = searched({"a": 50.0}, monkeypatch, time_limit_s=600.0)
+    last, believed = pool.run.steps[-1], pool.beliefs
+    assert last.sentence.startswith("Weighed what was found: the best so far is c, ")
+    assert (last.explanations, last.log_joint) == (believed.explanations, tuple(believed.log_joint.tolist()))
 
 
 def test_what_is_built_upon_is_looked_around_first(monkeypatch: pytest.MonkeyPatch) -> None:

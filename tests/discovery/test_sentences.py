@@ -27,6 +27,7 @@ def believed(verdict: str, probability: float, *, has_unnamed: bool = False, run
         verdict=verdict,
         verdicts={verdict: probability},
         best=best,
+        first_of=lambda _: 0,
         explanations=explanations,
         forgiven=np.zeros(len(explanations)),
         log_joint=np.array([40.0, 39.0, 40.0 - (runner_up or 0.0)])[: len(explanations)],
@@ -225,6 +226,16 @@ def test_what_has_no_name_is_told_first(verdict: str, effects: tuple[Added, ...]
     assert told[0].startswith(first)
     share = "at storey 1 takes up what the model does not: 12 % of the force (probability 0.93)"
     assert any(share in sentence for sentence in told) == is_force
+
+
+def test_what_is_told_is_of_the_class_that_is_the_most_probable() -> None:
+    """The most probable explanation has no force, the class has one: what stays was told to be no smooth force."""
+    found = believed("partly_explained", 0.6)
+    forced = SimpleNamespace(**{**vars(found.best), "has_unnamed": True, "unnamed": (1,)})
+    found.explanations, found.first_of = (found.best, forced), {"partly_explained": 1}.__getitem__
+    found.forgiven, found.log_joint = np.array([3.0, 0.0]), np.array([40.0, 39.8])
+    (first, *_) = sentences(found, (), (added(),), None, NOWHERE, gap(0.2, 0.1))
+    assert first.endswith("and more: beside it stays a force of no known law (probability 0.6).")
 
 
 def test_an_error_of_a_sensor_is_told_with_what_is_left_beside_it() -> None:

@@ -1,16 +1,18 @@
 """Measured, as given and improved: any samples of a record, loops by cycle, errors by cycle, figures."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import matplotlib as mpl
 import numpy as np
 import pytest
 
+from bwbn_bayes.discovery.held_out import HeldOut
 from bwbn_bayes.discovery.predictive import PredictiveInterval
 from bwbn_bayes.records.joined import join_records
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.report.canvas import STYLE
-from bwbn_bayes.report.comparison import MAX_CYCLES, Part, errors_by_cycle, loops_by_cycle
+from bwbn_bayes.report.comparison import MAX_CYCLES, Part, errors_by_cycle, loops_by_cycle, parts_of
 from bwbn_bayes.report.comparison_figures import draw_comparison
 
 N_CYCLES, PER_CYCLE = 12, 40
@@ -74,6 +76,23 @@ def test_errors_by_cycle_are_over_one_force():
     own = np.sqrt(np.mean(np.square(PUSHED.reshape(N_CYCLES, PER_CYCLE)), axis=1))
     np.testing.assert_allclose(found.errors[0], 0.2 * own / rms, rtol=0.02)
     np.testing.assert_allclose(found.errors[1], 0.01 * own / rms, rtol=0.02)
+
+
+def test_errors_of_the_parts_of_one_measurement_are_over_its_whole_force():
+    """Two pictures of one error stood at different heights: the end that is held out moves more than what is fitted."""
+    whole = specimen_part(np.arange(len(PUSHED))).record
+    fitted, apart = whole.until(299.0), HeldOut(record=whole, after_s=299.0)
+    counted = np.arange(300), apart.counted
+    gaps = [
+        SimpleNamespace(before=SimpleNamespace(channels=("force",), values=1.2 * whole.measured[:, own]), after=None)
+        for own in counted
+    ]
+    gap = SimpleNamespace(**vars(gaps[0]), held_out=SimpleNamespace(**vars(gaps[1]), interval=None))
+    found = errors_by_cycle(parts_of(SimpleNamespace(record=fitted, gap=gap, held_out=apart, added=())))
+    own = np.sqrt(np.mean(np.square(PUSHED.reshape(N_CYCLES, PER_CYCLE)), axis=1))
+    rms = np.sqrt(np.mean(np.square(PUSHED)))
+    assert found[0].errors[0][:7] == pytest.approx(0.2 * own[:7] / rms, rel=0.02)
+    assert found[1].errors[0][-4:] == pytest.approx(0.2 * own[-4:] / rms, rel=0.02)
 
 
 @pytest.mark.parametrize("improved", [None, 1.01, np.inf, 1e200], ids=["nothing added", "near", "infinite", "far"])

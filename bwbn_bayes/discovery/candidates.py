@@ -23,7 +23,7 @@ from bwbn_bayes.parameters import Floats, HalfNormal, Normal, PerStorey, Prior, 
 from bwbn_bayes.records.cycles import path_of
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.parts import SPECIMEN, PlacedEffect
-from bwbn_bayes.structures.quantities import modes, parameters_at
+from bwbn_bayes.structures.quantities import modes, parameters_at, tangent_stiffness
 from bwbn_bayes.structures.structure import Structure
 
 PLACED_LEVELS = ("link", "node", "observation")
@@ -334,7 +334,7 @@ def scales_of(posterior: Posterior, point: Floats) -> tuple[Scales, ...]:
     at_start = parameters_at(model.law, xr.Dataset({name: ("storey", column) for name, column in columns}), 0.0)
     parameters = {name: at_start[name].values for name in ("A", *_PARAMETER_SCALES.values())}
     onset = moment_of_share(record, ONSET_SHARE)
-    period = _period(model, parameters, rows)
+    period = _period(model, at_start, rows, record.duration)
     return tuple(
         Scales(
             drift=_peak(rows["drift"][i]),
@@ -363,14 +363,15 @@ def moment_of_share(record: Record, share: float) -> float:
     return float(record.times[min(int(np.searchsorted(energy, share * energy[-1])), record.n_times - 1)])
 
 
-def _period(model: Structure, parameters: Mapping[str, Floats], rows: Mapping[str, Floats]) -> float:
-    """First period of a building at rest; that of the cycles which a specimen is put through."""
+def _period(model: Structure, at_start: xr.Dataset, rows: Mapping[str, Floats], duration: float) -> float:
+    """First period [s] of a building at rest, the duration where nothing holds it up; of a specimen, its cycles'."""
     if model.is_driven:
         return float(2.0 * np.pi * np.std(rows["drift"]) / max(float(np.std(rows["drift_rate"])), 1e-300))
-    alpha = parameters["alpha"]
-    at_rest = parameters["k"] * (alpha + (1.0 - alpha) * parameters["A"])
-    periods, _ = modes(at_rest, np.zeros_like(at_rest), np.array(model.masses), model.joints)
-    return float(periods[0])
+    stiffness = tangent_stiffness(at_start, xr.ones_like(at_start["k"])).values
+    k_bend = at_start["k_bend"].values[0] if "k_bend" in at_start else None
+    periods, _ = modes(stiffness, np.zeros_like(stiffness), np.array(model.masses), model.joints, k_bend)
+    # P-Delta may leave a mode without stiffness, which has no period.
+    return next(filter(np.isfinite, periods.tolist()), duration)
 
 
 _PARAMETER_SCALES: Mapping[str, str] = {

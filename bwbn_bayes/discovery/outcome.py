@@ -127,7 +127,7 @@ class Added:
 
     @property
     def name_probability(self) -> float:
-        """That the effect is there and deserves its name."""
+        """Of the name: that the effect is part of the model, borne out, and deserves the name."""
         return self.law_probability * self.deserved
 
     @property
@@ -217,8 +217,8 @@ class UnnamedForce:
     storey : int
     place : str
         In words.
-    probability : float
-        That a force of no known law is part of the model.
+    probability, any_probability : float
+        That something without a name is part of the model at this place, and that anything is at any.
     share : float
         Its root mean square over that of the force; of a force in every storey, where that is largest.
     function : str
@@ -234,6 +234,7 @@ class UnnamedForce:
     storey: int
     place: str
     probability: float
+    any_probability: float
     share: float
     function: str = ""
     nodes: tuple[int, ...] = ()
@@ -243,7 +244,7 @@ class UnnamedForce:
 
     def as_json(self) -> dict[str, Any]:
         """``unnamed_force`` of ``discovery.json``."""
-        facts = {name: getattr(self, name) for name in ("storey", "place", "probability", "share")}
+        facts = {name: getattr(self, name) for name in ("storey", "place", "probability", "any_probability", "share")}
         known = {"function": self.function, "over": self.over, "nodes": list(self.nodes)}
         return {**facts, **{name: text for name, text in known.items() if text}}
 
@@ -255,8 +256,8 @@ class UnnamedReading:
     Attributes
     ----------
     channel : str
-    probability : float
-        That something without a name is part of the model.
+    probability, any_probability : float
+        That something without a name is part of what this sensor shows, and that anything is of the model.
     share : float
         The error's root mean square over that of the channel.
     function : str
@@ -267,6 +268,7 @@ class UnnamedReading:
 
     channel: str
     probability: float
+    any_probability: float
     share: float
     function: str
     shown: Floats
@@ -274,7 +276,9 @@ class UnnamedReading:
 
     def as_json(self) -> dict[str, Any]:
         """``unnamed_reading`` of ``discovery.json``."""
-        return {name: getattr(self, name) for name in ("channel", "probability", "share", "function")}
+        return {
+            name: getattr(self, name) for name in ("channel", "probability", "any_probability", "share", "function")
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,7 +323,8 @@ class Discovery:
     verdict_probabilities : mapping of str to float
         Empty where nothing is concluded.
     probabilities : mapping of str to float
-        That each effect is part of the model under its own name, best first.
+        Of each name, best first: that the effect is part of the model, borne out where laws leave more than noise, and,
+        of those of the improved model, that it deserves the name.
     families : tuple of Family
         That one or another of effects that are alike is part of the model.
     sentences : tuple of str

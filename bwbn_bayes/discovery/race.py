@@ -232,6 +232,8 @@ def _guesses(
     each guess, along the slopes that the fit without it has.
     """
     points, _, owner = _together(family, [member.starts(point[None]) for member in family.members])
+    if not len(points):  # what is linear in its size needs no guess
+        return points, np.empty(0), owner
     return *suited(view, slopes, family.known, points), owner
 
 

@@ -49,6 +49,11 @@ class Unfinished:
     seed: int
     elapsed_s: float
 
+    @property
+    def _probabilities(self) -> list[tuple[str, float]]:
+        """Of each name, best first; none is of an improved model yet, and asked whether it is deserved."""
+        return sorted(self.believed.law_probabilities.items(), key=lambda item: -item[1])
+
     def as_json(self) -> dict[str, Any]:
         """``discovery.json``, schema 2, with ``finished`` false; what is known at the end alone is empty or None.
 
@@ -76,7 +81,7 @@ class Unfinished:
                 "cross_validated": best.cross_validation.nrmse,
                 "log_score": best.cross_validation.log_score,
             },
-            "probabilities": {name: p for name, p in self.believed.names.items() if p >= LEAST_SHOWN},
+            "probabilities": {name: p for name, p in self._probabilities if p >= LEAST_SHOWN},
             "families": [],
             "unnamed_force": None,
             "unnamed_reading": None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,14 +11,13 @@ from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, predict
 from bwbn_bayes.discovery.outcome import Gap, UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.probability import POSSIBLE, Beliefs
-from bwbn_bayes.inference.residuals import residual_of
+from bwbn_bayes.inference.residuals import level, residual_of
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.further_link import FurtherLink, Span
 from bwbn_bayes.inference.unnamed.reading import ReadingError
 from bwbn_bayes.inference.unnamed.state_function import StateForce
 from bwbn_bayes.inference.unnamed.storey import Estimate, Neighbourhood, over_time
-from bwbn_bayes.parameters import Floats
 
 
 def nameless(believed: Beliefs) -> Explanation | None:
@@ -31,11 +31,27 @@ def unnamed_facts(believed: Beliefs) -> UnnamedForce | UnnamedReading | None:
     chosen = nameless(believed)
     if chosen is None:
         return None
+    sure = _Sure(_there(believed, chosen), believed.unnamed)
     if isinstance(chosen.estimate, ReadingError):
-        return _of_sensor(chosen, chosen.estimate, believed.unnamed)
+        return _of_sensor(chosen, chosen.estimate, sure)
     if isinstance(chosen.estimate, FurtherLink):
-        return _of_link(chosen, chosen.estimate.span, believed.unnamed)
-    return (_of_specimen if chosen.is_specimen else _of_storey)(chosen, believed.unnamed)
+        return _of_link(chosen, chosen.estimate.span, sure)
+    return (_of_specimen if chosen.is_specimen else _of_storey)(chosen, sure)
+
+
+class _Sure(NamedTuple):
+    """Probability that something unnamed is where it is shown, and anywhere."""
+
+    there: float
+    anywhere: float
+
+
+def _there(believed: Beliefs, chosen: Explanation) -> float:
+    """Probability of something unnamed where an explanation has it, of whatever kind and beside whatever effects."""
+    pairs = zip(believed.explanations, believed.probabilities.tolist(), strict=True)
+    # As tuples, storeys 1 and 2 are what a link between floors 1 and 2 is.
+    alike = [p for one, p in pairs if one.unnamed == chosen.unnamed and type(one.unnamed) is type(chosen.unnamed)]
+    return float(min(sum(alike), 1.0))
 
 
 def beside_it(believed: Beliefs, held_out: HeldOut | None, gap: Gap, rng: np.random.Generator) -> Gap:
@@ -68,21 +84,22 @@ def beside_it(believed: Beliefs, held_out: HeldOut | None, gap: Gap, rng: np.ran
     return replace(gap, held_out=replace(gap.held_out, nameless=unseen))
 
 
-def _of_sensor(one: Explanation, found: ReadingError, probability: float) -> UnnamedReading:
+def _of_sensor(one: Explanation, found: ReadingError, sure: _Sure) -> UnnamedReading:
     """Its expectation, over what the model has the sensor show."""
     kept = one.posterior.record.kept
     measured = one.posterior.record.channels[found.channel][kept]
     return UnnamedReading(
         channel=found.channel,
-        probability=probability,
-        share=float(np.sqrt(np.mean(np.square(found.error[kept])) / np.mean(np.square(measured)))),
+        probability=sure.there,
+        any_probability=sure.anywhere,
+        share=level(found.error[kept]) / level(measured),
         function=found.kind,
         shown=found.shown[kept],
         error=found.error[kept],
     )
 
 
-def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
+def _of_specimen(one: Explanation, sure: _Sure) -> UnnamedForce:
     """Its expectation given what the law leaves."""
     evidence, record = one.evidence, one.posterior.record
     assert evidence.correlation is not None
@@ -92,14 +109,15 @@ def _of_specimen(one: Explanation, probability: float) -> UnnamedForce:
     return UnnamedForce(
         storey=1,
         place=one.model.link_in_words(1),
-        probability=probability,
-        share=_rms(force) / _rms(measured),
+        probability=sure.there,
+        any_probability=sure.anywhere,
+        share=level(force) / level(measured),
         state=record.excitation[record.kept],
         force=force,
     )
 
 
-def _of_link(one: Explanation, span: Span, probability: float) -> UnnamedForce:
+def _of_link(one: Explanation, span: Span, sure: _Sure) -> UnnamedForce:
     """Its force over the drift between its nodes; the share is that of the largest force in a storey, both rms."""
     kept, values = one.posterior.record.kept, one.posterior.split(one.best[None])[0]
     rows = observe(one.posterior.engine, one.model, values, one.posterior.record)
@@ -107,8 +125,9 @@ def _of_link(one: Explanation, span: Span, probability: float) -> UnnamedForce:
     return UnnamedForce(
         storey=span.upper,
         place=f"a link between {span.in_words}",
-        probability=probability,
-        share=_rms(own) / max(_rms(force) for force in storeys),
+        probability=sure.there,
+        any_probability=sure.anywhere,
+        share=level(own) / max(level(force) for force in storeys),
         function="of the drift between the two and its rate",
         nodes=span,
         state=rows["drift"][0][-1][kept],
@@ -116,7 +135,7 @@ def _of_link(one: Explanation, span: Span, probability: float) -> UnnamedForce:
     )
 
 
-def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
+def _of_storey(one: Explanation, sure: _Sure) -> UnnamedForce:
     """What is expected of it, in the storey where it is the largest share of the force."""
     found, record = one.estimate, one.posterior.record
     assert isinstance(found, Estimate | StateForce)
@@ -132,20 +151,17 @@ def _of_storey(one: Explanation, probability: float) -> UnnamedForce:
         rows = here.rows
         forces = {at: over_time(force, record, one.model) for at, force in found.forces.items()}
     whole = np.sqrt(np.mean(np.square(rows["restoring_force"]), axis=1))
-    shares = {at: _rms(force) / whole[at - 1] for at, force in forces.items()}
+    shares = {at: level(force) / whole[at - 1] for at, force in forces.items()}
     storey = max(shares, key=lambda at: shares[at])
     over = found.effect.state if isinstance(found, StateForce) else ""
     return UnnamedForce(
         storey=storey,
         place=one.model.link_in_words(storey) if len(shares) == 1 else "every storey",
-        probability=probability,
+        probability=sure.there,
+        any_probability=sure.anywhere,
         share=shares[storey],
         function=found.kind,
         over=over,
         state=rows[over or "drift"][storey - 1][record.kept],
         force=forces[storey][record.kept],
     )
-
-
-def _rms(history: Floats) -> float:
-    return float(np.sqrt(np.mean(np.square(history))))

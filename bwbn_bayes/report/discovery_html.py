@@ -79,6 +79,7 @@ def render_discovery(content: DiscoveryContent, drawings: tuple[Drawing, ...]) -
         unnamed_is_force=isinstance(discovery.unnamed, UnnamedForce),
         unnamed_share=percent(discovery.unnamed.share) if discovery.unnamed is not None else "",
         unnamed_sure=probability_in_words(discovery.unnamed.probability) if discovery.unnamed is not None else "",
+        unnamed_any=probability_in_words(discovery.unnamed.any_probability) if discovery.unnamed is not None else "",
         steps=discovery.steps,
         limits=tables.limits_table(content.limits, discovery.model),
         named=f"{NAMED:g}",

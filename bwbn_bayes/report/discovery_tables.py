@@ -110,10 +110,10 @@ def _effect_row(added: Added) -> tuple[str | Markup, ...]:
 
 
 def names_table(discovery: Discovery) -> Table:
-    """Probability that each effect is part of the model, whatever else is."""
+    """Probability of each name, as :attr:`~bwbn_bayes.discovery.outcome.Discovery.probabilities` has it."""
     likely = [(name, p) for name, p in discovery.probabilities.items() if p >= LEAST_SHOWN][:MAX_NAMES]
     rows = tuple((capital(title_of(name)), probability_in_words(p)) for name, p in likely)
-    return Table(columns=("effect", "probability that it is part of the model"), rows=rows)
+    return Table(columns=("effect", "probability of the name"), rows=rows)
 
 
 def signatures_table(added: tuple[Added, ...]) -> Table:

@@ -151,7 +151,7 @@ def link_matrix(coefficients: Floats, joints: Joints | None = None) -> Floats:
     (..., n_floors, n_floors) array
         Symmetric, in the unit of the coefficients.
     """
-    drifts = _drifts(_chain(coefficients.shape[-1]) if joints is None else joints)
+    drifts = _drifts(_joined(joints, coefficients.shape[-1]))
     return np.asarray(np.einsum("si,...s,sj->...ij", drifts, coefficients, drifts))
 
 
@@ -178,9 +178,9 @@ def bending_matrix(k_bend: Floats, joints: Joints) -> Floats:
     return np.asarray(np.einsum("...,si,sj->...ij", k_bend, change, change))
 
 
-def _chain(n_links: int) -> Joints:
-    """The nodes that storeys join from the ground up."""
-    return [(i, i + 1) for i in range(n_links)]
+def _joined(joints: Joints | None, n_links: int) -> Joints:
+    """The nodes that links join: where none are given, those of storeys from the ground up."""
+    return [(i, i + 1) for i in range(n_links)] if joints is None else joints
 
 
 def _drifts(joints: Joints) -> Floats:
@@ -220,9 +220,10 @@ def modes(
     .. [1] A. K. Chopra, "Dynamics of Structures", 4th ed., 2012, sections 10.2 and 10.10.
     """
     root = np.sqrt(masses)
+    joints = _joined(joints, stiffness.shape[-1])
     whole = link_matrix(stiffness, joints)
     if k_bend is not None:
-        whole = whole + bending_matrix(k_bend, _chain(stiffness.shape[-1]) if joints is None else joints)
+        whole = whole + bending_matrix(k_bend, joints)
     squares, vectors = np.linalg.eigh(whole / (root[..., :, None] * root[..., None, :]))
     omega = np.sqrt(np.where(squares > 0.0, squares, np.nan))  # a mode without stiffness has no period
     shapes = vectors / root[..., :, None]

@@ -116,8 +116,9 @@ def initial_stiffness(record: Record) -> float:
     displacement, force = record.excitation, record.channels["force"]
     every = np.arange(record.n_times)[record.kept]
     secants = []
-    for cycle in half_cycles(displacement):
-        own = every[(every >= cycle.first) & (every <= cycle.last)]
+    cycles = [(stretch.start, cycle) for run, stretch in record.runs for cycle in half_cycles(run.excitation)]
+    for start, cycle in cycles:
+        own = every[(every >= start + cycle.first) & (every <= start + cycle.last)]
         if not len(own):
             continue
         u, f = displacement[own], force[own]
@@ -216,9 +217,12 @@ def _place(channel: str) -> int:
 
 def _largest_drift(record: Record, omega: float, stiffness: float) -> float:
     """Largest drift of the first storey [m] by the highest channel, in the first mode of a uniform building."""
-    name, motion = _highest(record)
-    motion = motion - record.excitation if name.startswith("acceleration") else motion
-    largest = float(np.max(np.abs(motion)))
+    name, _ = _highest(record)
+    # Where another record lacks the channel, the joined one has zeros.
+    shown = [part for part in record.parts if name in part.channels]
+    grounds = [part.excitation if name.startswith("acceleration") else 0.0 for part in shown]
+    moved = [(part.channels[name] - ground)[part.kept] for part, ground in zip(shown, grounds, strict=True)]
+    largest = max(float(np.max(np.abs(motion))) for motion in moved)
     if name.startswith("force"):
         return largest / stiffness
     if name.startswith("drift"):

@@ -11,7 +11,15 @@ from bwbn_bayes.discovery.build import MOST_LATER, leading
 from bwbn_bayes.discovery.candidates import MOST_CARRIED, Hypothesis, hypotheses, scales_of
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.catalogue import registered
-from bwbn_bayes.elements.effects import CubicStiffness, PDelta, QuadraticDamping, SensorGain, SlipLock, StoreyParameter
+from bwbn_bayes.elements.effects import (
+    CubicStiffness,
+    PDelta,
+    QuadraticDamping,
+    SensorGain,
+    SlipLock,
+    StoreyCoupling,
+    StoreyParameter,
+)
 from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.elements.scales import NOMINAL, Scales
 from bwbn_bayes.engines.available import engine
@@ -264,6 +272,31 @@ def test_the_period_is_that_of_the_spring_at_rest() -> None:
     posterior = Posterior(model=model, record=ground, engine=engine("lanes"), noise=default_noise(ground))
     (scales,) = scales_of(posterior, np.zeros(posterior.space.n_dim))
     assert scales.period == pytest.approx(2 * np.pi * np.sqrt(2.0 / (50.0 * (0.2 + 0.8 * 2.5))))
+
+
+@pytest.mark.parametrize(("k_bend", "k_geo"), [(30.0, 0.0), (0.0, 12.0), (30.0, 12.0)])
+def test_the_period_has_bending_and_p_delta(k_bend: float, k_geo: float) -> None:
+    """Both were left out, so that starts of branches and appendages stood around another building's period.
+
+    Matrices written out: drifts are ``x_1`` and ``x_2 - x_1``, and bending resists their difference ``x_2 - 2 x_1``.
+    """
+    model = ShearBuilding(masses=[2.0, 1.5], storey=BoucWen(k=PerStorey([50.0, 40.0]), beta=2.0, gamma=1.0, n=1.5))
+    model = model.with_effect(StoreyCoupling(k_bend=k_bend)).with_effect(PDelta(k_geo=k_geo), storeys=[1])
+    ground = el_centro("chopra", duration=2.0).with_channels({"acceleration_1": np.ones(101)})
+    posterior = Posterior(model=model, record=ground, engine=engine("lanes"), noise=default_noise(ground))
+    first = scales_of(posterior, np.zeros(posterior.space.n_dim))[0]
+    stiffness = np.array([[90.0 - k_geo, -40.0], [-40.0, 40.0]]) + k_bend * np.array([[4.0, -2.0], [-2.0, 1.0]])
+    squares = np.linalg.eigvals(stiffness / np.array([[2.0], [1.5]]))
+    assert first.period == pytest.approx(2.0 * np.pi / np.sqrt(np.min(squares)), rel=1e-9)
+
+
+def test_a_building_that_nothing_holds_up_has_a_period_to_search_by() -> None:
+    model = ShearBuilding(masses=[2.0], storey=BoucWen(k=50.0, beta=0.0, gamma=0.0, n=1.0))
+    model = model.with_effect(PDelta(k_geo=51.0))
+    ground = el_centro("chopra", duration=2.0).with_channels({"acceleration_1": np.ones(101)})
+    posterior = Posterior(model=model, record=ground, engine=engine("lanes"), noise=default_noise(ground))
+    (scales,) = scales_of(posterior, np.zeros(posterior.space.n_dim))
+    assert scales.period == ground.duration
 
 
 def test_the_period_of_a_specimen_is_that_of_its_cycles() -> None:

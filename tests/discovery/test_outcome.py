@@ -186,23 +186,34 @@ def test_nothing_named_leaves_no_effect(run):
 
 
 def test_a_force_of_no_known_law_is_written_with_its_share(run):
-    force = UnnamedForce(storey=1, place="storey 1", probability=0.98, share=0.12, state=np.zeros(3), force=np.zeros(3))
+    force = UnnamedForce(
+        storey=1,
+        place="storey 1",
+        probability=0.98,
+        any_probability=0.98,
+        share=0.12,
+        state=np.zeros(3),
+        force=np.zeros(3),
+    )
     facts = written(replace(run.discovery, verdict="unexplained", added=(), unnamed=force))
     check(facts, CONTRACT)
-    assert facts["unnamed_force"] == {"storey": 1, "place": "storey 1", "probability": 0.98, "share": 0.12}
+    assert facts["unnamed_force"] == {
+        "storey": 1, "place": "storey 1", "probability": 0.98, "any_probability": 0.98, "share": 0.12,
+    }  # fmt: skip
 
 
 def test_an_error_of_a_sensor_has_a_key_of_its_own(run):
     error = UnnamedReading(
-        channel="acceleration_1", probability=0.98, share=0.12, function="that changes in time", shown=np.zeros(3),
-        error=np.zeros(3),
+        channel="acceleration_1", probability=0.98, any_probability=0.99, share=0.12,
+        function="that changes in time", shown=np.zeros(3), error=np.zeros(3),
     )  # fmt: skip
     gap = replace(run.discovery.gap, nameless=replace(run.discovery.gap.after, nrmse=0.03))
     facts = written(replace(run.discovery, verdict="unexplained", added=(), unnamed=error, gap=gap))
     check(facts, CONTRACT)
     assert facts["unnamed_force"] is None
     assert facts["unnamed_reading"] == {
-        "channel": "acceleration_1", "probability": 0.98, "share": 0.12, "function": "that changes in time",
+        "channel": "acceleration_1", "probability": 0.98, "any_probability": 0.99, "share": 0.12,
+        "function": "that changes in time",
     }  # fmt: skip
     assert facts["gap"]["fit"]["beside_unnamed"] == 0.03
 

@@ -130,7 +130,13 @@ def test_what_is_missing_how_sure_and_what_it_does_come_first() -> None:
 def test_effects_that_predict_without_a_name_are_told_together() -> None:
     """Beside a force of no known law; where none is likely, each is said to be uncertain by itself."""
     force = UnnamedForce(
-        storey=1, place="the specimen", probability=0.999, share=0.2, state=np.zeros(1), force=np.zeros(1)
+        storey=1,
+        place="the specimen",
+        probability=0.999,
+        any_probability=0.999,
+        share=0.2,
+        state=np.zeros(1),
+        force=np.zeros(1),
     )
     weak = [replace(added(p, storeys=(s,)), log_bayes_factor=-3.0) for s, p in ((1, 0.02), (3, 0.05))]
     certain = believed("partly_explained", 0.999, has_unnamed=True)
@@ -219,7 +225,15 @@ def test_what_is_not_certain_is_said_to_be_so(probability: float, word: str) -> 
 )
 def test_what_has_no_name_is_told_first(verdict: str, effects: tuple[Added, ...], is_force: bool, first: str) -> None:
     """What an explanation leaves may be a force of the states, or what no force of them is."""
-    force = UnnamedForce(storey=1, place="storey 1", probability=0.93, share=0.12, state=np.zeros(2), force=np.zeros(2))
+    force = UnnamedForce(
+        storey=1,
+        place="storey 1",
+        probability=0.93,
+        any_probability=0.93,
+        share=0.12,
+        state=np.zeros(2),
+        force=np.zeros(2),
+    )
     told = sentences(
         believed(verdict, 0.93, has_unnamed=is_force), (), effects, force if is_force else None, NOWHERE, gap(0.2, 0.1)
     )
@@ -240,8 +254,8 @@ def test_what_is_told_is_of_the_class_that_is_the_most_probable() -> None:
 
 def test_an_error_of_a_sensor_is_told_with_what_is_left_beside_it() -> None:
     error = UnnamedReading(
-        channel="acceleration_2", probability=0.97, share=0.2, function="of what the sensor shows",
-        shown=np.zeros(2), error=np.zeros(2),
+        channel="acceleration_2", probability=0.97, any_probability=0.97, share=0.2,
+        function="of what the sensor shows", shown=np.zeros(2), error=np.zeros(2),
     )  # fmt: skip
     seen = replace(gap(0.2, 0.2, replace(gap(0.3, 0.3), nameless=prediction(0.05))), nameless=prediction(0.02))
     best = believed("unexplained", 0.97, has_unnamed=True)
@@ -274,7 +288,13 @@ def test_a_shape_that_not_all_of_the_record_bears_out_is_not_what_the_model_lack
 
 def test_a_small_force_without_a_name_has_a_share_all_the_same() -> None:
     force = UnnamedForce(
-        storey=1, place="storey 1", probability=1.0, share=0.0013, state=np.zeros(2), force=np.zeros(2)
+        storey=1,
+        place="storey 1",
+        probability=1.0,
+        any_probability=1.0,
+        share=0.0013,
+        state=np.zeros(2),
+        force=np.zeros(2),
     )
     told = sentences(believed("unexplained", 1.0, has_unnamed=True), (), (), force, NOWHERE, gap(0.2, 0.1))
     assert "takes up what the model does not: 0.1 % of the force" in told[1]

@@ -1,4 +1,4 @@
-"""What is left beside something unnamed is told where it is less than without; nothing is solved here."""
+"""How sure something unnamed is, and that what is left beside it is told where that is less; nothing is solved."""
 
 from __future__ import annotations
 
@@ -9,9 +9,31 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery import unnamed_facts
+from bwbn_bayes.discovery.explanation import Place
 from bwbn_bayes.discovery.held_out import Prediction
 from bwbn_bayes.discovery.outcome import Gap
 from bwbn_bayes.discovery.probability import Beliefs
+from bwbn_bayes.inference.unnamed.further_link import Span
+
+
+@pytest.mark.parametrize(("place", "there"), [((2,), 0.3), (Span(0, 2), 0.25), ("acceleration_1", 0.2), ((1, 2), 0.1)])
+def test_something_unnamed_is_told_with_the_probability_of_its_own_place(
+    place: Place, there: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A force in storey 2 was told with the probability that anything, anywhere, has no name."""
+    shares = [((2,), 0.2), (Span(0, 2), 0.25), ("acceleration_1", 0.2), ((2,), 0.1), ((1, 2), 0.1), (Span(1, 2), 0.1)]
+    every: Any = [
+        SimpleNamespace(unnamed=own, has_unnamed=True, estimate=None, is_specimen=True) for own, _ in shares
+    ] + [SimpleNamespace(unnamed=None, has_unnamed=False)]
+    probabilities = np.array([*(p for _, p in shares), 0.05])
+    first = next(n for n, (own, _) in enumerate(shares) if own == place)
+    order = [first, *(n for n in range(len(every)) if n != first)]
+    believed: Any = SimpleNamespace(
+        explanations=tuple(every[n] for n in order), probabilities=probabilities[order], unnamed=0.95
+    )
+    monkeypatch.setattr(unnamed_facts, "_of_specimen", lambda _, sure: sure)
+    sure: Any = unnamed_facts.unnamed_facts(believed)
+    assert sure == pytest.approx((there, 0.95))
 
 
 def prediction(nrmse: float) -> Prediction:

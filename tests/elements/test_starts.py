@@ -43,8 +43,10 @@ def test_starts_lie_in_the_priors_and_are_few(form):
     model = ShearBuilding(masses=[1.2e4, 1.2e4], storey=storey).with_effect(form, storeys=[2])
     grid = starts_of(form)
     assert [p.symbol for p in model.space.parameters] == list(grid)
-    starts = np.array(list(product(*grid.values())))
-    assert 1 <= len(starts) <= (30 if isinstance(form, SuddenDamage) else 12)
+    # The score tells the size of a change: starts of it are times alone.
+    sizes = {form.parameters[0].symbol: (-0.15 * SCALES.stiffness,)} if isinstance(form, SuddenDamage) else {}
+    starts = np.array(list(product(*{**grid, **sizes}.values())))
+    assert 1 <= len(starts) <= (400 if isinstance(form, SuddenDamage) else 12)
     assert np.all(model.space.admissible(starts))
     unit = model.space.to_unit(starts)
     assert np.all((unit > 0.005) & (unit < 0.995)), unit
@@ -60,8 +62,10 @@ def test_the_first_parameter_is_an_amplitude_with_a_prior_about_neutral(form):
     assert isinstance(parent, HalfNormal) == (amplitude.lower == 0.0)
     assert getattr(parent, "location", 0.0) == 0.0
     starts = starts_of(form)[amplitude.symbol]
-    signed = isinstance(parent, Normal) and not isinstance(form, SuddenDamage)
-    assert (min(starts) < 0.0 < max(starts)) == signed
+    if isinstance(form, SuddenDamage):
+        assert starts == ()
+    else:
+        assert (min(starts) < 0.0 < max(starts)) == isinstance(parent, Normal)
     for nuisance in nuisances:
         assert np.all(np.isfinite(form.values[nuisance.symbol].support))
 
@@ -111,3 +115,13 @@ def test_an_offset_that_leaves_the_admissible_range_is_refused(parameter, offset
     plain = ShearBuilding(masses=[1.0, 1.0], storey=STOREY)
     with pytest.raises(UserError, match=sentence):
         plain.with_effect(StoreyParameter(parameter=parameter, offset=offset), storeys=[1])
+
+
+def test_starts_of_a_step_resolve_the_cycles_of_the_drift():
+    """A step moved in time adds the drift that passes meanwhile: between two starts that must not change its sign."""
+    step = next(form for form in FORMS if isinstance(form, SuddenDamage) and form.duration is None)
+    times = np.array(starts_of(step)["k_time"])
+    cycle = 2.0 * np.pi * SCALES.drift / SCALES.drift_rate
+    assert np.max(np.diff(times)) <= cycle / 8.0 + 1e-9
+    assert times[0] - SCALES.onset <= cycle / 8.0
+    assert SCALES.duration - times[-1] <= cycle / 8.0

@@ -52,11 +52,17 @@ def variants(found):
     """The same discovery under every verdict, and without held-out data."""
     drift = found.histories["after"]["drift"][0]
     unnamed = UnnamedForce(
-        storey=1, place="storey <1>", probability=0.97, share=0.12, state=drift, force=np.sin(40.0 * drift)
+        storey=1,
+        place="storey <1>",
+        probability=0.97,
+        any_probability=0.98,
+        share=0.12,
+        state=drift,
+        force=np.sin(40.0 * drift),
     )
     reading = UnnamedReading(
-        channel="acceleration_1", probability=0.97, share=0.12, function="of what the sensor shows", shown=drift,
-        error=drift**3,
+        channel="acceleration_1", probability=0.97, any_probability=0.98, share=0.12,
+        function="of what the sensor shows", shown=drift, error=drift**3,
     )  # fmt: skip
     beside = replace(found.gap, nameless=found.gap.after)
     alone = replace(found.gap, held_out=None)
@@ -134,6 +140,8 @@ def test_every_verdict_renders_with_its_sentences_and_figures(case):
         (UnnamedReading, "The error of no known kind", "unnamed_reading.png"),
     ):
         assert (title in text) == (figure in names) == isinstance(discovery.unnamed, kind)
+    sure = "the probability that it is there is 0.97, that anything without a name is part of the model 0.98"
+    assert (sure in text) == (discovery.unnamed is not None)
     laws = {s for one in discovery.added if one.hypothesis.effect.level == "link" for s in one.hypothesis.storeys}
     assert ("hysteresis_named.png" in names) == (0 < len(laws) < discovery.model.n_links)
     assert "explanations.png" in names
@@ -160,6 +168,7 @@ def test_what_was_found_stands_in_the_page(found, tmp_path):
     mean, sd = added.moments["k3"]
     assert "cubic stiffness in storey 1" in text
     assert "overwhelming" in text
+    assert "probability of the name" in text and "probability that it is part of the model" not in text
     assert f"{added.log_bayes_factor:.0f} nats" in text
     assert f"{100 * found.gap.before.nrmse:.1f}" in text and f"{100 * found.gap.after.nrmse:.1f}" in text
     signature = added.signature

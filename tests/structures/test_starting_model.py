@@ -165,6 +165,25 @@ def test_joined_records_are_read_with_their_own_time_steps():
     assert starting_model(join_records([brief, test])).element.c == starting_model(test).element.c
 
 
+def test_a_record_that_lacks_the_highest_channel_tells_no_drift():
+    """Joined, it has zeros there, which less its ground acceleration were a motion: a drift of the ground's size."""
+    model, record = shaken(3, 0.3)
+    strong = replace(record.select(["acceleration_1"]), excitation=20.0 * record.excitation)
+    alone, joined = (starting_model(one, masses=model.masses) for one in (record, join_records([record, strong])))
+    assert joined.element.u_y == alone.element.u_y
+
+
+def test_no_half_cycle_lies_across_a_joint():
+    """A test was loaded on from where the one before it ended: half a cycle of either was one, with a jump in it."""
+    path = np.linspace(0.0, 0.1, 300)
+    push = Record(
+        name="push", time_step=1.0, excitation=path, excitation_kind="displacement",
+        channels={"force": 1e6 * np.tanh(path / 0.01)}, has_time=False,
+    )  # fmt: skip
+    pull = replace(push, name="pull", excitation=-path, channels={"force": -push.channels["force"]})
+    assert initial_stiffness(join_records([push, pull])) == pytest.approx(initial_stiffness(push))
+
+
 @pytest.mark.parametrize("kind", ["relative_acceleration", "displacement", "drift", "force"])
 def test_every_kind_of_channel_tells_the_sizes(kind: str):
     model, record = shaken(2, 0.5)

@@ -19,9 +19,10 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.parameters import Normal, Parameter, Uniform, Value
 
 _UNITS = {"k": "N/m", "c": "N s/m", "alpha": "", "delta_nu": "1/J", "delta_eta": "1/J", "delta_s": "m/J"}
-_SPACING = 1.5
-"""Largest time between starts of a step: with wider ones fits end in local minima. [s]"""
-_MOST_STARTS = 30
+_SPACING = 1.0 / 8.0
+"""Largest time between starts of a step, in cycles of the drift; of a ramp twice that. To move a step in time adds the
+drift that passes meanwhile, so that fits stand still wherever that changes sign."""
+_MOST_STARTS = 400
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,17 +173,16 @@ class SuddenDamageSearch(SearchGuide[SuddenDamage]):
     @override
     def starts(self, effect: SuddenDamage, scales: Scales) -> Mapping[str, tuple[float, ...]]:
         change, time, *durations = (parameter.symbol for parameter in effect.parameters)
-        sizes = {"k": -0.15 * scales.stiffness, "c": 0.5 * scales.damping, "alpha": 0.5 * max(scales.alpha, 0.05)}
-        size = sizes.get(effect.parameter, 0.5 / scales.energy)
-        size = size * scales.drift if effect.parameter == "delta_s" else size
-        starts = {change: (size,), time: _times(scales, 1 if not durations else 2)}
+        # The response is nearly linear in the change, whose size the score tells at every time: none is guessed.
+        starts = {change: (), time: _times(scales, 1 if not durations else 2)}
         return {**starts, **dict.fromkeys(durations, (1.5 * scales.period,))}
 
 
 def _times(scales: Scales, spacings: int) -> tuple[float, ...]:
     """Times from the onset of strong motion to the end of the record, at most so many spacings apart, in seconds."""
     start = min(scales.onset, 0.9 * scales.duration)
-    n = min(_MOST_STARTS, ceil((scales.duration - start) / (spacings * _SPACING)))
+    cycle = 2.0 * np.pi * scales.drift / scales.drift_rate
+    n = min(_MOST_STARTS, ceil((scales.duration - start) / (spacings * _SPACING * cycle)))
     return tuple(float(t) for t in start + (np.arange(n) + 0.5) * (scales.duration - start) / n)
 
 

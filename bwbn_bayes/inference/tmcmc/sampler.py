@@ -199,7 +199,6 @@ def _next_state(
     tempering_parameter = tempering.next_tempering_parameter(log_ratio, past, variation)
     log_weights = (tempering_parameter - past) * log_ratio
     log_evidence = state.log_evidence + tempering.log_mean(log_weights)
-    variance = state.log_evidence_variance + population.log_mean_variance(log_weights)
     streams = Streams(rng_seed, state.facts[-1].stage + 1)
     if variant == "plain":
         moved = plain_stage(evaluator, population, log_weights, tempering_parameter, streams)
@@ -215,6 +214,7 @@ def _next_state(
             guide=None if guide is None else guide(tempering_parameter),
         )
     n_solves = state.n_solves + moved.n_solves
+    variance = state.log_evidence_variance + moved.log_mean_variance
     facts = StageFacts(
         stage=streams.stage,
         tempering_parameter=tempering_parameter,

@@ -60,7 +60,8 @@ Evaluator = Callable[[Floats], tuple[Cloud, int]]
 class Population(NamedTuple):
     """A cloud of equal weights, its points' chains, the independent draws it is worth, what the moves have learnt.
 
-    Of each chain ``(n_chains,)`` the one of the stage before in which it began, and that one's excess of weight.
+    Of each chain ``(n_chains,)`` the one of the stage before in which it began, and that one's excess of weight. Of the
+    plain variant's points ``(n_generations, n)`` the ancestors, as far back as there are several; else of none.
     """
 
     cloud: Cloud
@@ -69,17 +70,14 @@ class Population(NamedTuple):
     tuning: Tuning
     parents: Integers
     inherited: Floats
+    ancestry: Integers
 
     @classmethod
     def of_draws(cls, cloud: Cloud, effective_size: float, tuning: Tuning) -> Population:
         """Independent draws, which have no parents."""
         each = np.arange(len(cloud.points))
-        return cls(cloud, each, effective_size, tuning, each, np.zeros(len(each)))
-
-    def log_mean_variance(self, log_weights: Floats) -> float:
-        """What these weights ``(n,)`` add to the variance of the log evidence."""
-        excess = tempering.family_excess(log_weights, self.families)
-        return tempering.log_mean_variance(excess, self.parents, self.inherited)
+        none = np.empty((0, len(each)), dtype=np.int64)
+        return cls(cloud, each, effective_size, tuning, each, np.zeros(len(each)), none)
 
     def thinned(self, n: int) -> Cloud:
         """So many of its points, evenly along its chains."""
@@ -90,7 +88,8 @@ class Population(NamedTuple):
 class Moved(NamedTuple):
     """What a stage returns: the new population and the facts of how it moved.
 
-    ``correlation_times`` is the length of its chains in their autocorrelation times, NaN where that is not measured.
+    ``correlation_times`` is the length of its chains in their autocorrelation times, NaN where that is not measured;
+    ``log_mean_variance`` what its weights add to the variance of the log evidence.
     """
 
     population: Population
@@ -98,6 +97,7 @@ class Moved(NamedTuple):
     n_solves: int
     correlation_times: float
     label: str
+    log_mean_variance: float
 
 
 class Streams(NamedTuple):
@@ -132,7 +132,8 @@ def plain_stage(
     Returns
     -------
     Moved
-        Its effective sample size is that of the weights: a plain stage does not measure how well it mixed.
+        Its effective sample size is that of :func:`~bwbn_bayes.inference.tmcmc.tempering.independent_draws`: one step
+        in each stage forgets little, and the weights alone are worth up to fifty times as many.
     """
     cloud, weights = population.cloud, tempering.normalised(log_weights)
     counts = np.bincount(resampling.multinomial(weights, len(weights), streams.at(0)), minlength=len(weights))
@@ -154,11 +155,15 @@ def plain_stage(
         collected.append(heads)
         labels.append(families)
         accepted, n_solves = accepted + int(moved.sum()), n_solves + solves
-    worth = 1.0 / float(np.sum(weights**2))
+    joined, own = join(collected), np.concatenate(labels)
+    generations = np.vstack([own, population.ancestry[:, leads[own]]])
+    ancestry = generations[[len(np.unique(row)) >= tempering.FEWEST_FAMILIES for row in generations]]
+    worth = min(tempering.independent_draws(joined.points, ancestry), float(len(leads)))
     parents = population.families[leads]
-    inherited = tempering.family_excess(log_weights, population.families)[parents]
-    moved_population = Population(join(collected), np.concatenate(labels), worth, population.tuning, parents, inherited)
-    return Moved(moved_population, accepted / len(weights), n_solves, np.nan, "plain")
+    excess = tempering.family_excess(log_weights, population.families)
+    variance = tempering.log_mean_variance(excess, population.parents, population.inherited)
+    moved_population = Population(joined, own, worth, population.tuning, parents, excess[parents], ancestry)
+    return Moved(moved_population, accepted / len(weights), n_solves, np.nan, "plain", variance)
 
 
 def waste_free_stage(
@@ -219,15 +224,19 @@ def waste_free_stage(
     wanted = lengths.last if tempering_parameter == 1.0 else lengths.between
     run = _run(evaluator, chart, chains, shapes, tuning, tempering_parameter, streams, wanted)
     parents = families[ancestors]
+    excess = tempering.family_excess(log_weights, population.families)
+    variance = tempering.log_mean_variance(excess, population.parents, population.inherited)
     moved = Population(
         join(run.clouds),
         np.tile(np.arange(n_chains), len(run.clouds)),
         n_chains * len(run.clouds) / run.correlation_time,
         moves.retune(tuning, run.tally),
         parents,
-        tempering.family_excess(log_weights, population.families)[parents],
+        excess[parents],
+        population.ancestry[:0],
     )
-    return Moved(moved, run.tally.acceptance, run.n_solves, len(run.clouds) / run.correlation_time, run.label)
+    length = len(run.clouds) / run.correlation_time
+    return Moved(moved, run.tally.acceptance, run.n_solves, length, run.label, variance)
 
 
 def fewest_particles(n_dim: int) -> int:

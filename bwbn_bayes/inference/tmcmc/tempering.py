@@ -14,6 +14,8 @@ from bwbn_bayes.inference.tmcmc.target import Floats, Integers
 
 _BISECTIONS = 60
 _LOG_SMALLEST_STEP = -700.0
+FEWEST_FAMILIES = 10
+"""Families whose sums tell a variance to within half of it."""
 
 
 def coefficient_of_variation(log_weights: Floats) -> float:
@@ -107,6 +109,42 @@ def log_mean_variance(excess: Floats, parents: Integers, inherited: Floats) -> f
     n_parents = len(np.unique(parents))
     own = float(np.sum(np.bincount(parents, excess) ** 2)) * n_parents / max(n_parents - 1, 1)
     return own + 2.0 * float(excess @ inherited)
+
+
+def independent_draws(points: Floats, ancestry: Integers) -> float:
+    """Independent draws whose mean is known as well as that of points ``(n, d)``, the fewest over the coordinates.
+
+    Points are independent where they have no ancestor in common. The squared sums over the families of one generation
+    hold all covariances that came about since, the duplicates of resampling among them. Those of an older one hold
+    more, until it has so few families that they tell no variance: the generation that leaves fewest draws counts.
+
+    Parameters
+    ----------
+    points : (n, d) array
+        Of equal weight.
+    ancestry : (n_generations, n) array
+        Label of each point's ancestor in each generation, from 0, each of several families.
+
+    Returns
+    -------
+    float
+        From 1 to n.
+
+    References
+    ----------
+    .. [1] A. Lee and N. Whiteley, "Variance estimation in the particle filter", 2018, doi:10.1093/biomet/asy028.
+    .. [2] J. Olsson and R. Douc, 2019, doi:10.3150/18-BEJ1028: generations that are not too old.
+    """
+    centred = (points - np.mean(points, axis=0)).T
+    total, fewest = np.mean(np.square(centred), axis=1), float(len(points))
+    if not np.all(total > 0.0):
+        return 1.0
+    for labels in ancestry:
+        n_families = np.count_nonzero(np.bincount(labels))
+        sums = np.array([np.bincount(labels, own) for own in centred]) / len(points)
+        variance = np.sum(np.square(sums), axis=1) * n_families / (n_families - 1)
+        fewest = min(fewest, 1.0 / float(np.max(variance / total)))
+    return max(fewest, 1.0)
 
 
 def integrated_autocorrelation_time(traces: Floats) -> float:

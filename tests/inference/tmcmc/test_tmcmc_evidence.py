@@ -100,6 +100,21 @@ def test_reported_standard_error_fast() -> None:
     assert 1.0 / 1.5 < reported / spread < 1.5, (reported, spread)
 
 
+@pytest.mark.parametrize("n_dim", [2, 5])
+def test_plain_tells_what_its_particles_are_worth(n_dim: int) -> None:
+    """The last weights alone told 1,740 and 1,440 of 2,000 where means scatter like those of 170 and 26 draws.
+
+    The standard error of their number is a quarter for 16 runs of two parameters; coordinates differ by half.
+    """
+    oracle = linear_gaussian(n_dim, n_data=9000 if n_dim == 2 else 200)
+    results = [sample(oracle, rng_seed=seed, variant="plain") for seed in range(16)]
+    assert oracle.posterior_mean is not None
+    means = np.array([np.mean(oracle.values(result.particles), axis=0) for result in results])
+    seen = 1.0 / np.mean(np.square((means - oracle.posterior_mean) / oracle.posterior_sd))
+    told = np.median([result.stages[-1].effective_sample_size for result in results])
+    assert 0.5 < told / seen < 2.0, (told, seen)
+
+
 def test_plain_gets_a_small_problem_roughly_right() -> None:
     """The published variant keeps its published bias: only the order of magnitude is asked for."""
     oracle = gaussian_in_box(np.array([0.5, 0.5]), np.array([0.1, 0.1]))

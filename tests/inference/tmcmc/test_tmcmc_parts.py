@@ -15,6 +15,7 @@ from bwbn_bayes.inference.tmcmc.stages import Streams, _shapes
 from bwbn_bayes.inference.tmcmc.tempering import (
     coefficient_of_variation,
     family_excess,
+    independent_draws,
     integrated_autocorrelation_time,
     log_mean_variance,
     next_tempering_parameter,
@@ -103,6 +104,25 @@ def test_variance_of_the_log_evidence_counts_what_chains_inherit() -> None:
         inherited = excess[parents]
         error = kept * error[parents] + np.sqrt(1.0 - kept**2) * rng.standard_normal(n)
     assert told == pytest.approx(n_stages / n * (1.0 + kept) ** 2, rel=0.1)
+
+
+def test_copies_are_no_independent_draws() -> None:
+    """Twenty copies of each of 50 points, which the weights of a stage do not tell from 1,000 points."""
+    points, labels = np.random.default_rng(10).standard_normal((50, 3)), np.tile(np.arange(50), 20)
+    assert independent_draws(np.tile(points, (20, 1)), labels[None]) == pytest.approx(49.0)
+    assert independent_draws(np.ones((1000, 3)), labels[None]) == 1.0
+
+
+def test_draws_are_as_many_as_the_generation_tells_that_leaves_fewest() -> None:
+    """4,000 families of 5 families of 5 points, which have half of their squares from the older ones."""
+    rng = np.random.default_rng(11)
+    young = np.arange(100_000) // 5
+    old = young // 5
+    points = np.sqrt([0.5, 0.25]) @ [rng.standard_normal(len(own) + 1)[own] for own in (old, young)]
+    points += np.sqrt(0.25) * rng.standard_normal(len(points))
+    expected = len(points) / (0.5 * 25 + 0.25 * 5 + 0.25)
+    told = independent_draws(points[:, None], np.stack([young, old]))
+    assert told == pytest.approx(expected, rel=4.0 * np.sqrt(2.0 / 4000))
 
 
 def test_autocorrelation_time_of_an_autoregression() -> None:

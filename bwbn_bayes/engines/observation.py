@@ -85,7 +85,7 @@ class Sensors:
         slopes : (n_draws, n_parameters, n_channels, n_times) array
             Their derivatives; no parameters where they are not wanted.
         """
-        known, own = slice(self.samples.stop - len(self.times), self.samples.stop), self.samples
+        here, known = self.samples, slice(self.samples.stop - len(self.times), self.samples.stop)
         functions = _functions(self.law)
         for channel, floor, is_relative in self.places:
             offset = self.ground if is_relative else np.zeros_like(self.ground)
@@ -95,12 +95,12 @@ class Sensors:
                 rows = np.vstack([values[draw, channel, known] + offset, slopes[draw, :, channel, known]])
                 is_late = lag != 0.0 or (len(rows) > 1 and any(moves[2::3]))
                 late, rate = self._late(rows, lag / self.time_step) if is_late else (rows[:, self._n_earlier :], 0.0)
-                values[draw, channel, own] = gain * late[0] + bias - offset[self._n_earlier :]
-                slopes[draw, :, channel, own] = gain * late[1:]
-                for own, parameter in enumerate(self.index[floor]):
+                values[draw, channel, here] = gain * late[0] + bias - offset[self._n_earlier :]
+                slopes[draw, :, channel, here] = gain * late[1:]
+                for number, parameter in enumerate(self.index[floor]):
                     if parameter >= 0 and len(slopes[draw]):
-                        of_gain, of_bias, of_lag = moves[3 * own : 3 * own + 3]
-                        slopes[draw, parameter, channel, own] += (
+                        of_gain, of_bias, of_lag = moves[3 * number : 3 * number + 3]
+                        slopes[draw, parameter, channel, here] += (
                             of_gain * late[0] + of_bias + gain * of_lag / self.time_step * rate
                         )
 

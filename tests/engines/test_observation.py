@@ -62,7 +62,7 @@ def test_whole_samples_short_records_and_long_lags() -> None:
 
 @pytest.mark.parametrize("lag", [0.0, 0.4, 3.0, 3.6, 100.0])
 def test_a_first_value_may_be_held(lag: float) -> None:
-    """A constant stays one; what comes later is as it is where it was zero before. 1e-2: the swing starts with a kink."""
+    """A constant stays one; what comes later is as from zero before. 1e-2: the swing starts with a kink."""
     t = np.arange(60) * DT
     swing = np.cos(2.0 * np.pi * 2.0 * t)
     late, rate = delayed(np.stack([swing, np.full(60, 3.0)]), lag, holds=True)
@@ -70,7 +70,7 @@ def test_a_first_value_may_be_held(lag: float) -> None:
     np.testing.assert_allclose(late[0], exact, rtol=0, atol=1e-2)
     np.testing.assert_allclose(late[1], 3.0)
     step = 1e-5
-    if lag:
+    if lag % 1.0:  # there the polynomials change
         ends = [delayed(swing[None], lag + side * step, holds=True)[0][0] for side in (1.0, -1.0)]
         np.testing.assert_allclose(rate, (ends[0] - ends[1]) / (2.0 * step), rtol=0, atol=1e-4)
 

@@ -168,6 +168,10 @@ def test_starts_are_admissible_and_keep_the_base_point(hypothesis: Hypothesis) -
     space = hypothesis.model.space
     base_points = np.stack([POINT, POINT + 0.1])
     starts = hypothesis.starts(base_points)
+    if hypothesis.name == "sudden_damage":  # linear in its size, of which none is guessed
+        assert len(starts) == 0
+        amplitude = hypothesis.amplitudes[0]
+        starts = np.concatenate([hypothesis.neutral_points(one, amplitude, 1e-3) for one in base_points])
     assert len(starts) > 0
     assert np.all((starts > 0.0) & (starts < 1.0))
     assert np.all(np.isfinite(space.log_prior_unit(starts)))

@@ -246,7 +246,7 @@ def test_a_grid_point_that_cannot_be_solved_scores_nothing(clean: Posterior) -> 
     assert own.nats > 0.0
     assert np.all(np.isfinite([score.smallest for score in found[1:]]))
     assert np.all(np.diff([score.nats for score in found]) >= 0.0)
-    assert np.all(np.diff([score.smallest for score in found[1:]]) <= 0.0)
+    assert np.all(np.diff([score.smallest for score in found[1:]]) <= 1e-12)  # two that are alike, to rounding
 
 
 def test_directions_are_those_of_the_normal_equations_without_the_base() -> None:

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from bwbn_bayes.discovery import unnamed
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
-from bwbn_bayes.discovery.unnamed_facts import _of_storey
+from bwbn_bayes.discovery.unnamed_facts import _of_storey, _Sure
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
@@ -151,7 +151,7 @@ def test_it_is_found_in_its_storey_as_a_function_of_its_state(record: Record, be
 
 def test_its_shape_is_told_over_its_state(plain: Explanation, best: StateForce, record: Record) -> None:
     with_force = replace(plain, posterior=best.posterior, modes=best.modes, unnamed=(2,), estimate=best)
-    told = _of_storey(with_force, 0.99)
+    told = _of_storey(with_force, _Sure(there=0.99, anywhere=0.995))
     assert (told.storey, told.over, told.function) == (2, "drift", "of the drift alone")
     assert 0.02 < told.share < 1.0
     # One value of the force at each drift.
@@ -165,7 +165,7 @@ def test_what_cannot_be_solved_with_a_force_to_first_order_is_told_of_the_model_
     knots = knots_of(plain.posterior.record, MODEL)
     force = {2: np.full(len(knots.times), 1e150)}
     estimate = Estimate(gain=1.0, kind="of no simple kind", forces=force, point=plain.best)
-    told = _of_storey(replace(plain, unnamed=(2,), estimate=estimate), 0.99)
+    told = _of_storey(replace(plain, unnamed=(2,), estimate=estimate), _Sure(there=0.99, anywhere=0.99))
     assert np.all(np.isfinite(told.state))
 
 

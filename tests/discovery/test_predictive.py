@@ -81,8 +81,8 @@ def test_draws_follow_a_bent_posterior(seed: int) -> None:
     one: Any = SimpleNamespace(evidence=SimpleNamespace(posterior=Bent(), modes=(mode,)))
     draws = _draws(one, 400, np.random.default_rng(seed))
     assert draws.covers
-    # A known miss: the ends of the bend are reached late. Over 30 seeds 0.88 +- 0.06 of the standard deviation are told,
-    # where 400 draws know it to 3.5 %; 0.95 with ten times the effective draws.
+    # A known miss: the ends of the bend are reached late. Over 30 seeds 0.88 +- 0.06 of the standard deviation are
+    # told, where 400 draws know it to 3.5 %; 0.95 with ten times the effective draws.
     assert 0.7 < np.std(draws.points[:, 0]) / 0.05 < 1.15
 
 

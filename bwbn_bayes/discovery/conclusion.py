@@ -179,7 +179,7 @@ def _deserved_at_best(name: str, believed: Beliefs) -> float:
 
 def _of_names(believed: Beliefs, added: Sequence[Added]) -> dict[str, float]:
     """Probability of each name, best first; of what was added, that it deserves its name, too."""
-    names = believed.law_probabilities
+    names = {**believed.law_probabilities}
     for one in sorted(added, key=lambda own: own.name_probability):
         names[one.hypothesis.name] = one.name_probability
     return dict(sorted(names.items(), key=lambda item: -item[1]))

@@ -17,7 +17,7 @@ from scipy.special import gammaln, logsumexp
 
 from bwbn_bayes.discovery.candidates import Hypothesis
 from bwbn_bayes.discovery.consistency import probability_of_being_better
-from bwbn_bayes.discovery.explanation import Explanation, forced_storeys
+from bwbn_bayes.discovery.explanation import Explanation, Place, forced_storeys
 from bwbn_bayes.discovery.where import unexplained_share
 from bwbn_bayes.parameters import Floats
 
@@ -175,6 +175,11 @@ class Beliefs:
     def unnamed(self) -> float:
         """Probability that something without a name is part of the model."""
         return self._sum(lambda one: one.has_unnamed)
+
+    def of_unnamed(self, place: Place) -> float:
+        """Probability of something without a name at a place, of whatever kind and beside whatever effects."""
+        # As tuples, storeys 1 and 2 are what a link between floors 1 and 2 is.
+        return self._sum(lambda one: one.unnamed == place and type(one.unnamed) is type(place))
 
     def of_places(self, name: str) -> dict[tuple[int, ...], float]:
         """Probability that an effect is part of the model at each place, best first."""

@@ -31,7 +31,8 @@ def unnamed_facts(believed: Beliefs) -> UnnamedForce | UnnamedReading | None:
     chosen = nameless(believed)
     if chosen is None:
         return None
-    sure = _Sure(_there(believed, chosen), believed.unnamed)
+    assert chosen.unnamed is not None
+    sure = _Sure(believed.of_unnamed(chosen.unnamed), believed.unnamed)
     if isinstance(chosen.estimate, ReadingError):
         return _of_sensor(chosen, chosen.estimate, sure)
     if isinstance(chosen.estimate, FurtherLink):
@@ -44,14 +45,6 @@ class _Sure(NamedTuple):
 
     there: float
     anywhere: float
-
-
-def _there(believed: Beliefs, chosen: Explanation) -> float:
-    """Probability of something unnamed where an explanation has it, of whatever kind and beside whatever effects."""
-    pairs = zip(believed.explanations, believed.probabilities.tolist(), strict=True)
-    # As tuples, storeys 1 and 2 are what a link between floors 1 and 2 is.
-    alike = [p for one, p in pairs if one.unnamed == chosen.unnamed and type(one.unnamed) is type(chosen.unnamed)]
-    return float(min(sum(alike), 1.0))
 
 
 def beside_it(believed: Beliefs, held_out: HeldOut | None, gap: Gap, rng: np.random.Generator) -> Gap:

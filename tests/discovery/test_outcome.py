@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from nameless import force_without_a_name
 
 from bwbn_bayes.discovery.outcome import (
     SCHEMA,
@@ -15,7 +16,6 @@ from bwbn_bayes.discovery.outcome import (
     Discovery,
     SignatureFacts,
     Step,
-    UnnamedForce,
     UnnamedReading,
 )
 from bwbn_bayes.discovery.where import Spot
@@ -186,15 +186,7 @@ def test_nothing_named_leaves_no_effect(run):
 
 
 def test_a_force_of_no_known_law_is_written_with_its_share(run):
-    force = UnnamedForce(
-        storey=1,
-        place="storey 1",
-        probability=0.98,
-        any_probability=0.98,
-        share=0.12,
-        state=np.zeros(3),
-        force=np.zeros(3),
-    )
+    force = force_without_a_name(0.98, 0.12)
     facts = written(replace(run.discovery, verdict="unexplained", added=(), unnamed=force))
     check(facts, CONTRACT)
     assert facts["unnamed_force"] == {

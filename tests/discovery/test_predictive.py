@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.evidence import beside_force
-from bwbn_bayes.discovery.predictive import PredictiveInterval, _draws, _stretched
+from bwbn_bayes.discovery.predictive import PredictiveInterval, _Draws, _draws, _stretched
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.correlation import SharedFunctions
@@ -73,17 +73,24 @@ class Bent:
         return -0.5 * np.asarray(along[:, 0] ** 2 + np.sum(np.square(beside), axis=1))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_draws_follow_a_bent_posterior(seed: int) -> None:
-    """By the approximation at the optimum alone 160 to 430 draws counted, with a tail of up to 0.96."""
+def draws_of_a_bent_posterior(seed: int) -> _Draws:
     information = np.diag([0.05**-2, *[0.003**-2] * 7])
     mode = Mode(point=np.full(8, 0.5), log_likelihood=0.0, gradient=np.zeros(8), information=information)
     one: Any = SimpleNamespace(evidence=SimpleNamespace(posterior=Bent(), modes=(mode,)))
-    draws = _draws(one, 400, np.random.default_rng(seed))
-    assert draws.covers
-    # A known miss: the ends of the bend are reached late. Over 30 seeds 0.88 +- 0.06 of the standard deviation are
-    # told, where 400 draws know it to 3.5 %; 0.95 with ten times the effective draws.
-    assert 0.7 < np.std(draws.points[:, 0]) / 0.05 < 1.15
+    return _draws(one, 400, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_draws_of_a_bent_posterior_are_to_be_had(seed: int) -> None:
+    """By the approximation at the optimum alone 160 to 430 draws counted, with a tail of up to 0.96."""
+    assert draws_of_a_bent_posterior(seed).covers
+
+
+@pytest.mark.xfail(strict=True, reason="the ends of the bend are reached late: 0.88 of the standard deviation")
+def test_draws_follow_a_bent_posterior() -> None:
+    """400 draws know a standard deviation to 3.5 %, twelve times as many to 1 %."""
+    every = [draws_of_a_bent_posterior(seed).points[:, 0] for seed in range(1, 13)]
+    assert np.mean(np.std(every, axis=1)) == pytest.approx(0.05, rel=0.05)
 
 
 def test_draws_that_leave_out_a_part_are_told() -> None:

@@ -6,9 +6,10 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from nameless import force_without_a_name
 
 from bwbn_bayes.discovery.held_out import Prediction
-from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedForce, UnnamedReading
+from bwbn_bayes.discovery.outcome import Added, Gap, SignatureFacts, UnnamedReading
 from bwbn_bayes.discovery.probability import Family
 from bwbn_bayes.discovery.sentences import badly_sampled, evidence_in_words, probability_in_words, sentences
 
@@ -129,15 +130,7 @@ def test_what_is_missing_how_sure_and_what_it_does_come_first() -> None:
 
 def test_effects_that_predict_without_a_name_are_told_together() -> None:
     """Beside a force of no known law; where none is likely, each is said to be uncertain by itself."""
-    force = UnnamedForce(
-        storey=1,
-        place="the specimen",
-        probability=0.999,
-        any_probability=0.999,
-        share=0.2,
-        state=np.zeros(1),
-        force=np.zeros(1),
-    )
+    force = force_without_a_name(0.999, 0.2, place="the specimen")
     weak = [replace(added(p, storeys=(s,)), log_bayes_factor=-3.0) for s, p in ((1, 0.02), (3, 0.05))]
     certain = believed("partly_explained", 0.999, has_unnamed=True)
     told = sentences(certain, (), (added(), *weak), force, NOWHERE, gap(0.3, 0.06))
@@ -225,15 +218,7 @@ def test_what_is_not_certain_is_said_to_be_so(probability: float, word: str) -> 
 )
 def test_what_has_no_name_is_told_first(verdict: str, effects: tuple[Added, ...], is_force: bool, first: str) -> None:
     """What an explanation leaves may be a force of the states, or what no force of them is."""
-    force = UnnamedForce(
-        storey=1,
-        place="storey 1",
-        probability=0.93,
-        any_probability=0.93,
-        share=0.12,
-        state=np.zeros(2),
-        force=np.zeros(2),
-    )
+    force = force_without_a_name(0.93, 0.12)
     told = sentences(
         believed(verdict, 0.93, has_unnamed=is_force), (), effects, force if is_force else None, NOWHERE, gap(0.2, 0.1)
     )
@@ -287,15 +272,7 @@ def test_a_shape_that_not_all_of_the_record_bears_out_is_not_what_the_model_lack
 
 
 def test_a_small_force_without_a_name_has_a_share_all_the_same() -> None:
-    force = UnnamedForce(
-        storey=1,
-        place="storey 1",
-        probability=1.0,
-        any_probability=1.0,
-        share=0.0013,
-        state=np.zeros(2),
-        force=np.zeros(2),
-    )
+    force = force_without_a_name(1.0, 0.0013)
     told = sentences(believed("unexplained", 1.0, has_unnamed=True), (), (), force, NOWHERE, gap(0.2, 0.1))
     assert "takes up what the model does not: 0.1 % of the force" in told[1]
 

@@ -22,15 +22,21 @@ def test_something_unnamed_is_told_with_the_probability_of_its_own_place(
 ) -> None:
     """A force in storey 2 was told with the probability that anything, anywhere, has no name."""
     shares = [((2,), 0.2), (Span(0, 2), 0.25), ("acceleration_1", 0.2), ((2,), 0.1), ((1, 2), 0.1), (Span(1, 2), 0.1)]
-    every: Any = [
-        SimpleNamespace(unnamed=own, has_unnamed=True, estimate=None, is_specimen=True) for own, _ in shares
-    ] + [SimpleNamespace(unnamed=None, has_unnamed=False)]
-    probabilities = np.array([*(p for _, p in shares), 0.05])
+    every: list[Any] = [
+        SimpleNamespace(
+            unnamed=own,
+            has_unnamed=own is not None,
+            estimate=None,
+            is_specimen=True,
+            evidence=SimpleNamespace(log_evidence=np.log(p)),
+        )
+        for own, p in (*shares, (None, 0.05))
+    ]
     first = next(n for n, (own, _) in enumerate(shares) if own == place)
     order = [first, *(n for n in range(len(every)) if n != first)]
-    believed: Any = SimpleNamespace(
-        explanations=tuple(every[n] for n in order), probabilities=probabilities[order], unnamed=0.95
-    )
+    none = np.zeros(len(every))
+    explanations = tuple(every[n] for n in order)
+    believed = Beliefs(explanations=explanations, log_prior=none, law_error=none, forgiven=none)
     monkeypatch.setattr(unnamed_facts, "_of_specimen", lambda _, sure: sure)
     sure: Any = unnamed_facts.unnamed_facts(believed)
     assert sure == pytest.approx((there, 0.95))

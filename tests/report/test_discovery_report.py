@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from nameless import force_without_a_name
 
 from bwbn_bayes.discovery.held_out import HeldOut
 from bwbn_bayes.discovery.outcome import SignatureFacts, UnnamedForce, UnnamedReading
@@ -51,14 +52,8 @@ def found():
 def variants(found):
     """The same discovery under every verdict, and without held-out data."""
     drift = found.histories["after"]["drift"][0]
-    unnamed = UnnamedForce(
-        storey=1,
-        place="storey <1>",
-        probability=0.97,
-        any_probability=0.98,
-        share=0.12,
-        state=drift,
-        force=np.sin(40.0 * drift),
+    unnamed = force_without_a_name(
+        0.97, 0.12, any_probability=0.98, place="storey <1>", state=drift, force=np.sin(40.0 * drift)
     )
     reading = UnnamedReading(
         channel="acceleration_1", probability=0.97, any_probability=0.98, share=0.12,

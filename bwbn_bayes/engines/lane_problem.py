@@ -127,7 +127,7 @@ class Part:
             if measures
             else np.zeros((len(own), len(stretch.inputs)), dtype=real),
             rows=rows,
-            sensors=sensors_of(model, stretch.record, own),
+            sensors=sensors_of(model, record, stretch, own),
         )
 
 
@@ -211,8 +211,9 @@ class Problem:
             samples = part.stretch.samples
             values[..., samples] = table[:: block.n_shares, 0]
             slopes[..., samples][lane // block.n_shares, owner[lane, direction]] = table[lane, 1 + direction]
+        for part in reversed(self.parts):  # a late sensor shows what truly happened before
             if part.sensors is not None:
-                part.sensors.read(block.sensor_parameters, values[..., samples], slopes[..., samples])
+                part.sensors.read(block.sensor_parameters, values, slopes)
         return values, slopes
 
     def summed(self, stepping: Stepping, block: Block) -> tuple[Floats, Floats, Floats]:

@@ -191,7 +191,7 @@ def scalar_problems(
             channels=channel_map(model, own),
             local=local[..., :n_law],
             model=model,
-            sensors=sensors_of(model, stretch.record, own),
+            sensors=sensors_of(model, record, stretch, own),
             sensor_parameters=local[..., n_law:],
         )
 
@@ -295,10 +295,9 @@ def solve_each(problems: Sequence[ScalarProblem], solve: SolveOne, n_threads: in
     else:
         with ThreadPoolExecutor(n_threads) as pool:
             list(pool.map(one, range(n_draws)))
-    for problem in asked:
+    for problem in reversed(asked):  # a late sensor shows what truly happened before
         if problem.sensors is not None:
-            samples = problem.stretch.samples
-            problem.sensors.read(problem.sensor_parameters, values[..., samples], slopes[..., samples])
+            problem.sensors.read(problem.sensor_parameters, values, slopes)
     failed = ~np.all(np.isfinite(values), axis=(1, 2))
     status[failed & (status == Status.OK)] = Status.NON_FINITE
     values[failed], slopes[failed] = np.nan, np.nan

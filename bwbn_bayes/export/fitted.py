@@ -64,7 +64,7 @@ class Fit:
 
 @dataclass(frozen=True, kw_only=True)
 class _Path:
-    """A history from rest in small steps: ``strains``, of which ``samples`` are those with a ``force`` to compare."""
+    """A history in small steps from where it begins: ``strains``, of which ``samples`` have a ``force`` to compare."""
 
     strains: Floats
     samples: np.ndarray[tuple[int], np.dtype[np.int64]]
@@ -79,7 +79,7 @@ def fitted_material(link: Link, force: Floats, rng: np.random.Generator, *, plac
     link : Link
         Its drift, and the parameters to start from.
     force : (n_times,) array
-        Of the link, less what stands beside the material. [N]
+        Of the link, less what stands beside the material and the spring's force at the first drift. [N]
     rng : numpy.random.Generator
         Of the search.
     place : str
@@ -209,8 +209,8 @@ def _forces(ops: Any, material: Material, path: _Path) -> Floats:
 
 
 def _in_steps(drift: Floats, force: Floats, largest: float) -> _Path:
-    """A path from rest in steps of at most ``largest`` [m]."""
-    corners = np.concatenate([[0.0], drift])
+    """A path in steps of at most ``largest`` [m] from the first drift on, where a material is at rest."""
+    corners = np.concatenate([[0.0], drift - drift[0]])
     n_steps = np.maximum(np.ceil(np.abs(np.diff(corners)) / largest).astype(np.int64), 1)
     samples = np.cumsum(n_steps)
     strains = np.interp(np.arange(1, samples[-1] + 1), np.concatenate([[0], samples]), corners)

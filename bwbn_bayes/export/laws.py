@@ -114,11 +114,15 @@ _KNOWN = {*_NO_LAW, *_TRANSLATED, *_SIZES_OF_NO_LAW, *_AROUND, *_SLIDER}
 
 @dataclass(frozen=True, kw_only=True)
 class Material:
-    """One ``uniaxialMaterial``: its kind, its arguments after the tag, and what it is, in words with units."""
+    """One ``uniaxialMaterial``: its kind, its arguments after the tag, and what it is, in words with units.
+
+    ``begins`` is its own strain [m] where that of the script is zero, of materials without memory.
+    """
 
     kind: str
     arguments: tuple[float | str, ...]
     says: str
+    begins: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,6 +210,12 @@ def _slider(weight: float, radius: float, friction: float, drift: float, n: floa
         "beta": 0.5 * drift**-n,
         "gamma": 0.5 * drift**-n,
     }
+
+
+def force_at(link: Link, drift: float) -> float:
+    """Force [N] of the hysteretic spring at a drift [m] where z is zero."""
+    p = shape(link.parameters)
+    return p["alpha"] * p["k"] * drift
 
 
 def sliding_base(parameters: Mapping[str, float]) -> Material:

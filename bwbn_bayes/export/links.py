@@ -5,20 +5,22 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.export.exportable import Link
 from bwbn_bayes.export.fitted import fitted_material
-from bwbn_bayes.export.laws import Material, beside, hysteretic_spring, size_of_z, without_law
+from bwbn_bayes.export.laws import Material, Part, beside, force_at, hysteretic_spring, size_of_z, without_law
 from bwbn_bayes.export.sliders import Slider, slider_of
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.structures.model_source import WIDTH, comment
 
 TAGS = 100
 """Tags of a link's materials: a hundred of its number, and one more for each of its parts."""
+_WITHIN = 50
+"""What is added to the tag of a part that begins strained, for the material that is."""
 _OF_A_RATE = ("Viscous", "Maxwell")
 """Materials of OpenSees whose force depends on the rate."""
 
@@ -42,6 +44,9 @@ class LinkScript:
         translation is exact as the step goes to zero.
     slider : Slider or None
         An element that stands beside the materials.
+    first_force : float
+        What of a specimen's force the materials lack: that of the hysteretic spring at the first displacement, where z
+        is zero as the script's strain is. [N]
     """
 
     place: str
@@ -50,6 +55,7 @@ class LinkScript:
     says: tuple[str, ...] = ()
     error: float | None = None
     slider: Slider | None = None
+    first_force: float = 0.0
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -79,7 +85,9 @@ def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool, time
     """
     place = link.place[0].upper() + link.place[1:]
     missing = without_law(link.parameters, in_analysis=not is_specimen)
-    parts = beside(link)
+    first = float(link.drift[0]) if is_specimen else 0.0
+    parts = tuple(_begun(part, first) for part in beside(link))
+    first_force = force_at(link, first)
     rated = [part.material.kind for part in parts if part.material.kind in _OF_A_RATE]
     if rated and time_steps is None:
         raise UserError(
@@ -97,7 +105,7 @@ def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool, time
     elif missing:
         # What has a memory cannot be taken out of the force: the fit has it too.
         known = [(part.material, part.force) for part in parts if part.force is not None]
-        rest = link.force - sum((force for _, force in known), np.zeros_like(link.force))
+        rest = link.force - first_force - sum((force for _, force in known), np.zeros_like(link.force))
         fit = fitted_material(link, rest, rng, place=place)
         materials, error = [fit.material, *(material for material, _ in known)], fit.error
         approximate = f"{fit.material.kind} is fitted and misses {_percent(error)}"
@@ -107,7 +115,16 @@ def link_script(link: Link, rng: np.random.Generator, *, is_specimen: bool, time
         says = (f"Exact as the step goes to zero; z is of the size {size_of_z(link):.3g} m.",)
     tag = TAGS * link.number
     lines = in_parallel(tag, materials)
-    return LinkScript(place=place, tag=tag, materials=lines, says=says, error=error, slider=slider)
+    return LinkScript(
+        place=place, tag=tag, materials=lines, says=says, error=error, slider=slider, first_force=first_force
+    )
+
+
+def _begun(part: Part, drift: float) -> Part:
+    """A part that has no memory, begun at a drift [m]; others begin at rest."""
+    if part.force is None or part.material.kind in _OF_A_RATE:
+        return part
+    return replace(part, material=replace(part.material, begins=drift))
 
 
 def _percent(error: float) -> str:
@@ -126,6 +143,10 @@ def in_parallel(tag: int, materials: Sequence[Material]) -> tuple[str, ...]:
 
 def _lines(tag: int, material: Material) -> list[str]:
     """A material and, above it, what its arguments are."""
+    if material.begins:
+        inner, begins = replace(material, begins=0.0), _literal(material.begins)
+        outer = f'ops.uniaxialMaterial("InitStrain", {tag}, {tag + _WITHIN}, {begins})'
+        return [*_lines(tag + _WITHIN, inner), *comment("InitStrain: the displacement [m] at first."), outer]
     written = ", ".join(_literal(argument) for argument in material.arguments)
     line = f'ops.uniaxialMaterial("{material.kind}", {tag}, {written})'
     if len(line) > WIDTH:

@@ -81,6 +81,7 @@ def script_of(structure: Exportable, *, seed: int = 1) -> Script:
         forces={floor: _listed(force) for floor, force in structure.forces.items()},
         materials=(*links, *(building.materials if building else ())),
         building=building,
+        first_force=repr(links[0].first_force),
         n_floors=len(structure.masses),
         tolerance=repr(_tolerance(structure, building)),
     )

@@ -8,6 +8,7 @@ import pytest
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import SensorBias, SensorGain, SensorLag
 from bwbn_bayes.engines.observation import delayed, sensors_of
+from bwbn_bayes.engines.stretches import stretches_of
 from bwbn_bayes.parameters import Uniform
 from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
@@ -59,17 +60,33 @@ def test_whole_samples_short_records_and_long_lags() -> None:
     assert not np.any(delayed(rows, 100.0)[0])
 
 
+@pytest.mark.parametrize("lag", [0.0, 0.4, 3.0, 3.6, 100.0])
+def test_a_first_value_may_be_held(lag: float) -> None:
+    """A constant stays one; what comes later is as from zero before. 1e-2: the swing starts with a kink."""
+    t = np.arange(60) * DT
+    swing = np.cos(2.0 * np.pi * 2.0 * t)
+    late, rate = delayed(np.stack([swing, np.full(60, 3.0)]), lag, holds=True)
+    exact = np.cos(2.0 * np.pi * 2.0 * np.maximum(t - lag * DT, 0.0))
+    np.testing.assert_allclose(late[0], exact, rtol=0, atol=1e-2)
+    np.testing.assert_allclose(late[1], 3.0)
+    step = 1e-5
+    if lag % 1.0:  # there the polynomials change
+        ends = [delayed(swing[None], lag + side * step, holds=True)[0][0] for side in (1.0, -1.0)]
+        np.testing.assert_allclose(rate, (ends[0] - ends[1]) / (2.0 * step), rtol=0, atol=1e-4)
+
+
 def test_neutral_sensors_cost_nothing_and_need_no_kernel_of_their_own() -> None:
     plain = ShearBuilding(masses=[1.0, 1.0], storey=BoucWen(k=10.0, beta=1.0, gamma=1.0))
     record = Record(name="still", time_step=DT, excitation=np.zeros(10))
     names = ["acceleration_1", "drift_2", "relative_acceleration_2"]
     neutral = plain.with_effect(SensorGain(gain=1.0)).with_effect(SensorBias(bias=0.0)).with_effect(SensorLag(lag=0.0))
     assert neutral.law == plain.law
-    assert sensors_of(plain, record, names) is None
-    assert sensors_of(neutral, record, names) is None
+    (stretch,) = stretches_of(record)
+    assert sensors_of(plain, record, stretch, names) is None
+    assert sensors_of(neutral, record, stretch, names) is None
     one = plain.with_effect(SensorGain(gain=Uniform(0.5, 1.5)), storeys=[2])
     assert one.law == plain.law
-    assert sensors_of(one, record, names[:2]) is None
-    sensors = sensors_of(one, record, names)
+    assert sensors_of(one, record, stretch, names[:2]) is None
+    sensors = sensors_of(one, record, stretch, names)
     assert sensors is not None
     assert sensors.places == ((2, 1, True),)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from engine_cases import ENGINES
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
 from bwbn_bayes import (
@@ -22,6 +23,7 @@ from bwbn_bayes import (
     Oscillator,
     PerStorey,
     Record,
+    SensorLag,
     ShearBuilding,
     Specimen,
     StrengthDegradation,
@@ -137,6 +139,56 @@ def test_a_structure_starts_in_the_state_it_is_given(engine: Engine) -> None:
     found = engine.simulate(frame(starts=True), np.empty((1, 0)), FIRST, CHANNELS).values[0]
     assert rms_error(found, true) < 2e-5
     assert found[1, 0] == pytest.approx(sum(START["u_0"]))
+
+
+LATE = ("acceleration_2", "relative_acceleration_2")
+
+
+def late(model: Structure, lag: float) -> tuple[Structure, Floats]:
+    """With an accelerometer on the second floor that is late, and the draw that says how much."""
+    model = model.with_effect(SensorLag(lag=Uniform(0.0, 0.2)), storeys=[2])
+    return model, np.array([[lag]])
+
+
+BLIND = {name: engine for name, engine in ENGINES.items() if name != "sunode"}
+"""Sunode refuses sensors."""
+
+
+@pytest.mark.parametrize("engine", BLIND.values(), ids=BLIND)
+def test_a_late_sensor_shows_how_the_records_before_ended(engine: Engine) -> None:
+    """Of a sequence it showed zeros at the beginning of each record. Here they are one record, cut twice."""
+    model, draw = late(frame(), 0.193)
+    one, two, three = np.split(FIRST.excitation, [60, 68])  # 9.65 samples reach past the second
+    cut = [replace(FIRST, name=name, excitation=part) for name, part in (("a", one), ("b", two), ("c", three))]
+    whole = engine.sensitivities(model, draw, FIRST, LATE)
+    parts = engine.sensitivities(model, draw, join_records(cut, in_sequence=True), LATE)
+    np.testing.assert_allclose(parts[0].values[..., 68:], whole[0].values[..., 68:], rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(parts[1][..., 68:], whole[1][..., 68:], rtol=0.0, atol=1e-4)
+
+
+@pytest.mark.parametrize("engine", BLIND.values(), ids=BLIND)
+def test_a_late_sensor_shows_the_end_of_a_record_of_another_time_step(engine: Engine) -> None:
+    """Against a spline through the true response to both; of records that know nothing of each other it shows rest."""
+    model, draw = late(frame(), 0.043)
+    n, times = FIRST.n_times, SEQUENCE.times
+    true = engine.simulate(frame(), np.empty((1, 0)), SEQUENCE, LATE).values[0]
+    total = CubicSpline(times, true[0])(times[n:] - 0.043)
+    found = engine.simulate(model, draw, SEQUENCE, LATE).values[0, :, n:]
+    expected = np.array([total, total - SECOND.excitation])
+    assert np.max(np.abs(found - expected)[:, :-5]) < 2e-3 * np.max(np.abs(true))
+    assert np.max(np.abs(true[0, n : n + 3])) > 0.1 * np.max(np.abs(true[0]))
+    virgin = engine.simulate(model, draw, VIRGIN, LATE).values[..., n:]
+    np.testing.assert_array_equal(virgin, engine.simulate(model, draw, SECOND, LATE).values)
+
+
+@pytest.mark.parametrize("engine", BLIND.values(), ids=BLIND)
+def test_a_late_sensor_holds_the_first_value_of_what_did_not_start_at_rest(engine: Engine) -> None:
+    """It showed zero until the lag had passed. Nobody knows what was before."""
+    model, draw = late(frame(starts=True), 0.053)
+    true = engine.simulate(frame(starts=True), np.empty((1, 0)), FIRST, LATE[:1]).values[0, 0]
+    found = engine.simulate(model, draw, FIRST, LATE[:1]).values[0, 0]
+    expected = CubicSpline(FIRST.times, true)(np.maximum(FIRST.times - 0.053, 0.0))
+    assert np.max(np.abs(found - expected)[:-5]) < 1e-2 * np.max(np.abs(true))
 
 
 FINE = {

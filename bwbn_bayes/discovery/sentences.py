@@ -98,7 +98,9 @@ def _unnamed(one: UnnamedForce | UnnamedReading, gap: Gap) -> str:
     )
     left = [f"{100.0 * own.nameless.nrmse:.2g} % of the {on}" for on, own in _parts(gap) if own.nameless is not None]
     beside = f" With it {' and '.join(left)} is left." if left else ""
-    sure = f"(probability {probability_in_words(one.probability)})"
+    there, anywhere = (probability_in_words(value) for value in (one.probability, one.any_probability))
+    elsewhere = "" if anywhere == there else f"; that anything has no name, {anywhere}"
+    sure = f"(probability {there}{elsewhere})"
     return f"{what} takes up what the model does not: {share} {sure}{kind}.{beside}"
 
 

@@ -156,27 +156,26 @@ def _worth(cloud: TmcmcResult) -> float:
 
 
 def _mixing_checks(cloud: TmcmcResult) -> tuple[Check, ...]:
-    """Of the start whose states are the draws; the plain variant does not measure how well it mixes."""
+    """Of the start whose states are the draws; the plain variant knows by ancestry what they are worth, no lengths."""
     length, worth = cloud.correlation_times, _worth(cloud)
-    if np.isnan(length):
-        return ()
     wanted = min(_LEAST_WORTH, 0.5 * len(cloud.particles))
-    return (
-        Check(
-            name="independent particles",
-            value=worth,
-            limit=wanted,
-            passed=worth >= wanted,
-            sentence=f"The {len(cloud.particles)} particles are worth {worth:.0f} independent ones.",
-        ),
-        Check(
-            name="length of chains",
-            value=length,
-            limit=DRAWS.last,
-            passed=length >= DRAWS.last,
-            sentence=f"Its chains are {length:.1f} autocorrelation times long at the end, {DRAWS.last:g} are wanted.",
-        ),
+    independent = Check(
+        name="independent particles",
+        value=worth,
+        limit=wanted,
+        passed=worth >= wanted,
+        sentence=f"The {len(cloud.particles)} particles are worth {worth:.0f} independent ones.",
     )
+    if np.isnan(length):
+        return (independent,)
+    long_enough = Check(
+        name="length of chains",
+        value=length,
+        limit=DRAWS.last,
+        passed=length >= DRAWS.last,
+        sentence=f"Its chains are {length:.1f} autocorrelation times long at the end, {DRAWS.last:g} are wanted.",
+    )
+    return (independent, long_enough)
 
 
 def _evidence_check(first: TmcmcResult, second: TmcmcResult) -> Check:

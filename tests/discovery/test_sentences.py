@@ -277,6 +277,13 @@ def test_a_small_force_without_a_name_has_a_share_all_the_same() -> None:
     assert "takes up what the model does not: 0.1 % of the force" in told[1]
 
 
+def test_a_doubtful_place_of_what_has_no_name_is_told_with_how_sure_it_is_that_anything_has_none() -> None:
+    """A probability of 0.4 read as if the force itself were in doubt."""
+    force = replace(force_without_a_name(0.4, 0.12), any_probability=0.98)
+    told = sentences(believed("unexplained", 0.98, has_unnamed=True), (), (), force, NOWHERE, gap(0.2, 0.1))
+    assert "12 % of the force (probability 0.4; that anything has no name, 0.98)" in told[1]
+
+
 def test_what_is_certain_of_a_family_is_said_where_none_of_its_effects_has_a_name() -> None:
     names = frozenset({"strength_degradation", "stiffness_degradation"})
     loss = Family(title="a loss of strength or stiffness", names=names, probability=0.97, log_bayes_factor=208.0)

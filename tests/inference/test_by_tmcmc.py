@@ -114,12 +114,20 @@ def test_starts_of_one_mean_and_two_spreads_do_not_agree() -> None:
 
 
 def test_chains_that_the_cap_stopped_are_a_failed_check() -> None:
-    """It stood in the label of a stage alone; the plain variant does not measure it."""
+    """It stood in the label of a stage alone."""
     rng = np.random.default_rng(2)
     assert failed_of(cloud(rng, correlation_times=7.2), cloud(rng)) == {"length of chains"}
     assert failed_of(cloud(rng), cloud(rng, correlation_times=2.0)) == set()
+
+
+def test_few_independent_particles_are_a_failed_check_of_either_variant() -> None:
+    """The plain variant, which does not know how long its chains are, was asked for neither."""
+    rng = np.random.default_rng(2)
     plain = cloud(rng, correlation_times=np.nan)
     assert "length of chains" not in {check.name for check in module._Starts(plain, cloud(rng)).checks}
+    assert failed_of(plain, cloud(rng)) == set()
+    few = replace(plain, stages=(replace(plain.stages[-1], effective_sample_size=20.0),))
+    assert "independent particles" in failed_of(few, cloud(rng))
 
 
 @pytest.mark.parametrize(("explains", "sizes"), [(True, [500, 1000, 2000]), (False, [500])])

@@ -19,7 +19,7 @@ from bwbn_bayes.engines.kernel import Kernel
 from bwbn_bayes.engines.lane_block import Block
 from bwbn_bayes.engines.lane_laws import kernel_of, summarise
 from bwbn_bayes.engines.lane_source import LANES, LaneLayout
-from bwbn_bayes.engines.observation import Sensors, sensors_of
+from bwbn_bayes.engines.observation import Sensors, read_all, sensors_of
 from bwbn_bayes.engines.step_rules import interval_steps
 from bwbn_bayes.engines.stretches import StartingTerm, Stretch, starting_terms, stretches_of
 from bwbn_bayes.parameters import Booleans, Floats
@@ -211,9 +211,7 @@ class Problem:
             samples = part.stretch.samples
             values[..., samples] = table[:: block.n_shares, 0]
             slopes[..., samples][lane // block.n_shares, owner[lane, direction]] = table[lane, 1 + direction]
-        for part in reversed(self.parts):  # a late sensor shows what truly happened before
-            if part.sensors is not None:
-                part.sensors.read(block.sensor_parameters, values, slopes)
+        read_all([part.sensors for part in self.parts], block.sensor_parameters, values, slopes)
         return values, slopes
 
     def summed(self, stepping: Stepping, block: Block) -> tuple[Floats, Floats, Floats]:

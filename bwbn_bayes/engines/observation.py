@@ -123,6 +123,21 @@ class Sensors:
         return late[:, n_earlier:], rate[n_earlier:]
 
 
+def read_all(sensors: Sequence[Sensors | None], local: Floats, values: Floats, slopes: Floats) -> None:
+    """:meth:`Sensors.read` of all stretches, the last first: a late sensor shows what truly happened before.
+
+    Parameters
+    ----------
+    sensors : sequence of Sensors or None
+        Of each stretch, one after the other; None where they are neutral.
+    local, values, slopes
+        Of all of them.
+    """
+    for own in reversed(sensors):
+        if own is not None:
+            own.read(local, values, slopes)
+
+
 def sensors_of(model: Structure, record: Record, stretch: Stretch, names: Sequence[str]) -> Sensors | None:
     """The sensors of a model behind the named channels; None where all are known to be neutral.
 

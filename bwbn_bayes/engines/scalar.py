@@ -30,7 +30,7 @@ from bwbn_bayes.engines.base import (
 from bwbn_bayes.engines.codegen import LawPrograms, law_programs, packed, spelled, unpacked
 from bwbn_bayes.engines.kept_code import is_remembered, remembered
 from bwbn_bayes.engines.kernel import Functions, Kernel
-from bwbn_bayes.engines.observation import Sensors, sensors_of
+from bwbn_bayes.engines.observation import Sensors, read_all, sensors_of
 from bwbn_bayes.engines.reduction import Reduction
 from bwbn_bayes.engines.scalar_source import HEAD, Layout, layout, scalar_source
 from bwbn_bayes.engines.step_rules import interval_steps, steps_in_words
@@ -295,9 +295,7 @@ def solve_each(problems: Sequence[ScalarProblem], solve: SolveOne, n_threads: in
     else:
         with ThreadPoolExecutor(n_threads) as pool:
             list(pool.map(one, range(n_draws)))
-    for problem in reversed(asked):  # a late sensor shows what truly happened before
-        if problem.sensors is not None:
-            problem.sensors.read(problem.sensor_parameters, values, slopes)
+    read_all([problem.sensors for problem in asked], first.sensor_parameters, values, slopes)
     failed = ~np.all(np.isfinite(values), axis=(1, 2))
     status[failed & (status == Status.OK)] = Status.NON_FINITE
     values[failed], slopes[failed] = np.nan, np.nan

@@ -279,7 +279,7 @@ def test_a_small_force_without_a_name_has_a_share_all_the_same() -> None:
 
 def test_a_doubtful_place_of_what_has_no_name_is_told_with_how_sure_it_is_that_anything_has_none() -> None:
     """A probability of 0.4 read as if the force itself were in doubt."""
-    force = replace(force_without_a_name(0.4, 0.12), any_probability=0.98)
+    force = force_without_a_name(0.4, 0.12, any_probability=0.98)
     told = sentences(believed("unexplained", 0.98, has_unnamed=True), (), (), force, NOWHERE, gap(0.2, 0.1))
     assert "12 % of the force (probability 0.4; that anything has no name, 0.98)" in told[1]
 

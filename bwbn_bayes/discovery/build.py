@@ -18,7 +18,6 @@ from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.engines.precompile import precompile
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.modes import N_CANDIDATES, distinct, find_modes, polish
-from bwbn_bayes.inference.unnamed.any_scale import without_force
 from bwbn_bayes.parameters import Floats
 
 MOST_LATER = 12
@@ -86,7 +85,7 @@ def _fits(parent: Explanation, run: Run, *, first: bool) -> tuple[Fit, ...]:
     run.say("looking closer at the leading hypotheses")
     if not parent.is_quiet:
         fits = crossed(posterior, rescanned(fits, n_threads=n_workers, pace=pace), pace=pace)
-    if parent.is_specimen and (first or not parent.has_unnamed):  # a law by itself is bent by all that it lacks
+    if parent.is_specimen:  # a law is bent by all that it lacks
         fits = searched(fits, run.rng, n_threads=n_workers, pace=pace, leading_too=first)
     return fits
 
@@ -215,7 +214,7 @@ def fitted(
     posterior = given.posterior.with_model(added[-1].model)
     if points is None:
         try:
-            found = find_modes(without_force(posterior), run.rng, n_starts=N_TOGETHER, n_first=32)
+            found = find_modes(posterior, run.rng, n_starts=N_TOGETHER, n_first=32)
         except UserError:  # none of its draws can be solved
             return
         points = np.array([mode.point for mode in found[:N_CANDIDATES]])

@@ -70,7 +70,7 @@ def conclude(pool: Pool, held_out: HeldOut | None, name: str, assumptions: Seque
     spread = spread_of(present, run.rng)
     every = (_added(one, borne_out.get(one.name, 1.0), present, spread, believed, result, run) for one in present.added)
     added = tuple(sorted(every, key=lambda one: -one.title_probability))
-    unnamed = unnamed_facts(believed)
+    unnamed = unnamed_facts(believed, present)
     share = (
         0.0 if believed.verdict == "no_missing_effect" else unexplained_share(given.disagreement, present.disagreement)
     )

@@ -43,8 +43,8 @@ def probability_of_being_better(one: Evidence, other: Evidence) -> float:
 
 def of_stretches(evidence: Evidence) -> Floats:
     """Log likelihood at the best fit of each stretch of the record ``(n_stretches,)``, each channel of one level."""
-    posterior, record = evidence.settled, evidence.posterior.record
-    residual, correlation = residual_of(posterior, evidence.modes[0].point), evidence.correlation
+    posterior, record, correlation = evidence.posterior, evidence.posterior.record, evidence.correlation
+    residual = residual_of(posterior, evidence.modes[0].point)
     white = residual if correlation is None else correlation.whitened(residual)
     volumes = np.zeros(white.shape)
     if correlation is not None and correlation.shared is not None:

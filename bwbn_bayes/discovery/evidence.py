@@ -1,28 +1,25 @@
-"""The evidence of a fitted model, under its own account of the errors: white, autoregressive, or with an unnamed force.
+"""The evidence of a fitted model, under its own account of the errors: white or autoregressive.
 
-Orders of autoregression are chosen by evidence, in turns with an optimum of the very likelihood that they make; the
-scale of an unnamed force is integrated out of the likelihood.
+Orders of autoregression are chosen by evidence, in turns with an optimum of the very likelihood that they make.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
-from bwbn_bayes.inference.correlation import Correlation, SharedFunctions, autoregression, order_cost
+from bwbn_bayes.inference.correlation import Correlation, autoregression, order_cost
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION, covariance_of
 from bwbn_bayes.inference.importance import PARETO_LIMIT, laplace_mixture
 from bwbn_bayes.inference.laplace import laplace_log_evidence
-from bwbn_bayes.inference.likelihood import IntegratedNoise, Linearisation, Posterior
+from bwbn_bayes.inference.likelihood import Linearisation, Noise, Posterior
 from bwbn_bayes.inference.modes import Mode, distinct, outlook, polish
 from bwbn_bayes.inference.pooled import sample_learning
 from bwbn_bayes.inference.residuals import residual_of
-from bwbn_bayes.inference.scaled import ScaledCorrelation
-from bwbn_bayes.inference.unnamed.any_scale import NoiseBesideForce, without_force
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import by_block, counts, mean_squares
 from bwbn_bayes.records.record import Record
@@ -68,17 +65,10 @@ class Evidence:
     method: Literal["Laplace", "importance"] = "Laplace"
     pareto_k: float | None = None
 
-    @cached_property
-    def settled(self) -> Posterior:
-        """The posterior, what its errors share of the scale that is the most probable one at the best fit."""
-        return self.posterior.settled(self.modes[0].point)
-
     @property
     def correlation(self) -> Correlation | None:
         """Of the errors, None where they are white."""
-        found = self.settled.noise.correlation
-        assert not isinstance(found, ScaledCorrelation)
-        return found
+        return self.posterior.noise.correlation
 
 
 def laplace(posterior: Posterior, modes: tuple[Mode, ...]) -> Evidence:
@@ -177,31 +167,10 @@ def _under(posterior: Posterior, correlation: Correlation) -> Posterior:
     return posterior.with_noise(replace(posterior.noise, correlation=correlation))  # type: ignore[type-var]
 
 
-def beside_force(posterior: Posterior, modes: tuple[Mode, ...], shared: SharedFunctions, largest: float) -> Evidence:
-    """Evidence of a specimen with an unnamed force beside its law.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        For white noise.
-    modes : tuple of Mode
-        Points to start from.
-    shared : SharedFunctions
-        The force's functions, of unit scale.
-    largest : float
-        Standard deviation of the scale's half-normal prior. [N]
-    """
-    white = posterior.noise
-    assert isinstance(white, IntegratedNoise)
-    noise = NoiseBesideForce(white=white, correlation=ScaledCorrelation(shared=shared), largest=largest)
-    view = posterior.with_noise(noise)
-    return laplace(view, distinct(*_refitted(view, _points(modes))))
-
-
-def law_alone(posterior: Posterior, modes: tuple[Mode, ...]) -> Evidence:
-    """Evidence of a specimen's law without the unnamed force that it was fitted beside, from its optima there."""
-    view = without_force(posterior)
-    return laplace(view, distinct(*_refitted(view, _points(modes))))
+def under(evidence: Evidence, noise: Noise) -> Evidence:
+    """Laplace's evidence of the same model under another account of the errors."""
+    view = evidence.posterior.with_noise(noise)
+    return laplace(view, distinct(*_refitted(view, _points(evidence.modes))))
 
 
 def _points(modes: tuple[Mode, ...]) -> Floats:

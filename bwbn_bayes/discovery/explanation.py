@@ -36,9 +36,6 @@ def forced_storeys(place: Place | None) -> tuple[int, ...]:
     return place if isinstance(place, tuple) and not isinstance(place, Span) else ()
 
 
-SPECIMEN: Place = (1,)
-"""Where a specimen has an unnamed force."""
-
 _N_STARTS = 3
 
 
@@ -51,15 +48,14 @@ class Explanation:
     added : tuple of Hypothesis
         Effects that the model as given lacks, in the order in which they were added.
     posterior : Posterior
-        Of its parameters, for white noise and without an unnamed force: what it predicts by. Where a specimen has one,
-        with it.
+        Of its parameters, for white noise and without an unnamed force: what it predicts by.
     modes : tuple of Mode
         Optima of that, best first.
     evidence : Evidence
         Under its own account of the errors.
     unnamed : tuple of int, Span, str or None
-        Storeys in which it has a force of no known law, ``(1,)`` for a specimen, the nodes of a further link, or the
-        channel whose sensor has an error of no known kind; None where it has none of these.
+        Storeys in which it has a force of no known law, the nodes of a further link, or the channel whose sensor has an
+        error of no known kind; None where it has none of these, as no explanation of a specimen has.
     estimate : Estimate, StateForce, FurtherLink or ReadingError, optional
         What is expected of it in a building; a link and a force of one state are part of the model in ``posterior``.
     n_places : int
@@ -166,7 +162,7 @@ class Explanation:
 
         A building's unnamed force takes no part.
         """
-        return cross_validated(self.evidence.settled, self.evidence.modes[0].point)
+        return cross_validated(self.evidence.posterior, self.evidence.modes[0].point)
 
     @cached_property
     def whole(self) -> tuple[Posterior, Floats]:
@@ -205,7 +201,7 @@ class Explanation:
 
     @cached_property
     def is_noise(self) -> bool:
-        """Whether what it leaves could be noise; of a specimen with an unnamed force, what its law leaves."""
+        """Whether what it leaves could be noise."""
         return leaves_noise(*self.whole)
 
     @cached_property

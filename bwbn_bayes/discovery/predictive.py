@@ -1,15 +1,8 @@
 """Predictive intervals of held-out samples that lie among the fitted ones, over all explanations.
 
-A predicted sample is the response of a draw from the posterior, plus what the force of no known law is expected to be
-there given what the fitted samples leave, plus that force's remaining spread and the noise. How far that spread is to
-be believed the fitted half cycles tell: each is predicted from the others, and by as much as they miss more than the
-spread says, or less, it is stretched [1]_. Explanations give draws by their probabilities. Held-out measurements enter
-only where the share of them inside is counted.
-
-References
-----------
-.. [1] V. Vovk, A. Gammerman and G. Shafer, "Algorithmic Learning in a Random World", 2nd ed., 2022,
-   doi:10.1007/978-3-031-06649-8 (cross-conformal prediction, normalised errors; cited from memory, not consulted).
+A predicted sample is the response of a draw from the posterior and an error, which is one of those that the draw leaves
+of the fitted samples: whatever their distribution is, those of samples amid them have the same. Explanations give draws
+by their probabilities. Held-out measurements enter only where the share of them inside is counted.
 """
 
 from __future__ import annotations
@@ -19,18 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.probability import Beliefs
-from bwbn_bayes.inference.correlation import conditioned
 from bwbn_bayes.inference.importance import PARETO_LIMIT, laplace_mixture
 from bwbn_bayes.inference.pooled import sample_learning
-from bwbn_bayes.inference.residuals import residual_of
 from bwbn_bayes.inference.tmcmc.resampling import systematic
-from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
 from bwbn_bayes.parameters import Floats
-from bwbn_bayes.records.cycles import half_cycles
 from bwbn_bayes.records.record import Record
 
 LEVEL = 0.9
@@ -99,43 +87,13 @@ def predictive_interval(
 
 
 def _predicted(one: Explanation, points: Floats, counted: NDArray[np.int64], rng: np.random.Generator) -> Floats:
-    """Draws ``(n, n_channels, n_counted)`` of what an explanation predicts at points ``(n, n_dim)``, with its noise."""
-    posterior = one.evidence.settled
-    record, noise = posterior.record, posterior.noise
-    values, noise_values = posterior.split(points)
+    """Draws ``(n, n_channels, n_counted)`` of an explanation's predictions at points ``(n, n_dim)``, with errors."""
+    posterior = one.evidence.posterior
+    record, values = posterior.record, posterior.split(points)[0]
     response = posterior.engine.simulate(posterior.model, values, record).values
-    sd = noise.draw_sd(rng, posterior.misfit(points), record.n_counted, noise_values)[:, :, None]
-    mean, variance = response[:, :, counted], np.zeros(len(counted))
-    correlation = one.evidence.correlation
-    if correlation is not None and correlation.shared is not None:
-        fitted = np.arange(record.n_times)[record.kept]
-        left = (record.measured - response)[:, 0, fitted]
-        expected, variance = conditioned(unnamed_basis(record), correlation.shared.scale, fitted, counted, left)
-        mean, sd = mean + expected[:, None], sd * _stretched(one)
-    return np.asarray(mean + sd * np.sqrt(1.0 + variance) * rng.standard_normal(mean.shape))
-
-
-def _stretched(one: Explanation) -> float:
-    """How much farther the fitted half cycles lie from what the others say of them than the force's spread says.
-
-    Of an interval that holds nine of ten of their samples over one that a normal distribution would have.
-    """
-    posterior, correlation = one.evidence.settled, one.evidence.correlation
-    assert correlation is not None and correlation.shared is not None
-    record, point = posterior.record, one.evidence.modes[0].point
-    left, basis = residual_of(posterior, point), unnamed_basis(record)
-    fitted, every = np.arange(record.n_times)[record.kept], np.arange(record.n_times)
-    level = float(np.sqrt(posterior.misfit(point[None])[0, 0] / record.n_counted))
-    misses = []
-    for cycle in half_cycles(record.excitation):
-        own = np.intersect1d(every[cycle.first + 1 : cycle.last + 1], fitted)
-        others = np.setdiff1d(fitted, own)
-        if own.size and others.size:
-            expected, variance = conditioned(basis, correlation.shared.scale, others, own, left[:, others])
-            misses.append(np.abs(left[0, own] - expected[0]) / (level * np.sqrt(1.0 + variance)))
-    if not misses:
-        return 1.0
-    return float(np.quantile(np.concatenate(misses), LEVEL) / norm.ppf(0.5 + 0.5 * LEVEL))
+    left = (record.measured - response)[:, :, record.kept]
+    chosen = rng.integers(left.shape[2], size=(len(points), 1, len(counted)))
+    return np.asarray(response[:, :, counted] + np.take_along_axis(left, chosen, axis=2))
 
 
 class _Draws(NamedTuple):

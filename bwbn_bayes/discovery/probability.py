@@ -176,6 +176,11 @@ class Beliefs:
         """Probability that something without a name is part of the model."""
         return self._sum(lambda one: one.has_unnamed)
 
+    @property
+    def beyond(self) -> float:
+        """Probability that something without a name is part of the model, or left by it."""
+        return self.verdicts["partly_explained"] + self.verdicts["unexplained"]
+
     def of_unnamed(self, place: Place) -> float:
         """Probability of something without a name at a place, of whatever kind and beside whatever effects."""
         # As tuples, storeys 1 and 2 are what a link between floors 1 and 2 is.
@@ -277,8 +282,11 @@ class Beliefs:
         """That the best with one of some effects explains further stretches better than the best without all of them.
 
         And that this is no imitation, unless a measured loop itself shows what the names say. Another law of a
-        mechanism of theirs is no rival.
+        mechanism of theirs is no rival. Of a specimen the evidence says how far stretches agree: its samples count by
+        what the best law leaves of them.
         """
+        if self.best.is_specimen:
+            return self._no_imitation(names)
         asked = [one for one in self.explanations if one.estimate is None]
         mechanisms = {h.name: h.effect.mechanism for one in asked for h in one.added}
         own_mechanisms = {mechanisms[name] for name in names if name in mechanisms}

@@ -19,7 +19,6 @@ from bwbn_bayes.inference.finely import solve_finely
 from bwbn_bayes.inference.likelihood import KnownNoise, Posterior
 from bwbn_bayes.inference.modes import N_CANDIDATES
 from bwbn_bayes.inference.residuals import noise_floors
-from bwbn_bayes.inference.unnamed.any_scale import without_force
 from bwbn_bayes.parameters import Floats
 
 
@@ -47,7 +46,6 @@ def finely_solved(one: Explanation) -> Explanation:
         first=rung_of(engine),
         substeps=engine.substeps,
         accepts=_suffices,
-        judged=without_force,
         known=one.modes,
         spares=LAPLACE_SE,
     )

@@ -15,7 +15,6 @@ from itertools import takewhile
 
 import numpy as np
 
-from bwbn_bayes.discovery.alone import build_alone
 from bwbn_bayes.discovery.build import (
     N_KEPT,
     TOGETHER,
@@ -70,7 +69,9 @@ def search(given: Explanation, run: Run) -> Pool:
         Its settings hold the budget.
     """
     pool = Pool(run=run)
-    given = pool.begin(given)
+    pool.add([given])
+    pool.weigh()
+    given = pool.plain[frozenset()]
     run.consider(hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED))
     followed = given.is_specimen  # a specimen's laws never leave noise
     for number in range(run.settings.most_rounds):
@@ -104,11 +105,8 @@ def search(given: Explanation, run: Run) -> Pool:
 
 
 def _beside_a_force(given: Explanation, pool: Pool, run: Run) -> str:
-    """What is done at the end, in words: a force of no known law is asked for, but of several tests of a specimen."""
-    build_alone(pool, run)
+    """What is done at the end, in words: in a building a force of no known law is asked for."""
     pool.weigh(last=True)
-    if pool.has_force:
-        return "Built laws by themselves"
     if given.is_specimen:
         return _WEIGHED
     if not pool.laws.best.is_noise:
@@ -134,7 +132,7 @@ def _round(parent: Explanation, pool: Pool, run: Run) -> None:
     pool.weigh()
     if not run.stopped:
         pool.add(_reshaped(pool, run))
-        pool.add(left_out(pool.ranked()[0], pool.searched, run))
+        pool.add(left_out(pool.ranked()[0], pool.plain, run))
         pool.weigh()
     if not run.stopped:
         pool.finished.add(parent.effects_key)
@@ -175,7 +173,7 @@ def _step_otherwise(pool: Pool, run: Run) -> None:
     others = (one for one in better if len(one.added) == 1 and not one.names <= best.names)
     other = next((one for one in others if one.effects_key not in pool.expanded), None)
     if other is not None and not run.must_stop():
-        _round(pool.searched[other.effects_key], pool, run)
+        _round(pool.plain[other.effects_key], pool, run)
 
 
 def _next(pool: Pool, run: Run) -> Explanation | None:
@@ -193,11 +191,11 @@ def _next(pool: Pool, run: Run) -> Explanation | None:
             continue
         if run.must_stop():
             return None
-        own = pool.searched[key]
+        own = pool.plain[key]
         modes = settled(own.posterior, own.modes[:N_CANDIDATES], run.rng) if one.added else own.modes
         if modes[0].log_likelihood > own.modes[0].log_likelihood + 0.5:
             pool.add([own.with_modes(modes)])
-        return pool.searched[key]
+        return pool.plain[key]
     return None
 
 
@@ -224,18 +222,18 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
     each base once. What a specimen's laws leave is never noise, and their unnamed force may take it up: forms are tried
     there in the first rounds alone.
     """
-    best, searched = pool.laws.best, pool.searched
+    best, known = pool.laws.best, pool.plain
     if best.is_specimen and len(pool.expanded) > _MOST_RESHAPED:
         return []
     considered = {one.name for one in run.considered_first}
     wanted = [] if best.is_quiet else [(best, one) for one in best.added]
-    alone = [searched[key_of([one])] for one in best.added if key_of([one]) in searched]
+    alone = [known[key_of([one])] for one in best.added if key_of([one]) in known]
     if len(best.added) > 1 and alone:
         first = max(alone, key=lambda one: one.evidence.log_evidence)
         wanted.append((first, first.added[0]))
     found: list[Explanation] = []
     for whole, plain in (*wanted, *_rivals(best, pool)):
-        base = searched.get(whole.effects_key - key_of([plain]))
+        base = known.get(whole.effects_key - key_of([plain]))
         if base is None or run.must_stop():
             continue
         forms = [form for form in plain.free_shapes if form.name in considered]
@@ -273,9 +271,9 @@ def _exchange(pool: Pool, run: Run) -> None:
     most = len(pool.expanded) + run.settings.most_rounds
     while (best := pool.ranked()[0]).effects_key not in tried and len(best.added) > 1:
         tried.add(best.effects_key)
-        pool.add(left_out(best, pool.searched, run))
+        pool.add(left_out(best, pool.plain, run))
         for one in best.added:
-            base = pool.searched.get(best.effects_key - key_of([one]))
+            base = pool.plain.get(best.effects_key - key_of([one]))
             if base is None or base.effects_key in pool.expanded or len(pool.expanded) >= most or run.must_stop():
                 continue
             _round(base, pool, run)
@@ -288,11 +286,11 @@ def _change_forms(pool: Pool, run: Run) -> None:
     is that of the usual form that led to it: what they err by, some of the others may stand in for.
     """
     best = pool.ranked()[0]
-    pool.add(in_other_forms(best, pool.searched, run))
+    pool.add(in_other_forms(best, pool.plain, run))
     pool.weigh()
     while pool.ranked()[0].effects_key != best.effects_key:
         best = pool.ranked()[0]
-        pool.add(left_out(best, pool.searched, run))
+        pool.add(left_out(best, pool.plain, run))
         pool.weigh()
 
 

@@ -21,7 +21,6 @@ from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.likelihood import Posterior
 from bwbn_bayes.inference.modes import climb, find_modes, polish
 from bwbn_bayes.inference.slopes import Slopes
-from bwbn_bayes.inference.unnamed.any_scale import without_force
 from bwbn_bayes.parameters import Floats, HalfNormal, Normal, Prior
 
 _LEADING, _SEARCHED = 6, 3
@@ -234,9 +233,7 @@ def _rescanned(fit: Fit, _rng: np.random.Generator, *, n_threads: int) -> Fit:
 def _searched(fit: Fit, rng: np.random.Generator, *, n_threads: int) -> Fit:
     view = on_threads(fit.posterior, n_threads)
     try:
-        modes = find_modes(
-            without_force(view), rng, n_starts=_N_STARTS, n_first=_N_FIRST, n_kept=_N_POINTS, reach=_REACH
-        )
+        modes = find_modes(view, rng, n_starts=_N_STARTS, n_first=_N_FIRST, n_kept=_N_POINTS, reach=_REACH)
     except UserError:  # no draw of its prior can be solved: what the race found stays
         return fit
     found = [mode.point for mode in modes]

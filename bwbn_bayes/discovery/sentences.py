@@ -58,7 +58,7 @@ def sentences(
         for one in families
         if one.probability >= NAMED and not any(own.hypothesis.name in one.names for own in certain)
     ]
-    first = [_first(believed, certain, unsplit)]
+    first = [_first(believed, certain, unsplit, unnamed)]
     if not added and unnamed is None:
         return (*first, *_runner_up(believed), *_gap(gap, changed=False))
     # Beside a force of no known law effects that hardly differ from it have no name, and predict all the same.
@@ -109,7 +109,12 @@ def _parts(gap: Gap) -> list[tuple[str, Gap]]:
     return [("fitted record", gap), *([("held-out data", gap.held_out)] if gap.held_out is not None else [])]
 
 
-def _first(believed: Beliefs, certain: Sequence[Added], unsplit: Sequence[Family]) -> str:
+def _first(
+    believed: Beliefs,
+    certain: Sequence[Added],
+    unsplit: Sequence[Family],
+    unnamed: UnnamedForce | UnnamedReading | None,
+) -> str:
     sure = f"probability {probability_in_words(believed.verdicts[believed.verdict])}"
     titles = " and ".join([*(one.title for one in certain), *(one.title for one in unsplit)])
     if believed.verdict == "no_missing_effect":
@@ -124,10 +129,13 @@ def _first(believed: Beliefs, certain: Sequence[Added], unsplit: Sequence[Family
     best = believed.explanations[shown]
     if believed.verdict == "partly_explained":
         what = f"The model lacks {titles}, and more" if titles else "What the model lacks is only partly known"
-        left = f"stays {_nameless(best)}" if best.has_unnamed else _left_by_law(believed, shown)
+        is_shown = best.has_unnamed or unnamed is not None
+        left = f"stays {_nameless(best)}" if is_shown else _left_by_law(believed, shown)
         return f"{what}: beside it {left} ({sure})."
     if best.has_unnamed:
         rest = f"no catalogued effect explains it better than {_nameless(best)}"
+    elif unnamed is not None:
+        rest = f"no catalogued effect explains it: it is {_nameless(best)}"
     else:
         rest = "neither a catalogued effect nor a smooth force of the storeys explains it"
     return f"Model and record disagree, and {rest} ({sure})."

@@ -37,7 +37,6 @@ def spread_of(present: Explanation, rng: np.random.Generator) -> Floats:
     Parameters
     ----------
     present : Explanation
-        Without an unnamed force.
     rng : numpy.random.Generator
 
     References
@@ -46,7 +45,7 @@ def spread_of(present: Explanation, rng: np.random.Generator) -> Floats:
        14(4), 1986, doi:10.1214/aos/1176350142 (errors by random factors; cited from memory, not consulted); whole
        stretches in the place of samples are the block bootstrap's.
     """
-    posterior = present.evidence.settled
+    posterior = present.evidence.posterior
     slopes, record = Slopes.at(posterior, present.best), posterior.record
     signs = rng.choice([-1.0, 1.0], (N_DRAWS, 1, record.n_times))
     if present.is_noise:

@@ -11,11 +11,12 @@ from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.held_out import HeldOut, predict
 from bwbn_bayes.discovery.outcome import Gap, UnnamedForce, UnnamedReading
 from bwbn_bayes.discovery.probability import POSSIBLE, Beliefs
-from bwbn_bayes.inference.residuals import level, residual_of
+from bwbn_bayes.inference.residuals import level
 from bwbn_bayes.inference.summary import observe
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.further_link import FurtherLink, Span
 from bwbn_bayes.inference.unnamed.reading import ReadingError
+from bwbn_bayes.inference.unnamed.specimen import expected_force
 from bwbn_bayes.inference.unnamed.state_function import StateForce
 from bwbn_bayes.inference.unnamed.storey import Estimate, Neighbourhood, over_time
 
@@ -26,8 +27,10 @@ def nameless(believed: Beliefs) -> Explanation | None:
     return chosen if believed.unnamed >= POSSIBLE else None
 
 
-def unnamed_facts(believed: Beliefs) -> UnnamedForce | UnnamedReading | None:
-    """What is unnamed in :func:`nameless`, if there is one."""
+def unnamed_facts(believed: Beliefs, present: Explanation) -> UnnamedForce | UnnamedReading | None:
+    """What is unnamed in :func:`nameless`, if there is one; of a specimen what the law that is delivered leaves."""
+    if present.is_specimen:
+        return _of_specimen(present, believed.beyond) if believed.beyond >= POSSIBLE else None
     chosen = nameless(believed)
     if chosen is None:
         return None
@@ -37,7 +40,7 @@ def unnamed_facts(believed: Beliefs) -> UnnamedForce | UnnamedReading | None:
         return _of_sensor(chosen, chosen.estimate, sure)
     if isinstance(chosen.estimate, FurtherLink):
         return _of_link(chosen, chosen.estimate.span, sure)
-    return (_of_specimen if chosen.is_specimen else _of_storey)(chosen, sure)
+    return _of_storey(chosen, sure)
 
 
 class _Sure(NamedTuple):
@@ -54,7 +57,7 @@ def beside_it(believed: Beliefs, held_out: HeldOut | None, gap: Gap, rng: np.ran
     record.
     """
     chosen = nameless(believed)
-    if chosen is None or chosen.is_specimen:
+    if chosen is None:
         return gap
     posterior, point = chosen.whole
     if isinstance(chosen.estimate, Estimate) and posterior is chosen.posterior:  # nothing acts beside the laws
@@ -92,18 +95,18 @@ def _of_sensor(one: Explanation, found: ReadingError, sure: _Sure) -> UnnamedRea
     )
 
 
-def _of_specimen(one: Explanation, sure: _Sure) -> UnnamedForce:
-    """Its expectation given what the law leaves."""
-    evidence, record = one.evidence, one.posterior.record
-    assert evidence.correlation is not None
-    residual = residual_of(evidence.settled, evidence.modes[0].point)[0]
-    force = evidence.correlation.shared_part(residual)[record.kept]
+def _of_specimen(law: Explanation, probability: float) -> UnnamedForce | None:
+    """Its expectation given what a law leaves; of several tests it is not known."""
+    record = law.posterior.record
+    if len(record.parts) > 1 or "force" not in record.channels:
+        return None
+    force = expected_force(record, law.residual[0])[record.kept]
     measured = record.channels["force"][record.kept]
     return UnnamedForce(
         storey=1,
-        place=one.model.link_in_words(1),
-        probability=sure.there,
-        any_probability=sure.anywhere,
+        place=law.model.link_in_words(1),
+        probability=probability,
+        any_probability=probability,
         share=level(force) / level(measured),
         state=record.excitation[record.kept],
         force=force,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_discrete_lyapunov, solve_toeplitz
+from scipy.linalg import solve_discrete_lyapunov, solve_toeplitz
 from scipy.signal import lfilter
 
 from bwbn_bayes.engines.base import NormalEquations
@@ -195,34 +195,6 @@ class Correlation:
         if self.shared is None:
             return np.zeros_like(residual)
         return residual - self.shared.turned(residual, 1.0 / (1.0 + self.shared.variance))
-
-
-def conditioned(
-    basis: Floats, scale: float, fitted: NDArray[np.int64], wanted: NDArray[np.int64], residual: Floats
-) -> tuple[Floats, Floats]:
-    """What errors share at some samples, given what is left at others.
-
-    Parameters
-    ----------
-    basis : (n_times, n_functions) array
-        Each function times the standard deviation of its weight.
-    scale : float
-        Of the weights, over the white part.
-    fitted, wanted : (n_fitted,), (n_wanted,) array
-        Samples at which the residual is known, and others.
-    residual : (n_draws, n_fitted) array
-
-    Returns
-    -------
-    mean : (n_draws, n_wanted) array
-        [unit of the residual]
-    variance : (n_wanted,) array
-        In that of the white part.
-    """
-    known, asked = basis[fitted], basis[wanted]
-    factor = cho_factor(known.T @ known + np.eye(basis.shape[1]) / scale**2)
-    mean = (asked @ cho_solve(factor, known.T @ residual.T)).T
-    return mean, np.sum(asked * cho_solve(factor, asked.T).T, axis=1)
 
 
 def autoregression(residual: Floats) -> tuple[Floats, float]:

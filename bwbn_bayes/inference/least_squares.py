@@ -8,7 +8,6 @@ import numpy as np
 
 from bwbn_bayes.engines.base import Engine, NormalEquations
 from bwbn_bayes.inference.correlation import Correlation
-from bwbn_bayes.inference.scaled import ScaledCorrelation, ScaledEquations
 from bwbn_bayes.parameters import Booleans, Floats
 from bwbn_bayes.records.blocks import counts, mean_squares
 from bwbn_bayes.records.record import Record
@@ -20,7 +19,7 @@ def squared_residuals(
     model: Structure,
     values: Floats,
     record: Record,
-    correlation: Correlation | ScaledCorrelation | None,
+    correlation: Correlation | None,
 ) -> Floats:
     """Sums ``(n_draws, n_blocks)`` of squared whitened residuals; infinite where the solve failed.
 
@@ -37,14 +36,14 @@ def squared_residuals(
     return squares_of(record, engine.simulate(model, values, record).values, correlation)
 
 
-def squares_of(record: Record, response: Floats, correlation: Correlation | ScaledCorrelation | None) -> Floats:
+def squares_of(record: Record, response: Floats, correlation: Correlation | None) -> Floats:
     """The same of responses ``(n_draws, n_channels, n_times)``."""
     with np.errstate(over="ignore", invalid="ignore"):  # a draw that runs away misses by infinity
         misfit = squares(record, record.where_counted(record.measured - response), correlation)
     return np.where(np.isfinite(misfit), misfit, np.inf)
 
 
-def squares(record: Record, rows: Floats, correlation: Correlation | ScaledCorrelation | None) -> Floats:
+def squares(record: Record, rows: Floats, correlation: Correlation | None) -> Floats:
     """Sums ``(n, n_blocks)`` of squares of rows ``(n, n_channels, n_times)``, whitened."""
     if correlation is None:
         return np.asarray(mean_squares(record, rows) * counts(record))
@@ -56,9 +55,9 @@ def normal_equations(
     model: Structure,
     values: Floats,
     record: Record,
-    correlation: Correlation | ScaledCorrelation | None,
+    correlation: Correlation | None,
     free: Booleans | None = None,
-) -> NormalEquations | ScaledEquations:
+) -> NormalEquations:
     """Least squares of whitened residuals and derivatives; ``free`` as in :meth:`Engine.normal_equations`."""
     if correlation is None:
         return engine.normal_equations(model, values, record, free=free)

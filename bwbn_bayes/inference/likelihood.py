@@ -21,7 +21,6 @@ from bwbn_bayes.engines.journal import Journal, about, question_of
 from bwbn_bayes.errors import UserError
 from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.inference.least_squares import normal_equations, squared_residuals
-from bwbn_bayes.inference.scaled import ScaledCorrelation
 from bwbn_bayes.parameters import Booleans, Floats, FreeParameter, ParameterSpace, Prior
 from bwbn_bayes.records.band import noise_band
 from bwbn_bayes.records.blocks import counts, labels
@@ -47,7 +46,7 @@ class Noise(Protocol):
         ...
 
     @property
-    def correlation(self) -> Correlation | ScaledCorrelation | None:
+    def correlation(self) -> Correlation | None:
         """Of the samples' errors; None where they are independent."""
         ...
 
@@ -78,10 +77,6 @@ class Noise(Protocol):
 
     def until(self, record: Record) -> Noise:
         """That of the first samples, which are a record's."""
-        ...
-
-    def settled(self, misfit: Floats, n_times: float | Floats) -> Noise:
-        """At its most probable correlation, given squared residuals ``(1, n_blocks)``."""
         ...
 
 
@@ -116,9 +111,6 @@ class KnownNoise:
     def until(self, record: Record) -> KnownNoise:
         return self
 
-    def settled(self, misfit: Floats, n_times: float | Floats) -> KnownNoise:
-        return self
-
     def describe(self) -> str:
         return f"Noise standard deviations are known: {', '.join(f'{sd:.3g}' for sd in self.sd)}."
 
@@ -136,7 +128,7 @@ class IntegratedNoise:
     correlation_samples : float or tuple of float
         Samples that count as one, of all blocks or of each. Behind a filter that ends the noise at a share of half the
         sampling rate it is one over that share: to a motion within the band the likelihood is then that of the noise as
-        it is.
+        it is. Where a law leaves more than noise it is what :func:`~bwbn_bayes.inference.as_one.samples_as_one` finds.
     correlation : Correlation, optional
         Of the samples' errors, autoregressive or with a force of no known law among them.
     """
@@ -188,15 +180,12 @@ class IntegratedNoise:
     def until(self, record: Record) -> IntegratedNoise:
         return self if self.correlation is None else replace(self, correlation=self.correlation.until(record))
 
-    def settled(self, misfit: Floats, n_times: float | Floats) -> IntegratedNoise:
-        return self
-
     def describe(self) -> str:
         scales = ", ".join(f"{scale:.3g}" for scale in self.scale)
         prior = f"inverse-gamma priors of shape {self.shape:g} and scales {scales}"
         counts = " and ".join(f"{one:.3g}" for one in np.unique(self.as_one))
-        filtered = f" A filter has correlated the noise: {counts} samples count as one."
-        return f"Noise variances are integrated out under {prior}.{filtered if np.any(self.as_one > 1.0) else ''}"
+        together = f" Errors hang together: {counts} samples count as one."
+        return f"Noise variances are integrated out under {prior}.{together if np.any(self.as_one > 1.0) else ''}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,9 +221,6 @@ class SampledNoise:
         return values
 
     def until(self, record: Record) -> SampledNoise:
-        return self
-
-    def settled(self, misfit: Floats, n_times: float | Floats) -> SampledNoise:
         return self
 
     def describe(self) -> str:
@@ -386,12 +372,6 @@ class Posterior:
     def with_noise(self, noise: Noise) -> Posterior:
         """The same posterior under another noise model."""
         return replace(self, noise=noise)
-
-    def settled(self, point: Floats) -> Posterior:
-        """The same posterior, its errors' correlation the most probable one at a point ``(n_dim,)``."""
-        if not isinstance(self.noise.correlation, ScaledCorrelation):
-            return self
-        return self.with_noise(self.noise.settled(self._of_all_blocks(self.misfit(point[None])), self._n_times))
 
     def with_model(self, model: Structure) -> Posterior:
         """The posterior of another model given the same record, noise priors and engine."""

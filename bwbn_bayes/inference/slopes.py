@@ -12,7 +12,6 @@ from scipy.linalg import cho_solve
 from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.inference.identifiability import PRIOR_PRECISION
 from bwbn_bayes.inference.likelihood import Posterior
-from bwbn_bayes.inference.scaled import ScaledCorrelation
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import counts, mean_squares, over_time
 from bwbn_bayes.records.record import Record
@@ -50,10 +49,8 @@ class Slopes:
     @classmethod
     def at(cls, posterior: Posterior, point: Floats) -> Slopes:
         """At a point ``(n_dim,)`` of the unit cube."""
-        posterior = posterior.settled(point)
         record, (values, noise_values) = posterior.record, posterior.split(point[None])
         correlation = posterior.noise.correlation
-        assert not isinstance(correlation, ScaledCorrelation)
         response, slopes = posterior.engine.sensitivities(posterior.model, values, record)
         left = _whitened(record, correlation, record.measured - response.values)
         misfit = mean_squares(record, left) * counts(record)

@@ -34,6 +34,7 @@ def explanation(names: str, log_evidence: float, *, estimate: Any = None, left: 
         loop_shows=lambda name: name in shown,
         estimate=estimate,
         has_unnamed=estimate is not None,
+        is_specimen=False,
         is_noise=False,
     )
 
@@ -65,6 +66,13 @@ def test_the_best_with_an_effect_is_compared_with_the_best_without_it(compared: 
     )  # fmt: skip
     assert believed(*every).borne_out == pytest.approx({"a": 0.7, "b": 0.7}, rel=1e-3)
     assert sorted(compared) == [(89.9, 1.0), (89.9, 89.5)]
+
+
+def test_of_a_specimen_evidence_says_how_far_stretches_agree(compared: list[tuple[float, float]]) -> None:
+    every = explanation("a", 50.0), explanation("", 0.0, left=2.0)
+    every[0].is_specimen = True
+    assert believed(*every).borne_out == pytest.approx({"a": 1.0}, rel=1e-3)
+    assert compared == []
 
 
 def test_another_law_of_the_same_mechanism_is_no_rival(compared: list[tuple[float, float]]) -> None:

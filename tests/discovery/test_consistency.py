@@ -29,7 +29,6 @@ def leaving(monkeypatch: pytest.MonkeyPatch) -> Any:
         record = Record(name="drawn", time_step=0.1, excitation=np.ones(n), channels={"acceleration_1": np.ones(n)})
         posterior = SimpleNamespace(noise=NOISE, record=record, residual=residual[None])
         one: Any = SimpleNamespace(posterior=posterior, modes=(SimpleNamespace(point=None),), correlation=correlation)
-        one.settled = posterior
         one.log_evidence = log_evidence
         if log_evidence is None:
             one.log_evidence = float(np.sum(of_stretches(one)))

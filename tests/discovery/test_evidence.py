@@ -4,27 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 from scipy.special import logsumexp
-from scipy.stats import halfnorm, invgamma, multivariate_normal
+from scipy.stats import multivariate_normal
 
 from bwbn_bayes.discovery.candidates import hypotheses, scales_of
-from bwbn_bayes.discovery.evidence import Evidence, autoregressive, autoregressive_bound, beside_force, laplace
+from bwbn_bayes.discovery.evidence import Evidence, autoregressive, autoregressive_bound, laplace, under
 from bwbn_bayes.discovery.evidence import sampled as sampled_evidence
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.elements.effects import CubicStiffness, QuadraticDamping, SensorBias, SensorGain
 from bwbn_bayes.elements.law import Effect
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
-from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
-from bwbn_bayes.parameters import Floats, Normal, PerStorey, Uniform
+from bwbn_bayes.parameters import Floats, Normal, PerStorey
 from bwbn_bayes.records.excitation import el_centro
-from bwbn_bayes.records.record import Record
 from bwbn_bayes.structures.shear_building import ShearBuilding
-from bwbn_bayes.structures.specimen import Specimen
 
 KNOWN = ShearBuilding(masses=[2.0, 1.0], storey=BoucWen(k=60.0, c=0.4, alpha=0.15, beta=12.0, gamma=2.0, n=1.3))
 BASE = KNOWN.with_effect(SensorGain(gain=PerStorey([Normal(1.0, 0.1), Normal(1.0, 0.2)])))
@@ -212,80 +207,14 @@ def test_a_law_never_fits_worse_than_the_one_it_contains(effect: type[Effect], m
     assert with_it.log_likelihood > without.log_likelihood - 0.05
 
 
-def specimen_with_something_unnamed(k: float | Uniform) -> tuple[Posterior, Floats]:
-    """A specimen whose law lacks a force of the displacement alone, and the law's force."""
-    rng = np.random.default_rng(7)
-    path = 0.02 * np.sin(np.linspace(0.0, 20.0, 160)) * np.linspace(0.3, 1.0, 160)
-    storey = BoucWen(k=60.0, alpha=Normal(0.15, 0.01).truncated(0.0, 1.0), beta=40.0, gamma=10.0, n=1.0)
-    drawn = Record(name="drawn", time_step=1.0, excitation=path, channels={}, excitation_kind="displacement")
-    law = ENGINE.simulate(Specimen(storey=storey), np.array([[0.15]]), drawn, ("force",)).values[0, 0]
-    missing = 0.05 * np.max(np.abs(law)) * np.sin(path / 0.004)
-    record = drawn.with_channels({"force": law + missing + 0.002 * rng.standard_normal(160)})
-    noise = IntegratedNoise(shape=1.0, scale=(0.002**2,))
-    specimen = Specimen(storey=replace(storey, k=k))
-    return Posterior(model=specimen, record=record, engine=ENGINE, noise=noise), law
-
-
-def test_an_unnamed_force_is_a_gaussian_process_of_unknown_level_and_scale() -> None:
-    """A specimen of known law: both integrated by quadrature, of a multivariate normal's density by its eigenvalues."""
-    posterior, law = specimen_with_something_unnamed(k=60.0)
-    record, white = posterior.record, posterior.noise
-    assert isinstance(white, IntegratedNoise)
-    modes = distinct(*polish(posterior, np.full((1, 1), 0.5), n_iterations=20))
-    basis, largest = unnamed_basis(record), 0.1 * float(np.max(np.abs(law)))
-    found = beside_force(posterior, modes, SharedFunctions.of(basis), largest)
-    point = found.modes[0].point[None]
-    values = found.posterior.space.from_unit(point)
-    residual = record.channels["force"] - ENGINE.simulate(posterior.model, values, record).values[0, 0]
-    variance, turned = np.linalg.eigh(basis @ basis.T)
-    squares = np.square(turned.T @ residual)
-
-    scales, levels = np.log(np.geomspace(0.01 * largest, 4.0 * largest, 161)), np.log(np.geomspace(5e-4, 8e-3, 121))
-    level_prior = invgamma(1.0, scale=white.scale[0]).logpdf(np.exp(2.0 * levels)) + np.log(2.0) + 2.0 * levels
-
-    def densities(log_scale: float) -> Floats:
-        """At one scale, of every level."""
-        scale = np.exp(log_scale)
-        spread = np.exp(2.0 * levels)[:, None] + scale**2 * np.maximum(variance, 0.0)
-        log_normal = -0.5 * np.sum(squares / spread + np.log(2.0 * np.pi * spread), axis=1)
-        return np.asarray(log_normal + halfnorm(scale=largest).logpdf(scale) + log_scale + level_prior)
-
-    grid = np.array([densities(s) for s in scales])
-    exact = float(logsumexp(grid)) + np.log((scales[1] - scales[0]) * (levels[1] - levels[0]))
-    assert found.log_likelihood == pytest.approx(exact, abs=0.05)
-    assert found.posterior.log_likelihood(point)[0] == pytest.approx(exact, abs=0.05)
-    # What was hidden has a root mean square of 0.035 of the largest force.
-    assert found.correlation is not None and found.correlation.shared is not None
-    level = float(np.sqrt(found.settled.misfit(point)[0, 0] / 160))
-    assert 0.01 < found.correlation.shared.scale * level / np.max(np.abs(law)) < 0.12
-    assert found.log_evidence > laplace(posterior, modes).log_evidence + 100.0
-
-
-def test_steps_are_those_of_the_likelihood_that_decides() -> None:
-    """Its slopes by differences, at points where no scale stands out alone."""
-    posterior, law = specimen_with_something_unnamed(k=Uniform(20, 120))
+@pytest.mark.parametrize("as_one", [1.0, 8.0])
+def test_under_another_count_of_samples_the_evidence_is_that_of_a_fit_under_it(as_one: float) -> None:
+    posterior = with_memory(0.6)
     modes = distinct(*polish(posterior, np.full((1, 2), 0.5), n_iterations=20))
-    shared = SharedFunctions.of(unnamed_basis(posterior.record))
-    view = beside_force(posterior, modes, shared, 0.1 * float(np.max(np.abs(law)))).posterior
-    points, step = np.array([[0.5, 0.5], [0.3, 0.2], [0.6, 0.7]]), 1e-5
-    local = view.linearise(points)
-    np.testing.assert_allclose(local.log_likelihood, view.log_likelihood(points), rtol=1e-9)
-    for column in range(2):
-        beside = step * np.eye(2)[column]
-        rise = view.log_likelihood(points + beside) - view.log_likelihood(points - beside)
-        np.testing.assert_allclose(local.gradient[:, column], rise / (2.0 * step), rtol=1e-4, atol=1e-3)
-
-
-def test_no_point_has_more_of_an_unnamed_force_than_the_optimum() -> None:
-    """Scale and parameters each at the other's best need not be the best of both: six nats were left on a column."""
-    posterior, law = specimen_with_something_unnamed(k=Uniform(20, 120))
-    modes = distinct(*polish(posterior, np.full((1, 2), 0.5), n_iterations=20))
-    shared = SharedFunctions.of(unnamed_basis(posterior.record))
-    found = beside_force(posterior, modes, shared, 0.1 * float(np.max(np.abs(law))))
-
-    def missed(point: Floats) -> float:
-        return -float(found.posterior.log_likelihood(point[None])[0])
-
-    starts = np.array([[0.5, 0.5], [0.3, 0.2]])
-    best = min(float(minimize(missed, start, bounds=[(0.01, 0.99)] * 2).fun) for start in starts)
-    assert found.log_likelihood > -best - 0.02
+    noise = IntegratedNoise(shape=1.0, scale=(SD**2, SD**2), correlation_samples=as_one)
+    view = posterior.with_noise(noise)
+    expected = laplace(view, distinct(*polish(view, np.full((1, 2), 0.5), n_iterations=20)))
+    found = under(laplace(posterior, modes), noise)
+    assert found.posterior.noise == noise
+    assert found.log_evidence == pytest.approx(expected.log_evidence, abs=0.01)
+    assert list(found.means.values()) == pytest.approx(list(expected.means.values()), abs=1e-4)

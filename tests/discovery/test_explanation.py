@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pulled_spring import STIFFNESS, TIME_STEP, explained, with_past
+from pulled_spring import TIME_STEP, explained, with_past
 
-from bwbn_bayes.discovery.evidence import autoregressive, beside_force
-from bwbn_bayes.discovery.explanation import SPECIMEN, Explanation
-from bwbn_bayes.inference.correlation import SharedFunctions
-from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
+from bwbn_bayes.discovery.evidence import autoregressive, under
+from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.inference.likelihood import default_noise
 from bwbn_bayes.parameters import Floats
 
 TIME = TIME_STEP * np.arange(600)
@@ -27,18 +26,19 @@ def coloured(white: Floats) -> Explanation:
     return replace(one, evidence=autoregressive(one.posterior, one.modes))
 
 
-def forced(white: Floats) -> Explanation:
-    one = explained(TRAVEL, white + 0.2 * STIFFNESS * TRAVEL**3 / 1e-4)
-    evidence = beside_force(one.posterior, one.modes, SharedFunctions.of(unnamed_basis(one.posterior.record)), 4.0)
-    return replace(one, posterior=evidence.posterior, modes=evidence.modes, evidence=evidence, unnamed=SPECIMEN)
+def counted(white: Floats) -> Explanation:
+    """Five samples count as one."""
+    one = explained(TRAVEL, white)
+    noise = replace(default_noise(one.posterior.record), correlation_samples=5.0)
+    return replace(one, evidence=under(one.evidence, noise))
 
 
-@pytest.mark.parametrize("kind", [plain, coloured, forced])
+@pytest.mark.parametrize("kind", [plain, coloured, counted])
 def test_what_rows_cost_is_what_the_likelihood_loses_by_them(kind: Callable[[Floats], Explanation]) -> None:
     """Taken to and fro, so that only their squares tell; small, so that the level of noise stays."""
     one = kind(0.3 * np.random.default_rng(5).standard_normal(len(TIME)))
     posterior, point, share = one.evidence.posterior, one.best[None], 1e-2
-    assert (posterior.noise.correlation is None) == (kind is plain)
+    assert (posterior.noise.correlation is None) == (kind is not coloured)
 
     def with_rows(times: float) -> float:
         record = posterior.record

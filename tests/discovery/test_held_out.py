@@ -272,7 +272,7 @@ def test_what_comes_after_changes_nothing_but_the_held_out_figures() -> None:
     assert facts[0] == facts[1]
     assert figures[0]["after_s"] == figures[1]["after_s"] == pytest.approx(6.8)
     # A model that is right leaves the noise; a fifth of the signal in 40 of 60 samples is far more.
-    assert figures[0]["after"] < 1.2 * figures[0]["noise_floor"]
+    assert figures[0]["after"] < 1.3 * figures[0]["noise_floor"]
     assert figures[1]["after"] > 3.0 * figures[1]["noise_floor"]
 
 
@@ -368,7 +368,7 @@ def test_repeat_cycles_change_nothing_but_the_held_out_figures() -> None:
     """A slip that the model as given lacks; then the same test with nonsense in its repeat cycles.
 
     Of 384 held-out points whose intervals hold nine of ten, the share inside has a standard error of 1.5 % if they are
-    independent, as the white noise of this record is.
+    independent, as the white noise of this record is. A free shape of the slip is a nat ahead of the usual form.
     """
     slipping = COLUMN.with_effect(SlipLock(delta_s=1e-4, sigma=0.05))
     clean = simulate(slipping, pushed(*THRICE), {"k": 4e5}, snr_db=30.0, seed=5)
@@ -389,7 +389,7 @@ def test_repeat_cycles_change_nothing_but_the_held_out_figures() -> None:
         one["elapsed_s"] = [step.pop("elapsed_s") for step in one["steps"]] and None
     assert facts[0] == facts[1]
     assert [one["name"] for one in facts[0]["effects"]] == ["slip_lock"]
-    assert figures[0]["repeats"] and figures[0]["after"] < 1.2 * figures[0]["noise_floor"]
+    assert figures[0]["repeats"] and figures[0]["after"] < 1.3 * figures[0]["noise_floor"]
     assert abs(figures[0]["coverage_90"] - 0.9) < 4.0 * 0.015
     assert figures[1]["coverage_90"] < 0.05
     interval = found[0].gap.held_out.interval if found[0].gap.held_out is not None else None

@@ -1,7 +1,6 @@
 """On measured tests, where what a law leaves is model error: no law fits worse than the one that it contains.
 
-Every effect in every form, of free shape too, with white errors and with an unnamed force beside it. One law was once
-put 379 nats below the one that it contains.
+Every effect in every form, of free shape too. One law was once put 379 nats below the one that it contains.
 """
 
 from dataclasses import replace
@@ -12,18 +11,15 @@ import numpy as np
 import pytest
 
 from bwbn_bayes.discovery.candidates import Hypothesis, hypotheses, scales_of
-from bwbn_bayes.discovery.evidence import Evidence, beside_force, laplace
+from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.race import Fit, race
 from bwbn_bayes.discovery.run import DiscoverySettings
 from bwbn_bayes.discovery.workflow import discover
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.accuracy import LADDER
-from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import Posterior, default_noise
 from bwbn_bayes.inference.modes import find_modes
-from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
-from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records import read_record
 from bwbn_bayes.structures.starting_model import starting_model
@@ -68,32 +64,12 @@ def fits(name: str) -> dict[tuple[str, ...], Fit]:
     return {fit.hypothesis.symbols: fit for fit in found}
 
 
-@cache
-def with_force(name: str) -> Evidence:
-    """The model to start from, beside an unnamed force."""
-    base = given(name)
-    record = base.posterior.record
-    largest = UNNAMED_SCALE * float(np.max(np.abs(record.channels["force"])))
-    return beside_force(base.posterior, base.modes, SharedFunctions.of(unnamed_basis(record)), largest)
-
-
 @pytest.mark.parametrize("name", NAMES)
-def test_with_white_errors(name: str) -> None:
+def test_no_law_fits_worse_than_the_one_it_contains(name: str) -> None:
     least = given(name).evidence.log_likelihood - WITHIN
     worse = {fit.hypothesis.label: fit.log_likelihood for fit in fits(name).values() if fit.log_likelihood < least}
     assert not worse, f"at least {least:.1f}"
     assert len(fits(name)) >= 15
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_with_an_unnamed_force(name: str) -> None:
-    plain = with_force(name)
-    points = np.array([mode.point for mode in plain.modes[:3]])
-    found = race(plain.posterior, every(plain.posterior, points[0]), points)
-    least = plain.log_likelihood - WITHIN
-    worse = {fit.hypothesis.label: fit.log_likelihood for fit in found if fit.log_likelihood < least}
-    assert not worse, f"at least {least:.1f}"
-    assert len(found) >= 15
 
 
 def test_candidates_that_gain_slowly_are_followed():

@@ -9,12 +9,14 @@ import pytest
 from pulled_spring import TIME_STEP, explained, with_past
 
 from bwbn_bayes.discovery import pool as pooling
+from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.pool import Pool
 from bwbn_bayes.discovery.run import DiscoverySettings, Run
+from bwbn_bayes.inference.as_one import samples_as_one
+from bwbn_bayes.inference.likelihood import IntegratedNoise
 
 TRAVEL = 0.01 * np.sin(2.0 * np.pi * 0.5 * TIME_STEP * np.arange(900))
-FORCE: Any = ("its functions", 1.0)
 
 
 def leaving(cubic: float) -> Explanation:
@@ -23,46 +25,83 @@ def leaving(cubic: float) -> Explanation:
     return explained(TRAVEL, errors + cubic * (TRAVEL / 0.01) ** 3)
 
 
-def pool_of(force: Any) -> Pool:
-    return Pool(run=Run(DiscoverySettings(), np.random.default_rng(1), None), _force=force)
+def pool_of(*laws: Explanation) -> Pool:
+    """Each of other effects; the first is the model as given."""
+    pool = Pool(run=Run(DiscoverySettings(n_workers=1), np.random.default_rng(1), None))
+    for number, law in enumerate(laws):
+        put(pool, law, number)
+    return pool
 
 
-@pytest.mark.parametrize(
-    ("has_force", "cubic", "coloured"), [(True, 0.0, True), (True, 8.0, False), (False, 8.0, True)]
-)
-def test_errors_with_a_past_are_for_laws_that_leave_noise(has_force: bool, cubic: float, coloured: bool) -> None:
-    """A spring that is not linear leaves more: where a force of no known law stands beside it, that has it."""
-    pool = pool_of(FORCE if has_force else None)
-    pool.plain[frozenset()] = one = leaving(cubic)
+def put(pool: Pool, law: Explanation, number: int) -> None:
+    """With the effect of a number, or as given."""
+    key: Any = frozenset({((f"{number}",), (1,))}) if number else frozenset()
+    added: Any = (SimpleNamespace(key=key, label=str(number)),) if number else ()
+    pool.plain[key] = replace(law, added=added)
+
+
+@pytest.fixture(autouse=True)
+def _known_by_their_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Effects without a model; the best law is that of the greatest evidence."""
+    monkeypatch.setattr(
+        Explanation, "effects_key", property(lambda law: law.added[0].key if law.added else frozenset())
+    )
+    monkeypatch.setattr(Pool, "laws", property(lambda pool: by_evidence(pool)))
+
+
+@pytest.mark.parametrize("cubic", [0.0, 8.0])
+def test_errors_with_a_past_are_for_laws_that_leave_noise(cubic: float) -> None:
+    """A spring that is not linear leaves more: how far that hangs together is counted."""
+    pool, one = pool_of(leaving(cubic)), leaving(cubic)
     assert one.is_noise == (cubic == 0.0)
     pool._colour()
-    assert (pool.plain[frozenset()].evidence.correlation is not None) == coloured
+    assert (pool.plain[frozenset()].evidence.correlation is not None) == one.is_noise
 
 
 def test_a_law_that_leaves_more_than_noise_keeps_none_that_leaves_noise_waiting() -> None:
     """Nor is a law done with for good that was fitted anew."""
-    pool, worse, better = pool_of(FORCE), leaving(8.0), leaving(0.0)
-    keys: list[Any] = [frozenset({((f"{number}",), (1,))}) for number in range(6)]
-    pool.plain.update(dict.fromkeys(keys[:5], worse))
-    pool.plain[keys[5]] = better
-    pool._bounds.update(dict.fromkeys(keys[:5], 1e6))
+    worse, better = leaving(8.0), leaving(0.0)
+    pool = pool_of(*[worse] * 5, better)
+    *others, best = pool.plain
+    pool._bounds.update(dict.fromkeys(others, 1e6))
     pool._colour()
-    assert pool.plain[keys[5]].evidence.correlation is not None
-    pool.plain[frozenset()] = worse
-    pool._colour()
-    pool.add_alone([better])
+    assert pool.plain[best].evidence.correlation is not None
+    pool.first[frozenset()] = worse.evidence.log_evidence
+    pool.add([better])
     pool._colour()
     assert pool.plain[frozenset()].evidence.correlation is not None
+
+
+def test_samples_count_by_what_the_best_law_leaves_and_in_all_alike() -> None:
+    """Of two laws that leave more than noise; one by one as soon as a law leaves noise."""
+    pool = pool_of(leaving(8.0), leaving(6.0))
+    assert pool._count()
+    best = by_evidence(pool).best
+    counted = samples_as_one(best.posterior, best.best)
+    assert counted[0] > 2.0
+    for one in pool.plain.values():
+        assert isinstance(one.posterior.noise, IntegratedNoise)
+        assert one.posterior.noise == one.evidence.posterior.noise
+        assert one.posterior.noise.correlation_samples == pytest.approx(tuple(counted))
+        assert one.evidence.log_evidence == pytest.approx(laplace(one.posterior, one.modes).log_evidence)
+    assert not pool._count()
+    put(pool, leaving(0.0), 2)
+    assert pool._count()
+    counts = [one.posterior.noise.correlation_samples for one in pool.plain.values()]  # type: ignore[attr-defined]
+    assert set(counts) == {1.0}
+
+
+def by_evidence(pool: Pool) -> Any:
+    return SimpleNamespace(best=max(pool.plain.values(), key=lambda one: one.evidence.log_evidence))
 
 
 def test_of_the_likeliest_laws_optima_that_which_predicts_later_cycles_is_delivered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Where it leaves more than noise; another law is not, however well it predicts some stretches."""
-    pool, one = pool_of(FORCE), leaving(8.0)
+    pool, one = pool_of(), leaving(8.0)
     keys: list[Any] = [frozenset({((name,), (1,))}) for name in "ab"]
     laws = {key: replace(one, added=(SimpleNamespace(key=key),)) for key in keys}  # type: ignore[arg-type]
-    monkeypatch.setattr(Explanation, "effects_key", property(lambda law: law.added[0].key))
     optima = tuple(replace(one.modes[0], log_likelihood=one.modes[0].log_likelihood - n) for n in range(3))
     pool.plain.update(laws)
     scores = {keys[0]: (5.0, 7.0, 6.0), keys[1]: (9.0, 9.0, 9.0)}

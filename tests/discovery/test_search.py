@@ -237,11 +237,12 @@ def test_where_nothing_leaves_noise_another_first_step_is_tried(
 def test_the_last_step_tells_what_the_verdict_is_made_of(stopped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of several tests of a specimen, and where the time was over, what was weighed last was in no step."""
 
-    def build_alone(pool: Pool, run: Run) -> None:
+    def beside_a_force(_: Explanation, pool: Pool, run: Run) -> str:
         pool.add([explanation({"c": 300.0}, ALPHABET[2])])
         run.stopped = stopped
+        return searching._WEIGHED
 
-    monkeypatch.setattr(searching, "build_alone", build_alone)
+    monkeypatch.setattr(searching, "_beside_a_force", beside_a_force)
     _, pool = searched({"a": 50.0}, monkeypatch, time_limit_s=600.0)
     last, believed = pool.run.steps[-1], pool.beliefs
     assert last.sentence.startswith("Weighed what was found: the best so far is c, ")
@@ -379,14 +380,14 @@ def test_a_superfluous_effect_is_seen_to_be_so(with_two: Pool) -> None:
     """Each effect of the best is left out once: without the gain the fit is as good, and the prior does the rest."""
     pool = copied(with_two)
     assert pool.ranked()[0].names == {"sensor_bias", "sensor_gain"}
-    pool.add(building.left_out(pool.ranked()[0], pool.searched, pool.run))
+    pool.add(building.left_out(pool.ranked()[0], pool.plain, pool.run))
     assert pool.ranked()[0].names == {"sensor_bias"}
     assert pool.beliefs.names["sensor_gain"] < 0.5 < 0.99 < pool.beliefs.names["sensor_bias"]
     one_each = {one.names: one for one in pool.plain.values()}
     alone = one_each[frozenset({"sensor_gain"})]
     assert alone.evidence.log_evidence < pool.ranked()[0].evidence.log_evidence - 40.0
     # What was left out once is not fitted again, and one effect alone is not left out.
-    assert list(building.left_out(pool.ranked()[0], pool.searched, pool.run)) == []
+    assert list(building.left_out(pool.ranked()[0], pool.plain, pool.run)) == []
 
 
 def spoilt(one: Explanation) -> Explanation:
@@ -403,7 +404,7 @@ def test_several_laws_that_leave_noise_are_searched_from_all_over_their_priors(
 ) -> None:
     """A loss of stiffness beside a Maxwell branch left noise 64 nats below its optimum, and a pinch was named."""
     known, given = copied(with_two), with_two.plain[frozenset()]
-    known.add(building.left_out(known.ranked()[0], known.searched, known.run))
+    known.add(building.left_out(known.ranked()[0], known.plain, known.run))
     right = [one for one in known.ranked() if "sensor_bias" in one.names]
     alone, both = Pool(run=with_two.run), Pool(run=with_two.run)
     alone.add([given, spoilt(right[0])])
@@ -411,10 +412,10 @@ def test_several_laws_that_leave_noise_are_searched_from_all_over_their_priors(
     monkeypatch.setattr(Pool, "weigh", lambda _, **__: None)
     for pool in (alone, both):
         searching._search_anew(pool, pool.run)
-    of_alone, of_both = (pool.searched[right[0].effects_key].evidence.log_evidence for pool in (alone, both))
+    of_alone, of_both = (pool.plain[right[0].effects_key].evidence.log_evidence for pool in (alone, both))
     assert of_alone < right[0].evidence.log_evidence - 10.0
     assert of_both == pytest.approx(right[0].evidence.log_evidence, abs=0.5)
-    other = both.searched[right[1].effects_key].evidence.log_evidence
+    other = both.plain[right[1].effects_key].evidence.log_evidence
     assert other == pytest.approx(right[1].evidence.log_evidence, abs=0.5)
 
 
@@ -447,9 +448,9 @@ def test_a_form_that_was_best_alone_gives_way_once_the_others_are_there() -> Non
     assert {one.symbols[0] for one in best.added} == {"F_c", "bias"}
     assert best.evidence.log_evidence > before.evidence.log_evidence + 3.0
     # What every form was tried on stands, and one effect alone has been tried in all of its forms.
-    n_tried = len(pool.searched)
+    n_tried = len(pool.plain)
     searching._change_forms(pool, run)
-    assert len(pool.searched) == n_tried
+    assert len(pool.plain) == n_tried
 
 
 def test_an_effect_without_which_nothing_can_be_solved_stays(with_two: Pool, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -461,7 +462,7 @@ def test_an_effect_without_which_nothing_can_be_solved_stays(with_two: Pool, mon
 
     pool = copied(with_two)
     monkeypatch.setattr(building, "polish", fail)
-    assert list(building.left_out(pool.ranked()[0], pool.searched, pool.run)) == []
+    assert list(building.left_out(pool.ranked()[0], pool.plain, pool.run)) == []
     assert pool.ranked()[0].names == {"sensor_bias", "sensor_gain"}
 
 

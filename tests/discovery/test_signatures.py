@@ -149,7 +149,7 @@ def test_parameters_spread_as_what_is_left_moves_them(
     """Least squares to records whose residual is turned over: the covariance of the closed form for each."""
     monkeypatch.setattr(signatures, "N_DRAWS", 600)
     one = cast(Any, SimpleNamespace(
-        evidence=SimpleNamespace(settled=present.posterior), best=present.best, is_noise=is_noise,
+        evidence=SimpleNamespace(posterior=present.posterior), best=present.best, is_noise=is_noise,
     ))  # fmt: skip
     slopes = Slopes.at(present.posterior, present.best)
     inverse, left = np.linalg.inv(slopes.base.T @ slopes.base), slopes.residual.ravel()
@@ -172,7 +172,7 @@ def test_parameters_spread_as_filtered_noise_moves_them(present: Explanation, mo
         noise = IntegratedNoise(shape=1.0, scale=(0.02**2,), correlation_samples=float(as_one))
         posterior = replace(present.posterior, record=record, noise=noise)
         one = cast(Any, SimpleNamespace(
-            evidence=SimpleNamespace(settled=posterior), best=present.best, is_noise=True,
+            evidence=SimpleNamespace(posterior=posterior), best=present.best, is_noise=True,
         ))  # fmt: skip
         sds[as_one] = np.std(spread_of(one, np.random.default_rng(6)), axis=0)
     np.testing.assert_allclose(sds[4] / sds[1], 2.0, rtol=0.25)

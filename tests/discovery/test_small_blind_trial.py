@@ -100,10 +100,9 @@ EVIDENCE_MOVES = 0.15
 DOUBLED: dict[str, dict[str, Any]] = {
     "search": {"REACH": 12.0, "BEAM": 4, "N_KEPT": 80},
     "build": {"MOST_LATER": 24, "N_KEPT": 80, "N_TOGETHER": 1024},
-    "alone": {"MOST_EFFECTS": 16, "MOST_ROUNDS": 16, "MOST_FAILURES": 4, "N_BESIDE": 8},
     "unnamed": {"_N_UNNAMED": 16},
     "pool": {
-        "_MOST_COLOURED": 8, "_COLOURED_REACH": 800.0, "_MOST_ALONE": 16, "_MOST_SAMPLED": 12,
+        "_MOST_COLOURED": 8, "_COLOURED_REACH": 800.0, "_N_TURNS": 8, "_MOST_SAMPLED": 12,
         "_SAMPLED_REACH": 20.0, "_N_SAMPLED": 800,
     },
     "race": {"ROUNDS": ((4, 1.0), (8, 0.8), (50, 0.24)), "_LEAST": 16, "_LEADING_FORMS": 16, "_FEWEST": 10},

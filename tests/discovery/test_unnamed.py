@@ -7,20 +7,20 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 from scipy.signal import lsim
 from scipy.special import logsumexp
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, norm
 
-from bwbn_bayes.discovery.evidence import beside_force, laplace
+from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
+from bwbn_bayes.discovery.outcome import UnnamedForce
 from bwbn_bayes.discovery.probability import beliefs
 from bwbn_bayes.discovery.unnamed_facts import unnamed_facts
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.lanes import Lanes
-from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.modes import distinct, polish
 from bwbn_bayes.inference.unnamed import UNNAMED_SCALE
 from bwbn_bayes.inference.unnamed.pulses import Knots, answers
-from bwbn_bayes.inference.unnamed.specimen import unnamed_basis
+from bwbn_bayes.inference.unnamed.specimen import expected_force, unnamed_basis
 from bwbn_bayes.inference.unnamed.storey import functions, places_of, unnamed_forces
 from bwbn_bayes.inference.unnamed.sums import Sums
 from bwbn_bayes.parameters import Floats, Normal, Uniform
@@ -53,15 +53,6 @@ def fitted(force: Floats) -> Explanation:
     return Explanation(added=(), posterior=posterior, modes=modes, evidence=laplace(posterior, modes))
 
 
-def beside(plain: Explanation) -> Explanation:
-    """The same with an unnamed force, as a search has it."""
-    record = plain.posterior.record
-    largest = UNNAMED_SCALE * float(np.max(np.abs(record.channels["force"])))
-    shared = SharedFunctions.of(unnamed_basis(record))
-    evidence = beside_force(plain.posterior, plain.modes, shared, largest)
-    return replace(plain, unnamed=(1,), evidence=evidence)
-
-
 def test_the_functions_have_unit_variance_on_the_average_over_the_test(law: Floats) -> None:
     """By drawing forces: a law that is missing and what no law holds have half of it each."""
     basis = unnamed_basis(PUSHED.with_channels({"force": law}))
@@ -82,43 +73,47 @@ def test_a_force_of_the_states_goes_on_where_the_direction_turns(law: Floats) ->
     assert np.max(spread[turns]) < np.median(spread) * 2.0
 
 
-def test_a_smooth_force_that_the_law_lacks_is_taken_up(law: Floats) -> None:
+def test_a_smooth_force_that_the_law_lacks_is_told(law: Floats) -> None:
     missing = 0.05 * np.max(np.abs(law)) * np.sin(PATH / 0.004)
     plain = fitted(law + missing)
-    whole = beside(plain)
-    believed = beliefs((plain, whole), 1, {})
+    believed = beliefs((plain,), 1, {})
     assert believed.verdict == "unexplained"
-    found = unnamed_facts(believed)
-    assert found is not None
+    found = unnamed_facts(believed, plain)
+    assert isinstance(found, UnnamedForce)
     assert (found.storey, found.place) == (1, "the specimen")
-    assert found.probability > 0.999
+    assert found.probability == found.any_probability > 0.999
     assert np.corrcoef(found.force, missing)[0, 1] > 0.95
     expected = np.std(missing) / np.sqrt(np.mean(np.square(plain.posterior.record.channels["force"])))
     assert found.share == pytest.approx(expected, rel=0.2)
 
 
-def test_white_noise_is_not_taken_up(law: Floats) -> None:
-    """A specimen without a missing effect: the force stays improbable, and is not told."""
+def test_beside_a_law_that_leaves_noise_no_force_is_told(law: Floats) -> None:
     plain = fitted(law)
-    believed = beliefs((plain, beside(plain)), 1, {})
+    believed = beliefs((plain,), 1, {})
     assert believed.verdict == "no_missing_effect"
-    assert believed.verdicts["unexplained"] < 0.05
-    assert unnamed_facts(believed) is None
+    assert unnamed_facts(believed, plain) is None
 
 
-def test_what_no_force_explains_is_no_force(law: Floats) -> None:
-    """A sensor that drifts, say: the class says that something is left, where no unnamed force is likely or none is.
+@pytest.mark.parametrize("scale", [0.01, 0.1])
+def test_the_force_is_the_conditional_of_a_normal_at_its_likeliest_scale(law: Floats, scale: float) -> None:
+    """By dense matrices; the noise level is the one that is likeliest at each scale."""
+    rng, record = np.random.default_rng(6), PUSHED.with_channels({"force": law})
+    record = replace(record, counted=rng.random(N) < 0.8)
+    basis = unnamed_basis(record)
+    drawn = scale * (basis @ rng.standard_normal(basis.shape[1])) + 0.01 * rng.standard_normal(N)
+    known = np.arange(N)[record.kept]
+    process = basis[known] @ basis[known].T
 
-    Telling the force of the best explanation that has one stopped where there was none.
-    """
-    plain = fitted(law)
-    plain.__dict__["is_noise"] = False
-    improbable = beside(plain)
-    for every in ((plain,), (plain, improbable)):
-        believed = beliefs(every, 1, {})
-        assert believed.verdict == "unexplained"
-        assert believed.unnamed < 0.05
-        assert unnamed_facts(believed) is None
+    def at(over_noise: float) -> tuple[float, Floats]:
+        whole = np.eye(len(known)) + over_noise**2 * process
+        weights = np.linalg.solve(whole, drawn[known])
+        level = np.mean(drawn[known] * weights)
+        likelihood = multivariate_normal(cov=level * whole).logpdf(drawn[known])
+        return float(likelihood), over_noise**2 * process @ weights
+
+    _, expected = max((at(own) for own in 2.0 ** np.arange(-3.0, 9.0, 0.25)), key=lambda one: one[0])
+    found = expected_force(record, record.where_counted(drawn[None])[0])
+    np.testing.assert_allclose(found[known], expected, atol=1e-8)
 
 
 STOREY = BoucWen(k=Uniform(40, 80), c=0.4, alpha=1.0, beta=12.0, gamma=2.0)

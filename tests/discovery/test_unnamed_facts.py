@@ -27,7 +27,7 @@ def test_something_unnamed_is_told_with_the_probability_of_its_own_place(
             unnamed=own,
             has_unnamed=own is not None,
             estimate=None,
-            is_specimen=True,
+            is_specimen=False,
             evidence=SimpleNamespace(log_evidence=np.log(p)),
         )
         for own, p in (*shares, (None, 0.05))
@@ -37,8 +37,9 @@ def test_something_unnamed_is_told_with_the_probability_of_its_own_place(
     none = np.zeros(len(every))
     explanations = tuple(every[n] for n in order)
     believed = Beliefs(explanations=explanations, log_prior=none, law_error=none, forgiven=none)
-    monkeypatch.setattr(unnamed_facts, "_of_specimen", lambda _, sure: sure)
-    sure: Any = unnamed_facts.unnamed_facts(believed)
+    for of_kind in ("_of_storey", "_of_link", "_of_sensor"):
+        monkeypatch.setattr(unnamed_facts, of_kind, lambda *given: given[-1])
+    sure: Any = unnamed_facts.unnamed_facts(believed, every[-1])
     assert sure == pytest.approx((there, 0.95))
 
 

@@ -6,7 +6,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from bwbn_bayes.inference.correlation import Correlation, SharedFunctions, autoregression, conditioned, order_cost
+from bwbn_bayes.inference.correlation import Correlation, SharedFunctions, autoregression, order_cost
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.record import Record
 
@@ -106,19 +106,6 @@ def test_a_slope_is_not_taken_for_noise_of_a_long_memory() -> None:
     assert np.sum(coefficients) < 1.0
     assert autoregression(np.zeros(50))[1] == 0.0
     assert order_cost(2, 100) == pytest.approx(-np.log(100.0))
-
-
-def test_what_is_shared_elsewhere_is_the_conditional_of_the_normal() -> None:
-    """Given the residual at some samples: the textbook's mean and covariance, from the whole process' covariance."""
-    rng = np.random.default_rng(6)
-    basis, residual = rng.standard_normal((N, 9)), rng.standard_normal((3, 40))
-    fitted, wanted = np.split(rng.permutation(N), [40])
-    mean, variance = conditioned(basis, 0.7, fitted, wanted, residual)
-    process = 0.7**2 * basis @ basis.T
-    gain = process[np.ix_(wanted, fitted)] @ np.linalg.inv(process[np.ix_(fitted, fitted)] + np.eye(40))
-    np.testing.assert_allclose(mean, residual @ gain.T, atol=1e-9)
-    left = process[np.ix_(wanted, wanted)] - gain @ process[np.ix_(fitted, wanted)]
-    np.testing.assert_allclose(variance, np.diag(left), atol=1e-9)
 
 
 def test_each_sample_has_its_part_of_the_volume() -> None:

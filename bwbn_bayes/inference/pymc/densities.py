@@ -32,7 +32,6 @@ from pytensor.tensor.rewriting.basic import register_canonicalize, register_spec
 
 from bwbn_bayes.inference.correlation import Correlation, SharedFunctions
 from bwbn_bayes.inference.likelihood import IntegratedNoise, KnownNoise, Noise
-from bwbn_bayes.inference.scaled import ScaledCorrelation
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import counts
 from bwbn_bayes.records.record import Record
@@ -91,7 +90,6 @@ def sample_log_densities(
 
 def _settled(noise: Noise) -> Correlation | None:
     """Errors' correlation; a forward problem takes none of any scale (:func:`~.forward.forward_problem`)."""
-    assert not isinstance(noise.correlation, ScaledCorrelation)
     return noise.correlation
 
 

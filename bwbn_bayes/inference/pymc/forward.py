@@ -25,7 +25,6 @@ from bwbn_bayes.engines.sunode import Sunode
 from bwbn_bayes.inference import least_squares
 from bwbn_bayes.inference.correlation import Correlation
 from bwbn_bayes.inference.likelihood import SolveCount
-from bwbn_bayes.inference.scaled import ScaledCorrelation
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.blocks import labels
 from bwbn_bayes.records.record import Record
@@ -177,7 +176,7 @@ def forward_problem(
     model: Structure,
     record: Record,
     engine: Engine,
-    correlation: Correlation | ScaledCorrelation | None = None,
+    correlation: Correlation | None = None,
 ) -> ForwardProblem:
     """The problem of a model, a record, an engine and errors that hang together; one object while they are equal.
 
@@ -186,8 +185,6 @@ def forward_problem(
     UserError
         If the record does not excite the model in its own way.
     """
-    if isinstance(correlation, ScaledCorrelation):
-        raise TypeError("a forward problem has one correlation of its errors: settle the scale of what they share")
     check_record(model, record)
     key = _key(model, record, engine, correlation)
     known = _PROBLEMS.get(key)

@@ -1,4 +1,4 @@
-"""The unnamed force of a specimen: what its force has beyond any law, of where it is, how it came there, and when.
+"""The unnamed force of a specimen: what its force has beyond a law, of where it is, how it came there, and when.
 
 Half of its variance is a smooth function of displacement, of the way since the last turn (the force of an
 elastic-plastic spring, continuous where a direction jumps) and of the path covered: the law that is missing. The other
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bwbn_bayes.inference.correlation import SharedFunctions
 from bwbn_bayes.parameters import Floats
 from bwbn_bayes.records.cycles import path_of
 from bwbn_bayes.records.record import Record
@@ -31,6 +32,8 @@ _LENGTHS = (0.35, 0.8, 0.5)
 _FORGOTTEN = 0.25
 """Of the largest displacement: path within which a departure that no law has is forgotten."""
 _MOST_KNOTS = 600
+_SCALES = 2.0 ** np.arange(-3.0, 9.0, 0.25)
+"""Of the force, over the noise level: from an eighth of it to some hundred times as much."""
 
 
 def unnamed_basis(record: Record) -> Floats:
@@ -57,6 +60,29 @@ def fitted_basis(record: Record) -> Floats:
     """The same with zeros at samples that do not count: of them the likelihood knows nothing."""
     basis = unnamed_basis(record)
     return basis if record.counted is None else basis * record.counted[:, None]
+
+
+def expected_force(record: Record, residual: Floats) -> Floats:
+    """What of a residual ``(n_times,)`` is expected to be the unnamed force, at its most probable scale.
+
+    Parameters
+    ----------
+    record : Record
+        A cyclic test.
+    residual : (n_times,) array
+        What a law leaves of its force; zero at samples that do not count.
+
+    Returns
+    -------
+    (n_times,) array
+        [N]
+    """
+    shared = SharedFunctions.of(fitted_basis(record))
+    weights, variance = residual @ shared.functions, np.square(_SCALES)[:, None] * shared.variance
+    taken = variance / (1.0 + variance)
+    left = residual @ residual - taken @ np.square(weights)
+    log_likelihood = -0.5 * (record.n_counted * np.log(left) + np.sum(np.log1p(variance), axis=1))
+    return np.asarray(shared.functions @ (taken[np.argmax(log_likelihood)] * weights))
 
 
 def _functions(place: Floats, n: int, length: float) -> Floats:

@@ -139,7 +139,7 @@ class Pool:
         """
         for _ in range(_N_TURNS):
             self._solve_finely()
-            if not self._count():
+            if not self.count():
                 break
         if has_past(self._given.posterior.record):
             self._colour()
@@ -150,7 +150,7 @@ class Pool:
     def _given(self) -> Explanation:
         return self.plain[frozenset()]
 
-    def _count(self) -> bool:
+    def count(self) -> bool:
         """Count a specimen's samples, in all explanations alike, by what the best law leaves; whether that was new.
 
         One by one where it leaves noise.

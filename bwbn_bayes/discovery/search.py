@@ -70,7 +70,7 @@ def search(given: Explanation, run: Run) -> Pool:
     """
     pool = Pool(run=run)
     pool.add([given])
-    pool.weigh()
+    pool.count()
     given = pool.plain[frozenset()]
     run.consider(hypotheses_of(given, run, np.inf if given.is_specimen else MOST_CARRIED))
     followed = given.is_specimen  # a specimen's laws never leave noise
@@ -219,8 +219,8 @@ def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
 
     Where the best has several effects, the one that is best alone, too; and what might stand in the place of one of
     them: which law lies nearest in the form that it happens to have says little of which it is. Each form is tried on
-    each base once. What a specimen's laws leave is never noise, and their unnamed force may take it up: forms are tried
-    there in the first rounds alone.
+    each base once. What a specimen's laws leave is never noise: forms are tried there in the first rounds
+    alone.
     """
     best, known = pool.laws.best, pool.plain
     if best.is_specimen and len(pool.expanded) > _MOST_RESHAPED:

@@ -41,8 +41,6 @@ class SharedFunctions(NamedTuple):
     """``(n_channels * n_times, n_functions)``, one channel after the other."""
     variance: Floats
     """Prior variance ``(n_functions,)`` of each one's weight, in that of the white part."""
-    scale: float = 1.0
-    """Of the weights, over that of the basis they were made of."""
     level: Floats | None = None
     """Of each channel's white part ``(n_channels,)``; none where there is one channel. [unit of the channel]"""
 
@@ -70,11 +68,11 @@ class SharedFunctions(NamedTuple):
         """Those of the first samples."""
         n_channels = 1 if self.level is None else len(self.level)
         basis = (self.functions * np.sqrt(self.variance)).reshape(n_channels, -1, len(self.variance))[:, :n_times]
-        return self.of(basis.reshape(-1, len(self.variance)), self.level)._replace(scale=self.scale)
+        return self.of(basis.reshape(-1, len(self.variance)), self.level)
 
     def times(self, scale: float) -> SharedFunctions:
         """With weights so many times as large."""
-        return self._replace(variance=scale**2 * self.variance, scale=scale * self.scale)
+        return self._replace(variance=scale**2 * self.variance)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,7 +115,7 @@ class Correlation:
         """All that it is made of, in numbers."""
         shared = self.shared
         level = () if shared is None or shared.level is None else (shared.level,)
-        basis = () if shared is None else (shared.functions, shared.variance, np.array([shared.scale]), *level)
+        basis = () if shared is None else (shared.functions, shared.variance, *level)
         return (np.array([self.log_prior]), *self.coefficients, *basis)
 
     @property

@@ -36,7 +36,6 @@ def solve_finely(
     first: int = 0,
     substeps: int = 1,
     accepts: Callable[[Discretisation], bool] = lambda facts: facts.acceptable,
-    judged: Callable[[Posterior], Posterior] = lambda view: view,
     known: tuple[Mode, ...] = (),
     spares: float = 0.0,
 ) -> Solved:
@@ -50,8 +49,6 @@ def solve_finely(
         Optima of a coarse search, the best first.
     first, substeps, accepts
         As of :func:`~bwbn_bayes.inference.accuracy.choose_scheme`.
-    judged : callable
-        What of the posterior the scheme is judged by at the optimum.
     known : tuple of Mode
         Those under the posterior's own scheme, where it may stay.
     spares : float
@@ -60,9 +57,8 @@ def solve_finely(
     view, discretisation, engine, rung = posterior, None, posterior.engine, first
     while True:
         if isinstance(engine, Lanes):
-            seen = judged(posterior)
             scheme, discretisation = choose_scheme(
-                seen, points[0], engine, first=rung, substeps=substeps, accepts=accepts
+                posterior, points[0], engine, first=rung, substeps=substeps, accepts=accepts
             )
             view, rung = posterior.with_engine(scheme), rung_of(scheme, rung) + 1
         stays = bool(known) and view.engine == engine

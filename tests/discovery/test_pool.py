@@ -75,7 +75,7 @@ def test_a_law_that_leaves_more_than_noise_keeps_none_that_leaves_noise_waiting(
 def test_samples_count_by_what_the_best_law_leaves_and_in_all_alike() -> None:
     """Of two laws that leave more than noise; one by one as soon as a law leaves noise."""
     pool = pool_of(leaving(8.0), leaving(6.0))
-    assert pool._count()
+    assert pool.count()
     best = by_evidence(pool).best
     counted = samples_as_one(best.posterior, best.best)
     assert counted[0] > 2.0
@@ -84,9 +84,9 @@ def test_samples_count_by_what_the_best_law_leaves_and_in_all_alike() -> None:
         assert one.posterior.noise == one.evidence.posterior.noise
         assert one.posterior.noise.correlation_samples == pytest.approx(tuple(counted))
         assert one.evidence.log_evidence == pytest.approx(laplace(one.posterior, one.modes).log_evidence)
-    assert not pool._count()
+    assert not pool.count()
     put(pool, leaving(0.0), 2)
-    assert pool._count()
+    assert pool.count()
     counts = [one.posterior.noise.correlation_samples for one in pool.plain.values()]  # type: ignore[attr-defined]
     assert set(counts) == {1.0}
 

@@ -73,6 +73,7 @@ def searched(script: Script, monkeypatch: pytest.MonkeyPatch, **settings: Any) -
     monkeypatch.setattr(searching, "_anew", lambda pair: pair[0])
     monkeypatch.setattr(searching, "settled", lambda _, modes, __: modes)
     monkeypatch.setattr(Pool, "weigh", lambda _, **__: None)
+    monkeypatch.setattr(Pool, "count", lambda _: False)
     run = run_of(**settings)
     pool = search(explanation({"": 0.0}), run)
     return [step.parent for step in run.steps[:-1]], pool
@@ -410,6 +411,7 @@ def test_several_laws_that_leave_noise_are_searched_from_all_over_their_priors(
     alone.add([given, spoilt(right[0])])
     both.add([given, *map(spoilt, right)])
     monkeypatch.setattr(Pool, "weigh", lambda _, **__: None)
+    monkeypatch.setattr(Pool, "count", lambda _: False)
     for pool in (alone, both):
         searching._search_anew(pool, pool.run)
     of_alone, of_both = (pool.plain[right[0].effects_key].evidence.log_evidence for pool in (alone, both))

@@ -168,9 +168,11 @@ def _under(posterior: Posterior, correlation: Correlation) -> Posterior:
 
 
 def under(evidence: Evidence, noise: Noise) -> Evidence:
-    """Laplace's evidence of the same model under another account of the errors."""
-    view = evidence.posterior.with_noise(noise)
-    return laplace(view, distinct(*_refitted(view, _points(evidence.modes))))
+    """Laplace's evidence of the same model under white errors of another level, or whose samples count otherwise."""
+    view, points = evidence.posterior.with_noise(noise), _points(evidence.modes)
+    if len(view.record.blocks) == 1:  # least squares whatever they count for
+        return laplace(view, distinct(points, view.linearise(points)))
+    return laplace(view, distinct(*_refitted(view, points)))
 
 
 def _points(modes: tuple[Mode, ...]) -> Floats:

@@ -207,11 +207,16 @@ def test_a_law_never_fits_worse_than_the_one_it_contains(effect: type[Effect], m
     assert with_it.log_likelihood > without.log_likelihood - 0.05
 
 
+@pytest.mark.parametrize("of_one_channel", [False, True])
 @pytest.mark.parametrize("as_one", [1.0, 8.0])
-def test_under_another_count_of_samples_the_evidence_is_that_of_a_fit_under_it(as_one: float) -> None:
-    posterior = with_memory(0.6)
+def test_under_another_count_of_samples_the_evidence_is_that_of_a_fit_under_it(
+    as_one: float, of_one_channel: bool
+) -> None:
+    posterior, n = with_memory(0.6), 1 if of_one_channel else 2
+    record = posterior.record.with_channels({name: posterior.record.channels[name] for name in CHANNELS[:n]})
+    posterior = replace(posterior, record=record, noise=IntegratedNoise(shape=1.0, scale=(SD**2,) * n))
     modes = distinct(*polish(posterior, np.full((1, 2), 0.5), n_iterations=20))
-    noise = IntegratedNoise(shape=1.0, scale=(SD**2, SD**2), correlation_samples=as_one)
+    noise = IntegratedNoise(shape=1.0, scale=(SD**2,) * n, correlation_samples=as_one)
     view = posterior.with_noise(noise)
     expected = laplace(view, distinct(*polish(view, np.full((1, 2), 0.5), n_iterations=20)))
     found = under(laplace(posterior, modes), noise)

@@ -32,7 +32,7 @@ seen 379 nats below the one that it contains where its optimum was that of white
 _MOST_FINE = 4
 """Explanations whose scheme is judged at a time, the best ones, no further below the best of all than that."""
 _N_TURNS = 4
-"""In which the best law and how it has samples count come to agree, at most."""
+"""In which laws are solved and samples counted anew, at most."""
 _COUNTED_ALIKE = 0.01
 """Share by which counts of samples differ without a difference: of ten nats it is a tenth of one."""
 _N_SETTLED, _N_STARTS = 8, 512
@@ -150,18 +150,30 @@ class Pool:
     def _given(self) -> Explanation:
         return self.plain[frozenset()]
 
-    def count(self) -> bool:
-        """Count a specimen's samples, in all explanations alike, by what the best law leaves; whether that was new.
+    @property
+    def _closest(self) -> Explanation:
+        """The law that leaves least."""
+        return max(self.plain.values(), key=lambda one: one.modes[0].log_likelihood)
 
-        One by one where it leaves noise.
+    def count(self) -> bool:
+        """Count a specimen's samples, in all explanations alike, by what the closest law leaves; whether that was new.
+
+        One by one where it leaves noise. By the law of the greatest evidence each would have samples count as suits it:
+        of several answers that agree with themselves the one that came first would stay. So the dispersion of all
+        models is taken from the largest of them elsewhere, too [1]_.
+
+        References
+        ----------
+        .. [1] K. P. Burnham and D. R. Anderson, "Model Selection and Multimodel Inference", 2nd ed., 2002,
+           doi:10.1007/b97636 (variance inflation of the global model; cited from memory, not consulted).
         """
-        best, noise = self.laws.best, self._given.posterior.noise
-        if not best.is_specimen:
+        closest, noise = self._closest, self._given.posterior.noise
+        if not closest.is_specimen:
             return False
         assert isinstance(noise, IntegratedNoise)
-        white = default_noise(best.posterior.record)
-        if not best.is_noise:
-            as_one = np.maximum(white.as_one, samples_as_one(best.posterior, best.best))
+        white = default_noise(closest.posterior.record)
+        if not closest.is_noise:
+            as_one = np.maximum(white.as_one, samples_as_one(closest.posterior, closest.best))
             white = replace(white, correlation_samples=tuple(as_one.tolist()))
         if np.allclose(white.as_one, noise.as_one, rtol=_COUNTED_ALIKE, atol=0.0):
             return False
@@ -189,13 +201,13 @@ class Pool:
     def _colour(self) -> None:
         """Refit under autoregressive errors what could gain by them.
 
-        A specimen's laws where the best leaves noise, and those that do: how far more hangs together is counted.
+        A specimen's laws where the closest leaves noise, and those that do: how far more hangs together is counted.
         """
-        best = self.laws.best
-        if best.is_specimen and not best.is_noise:
+        is_specimen = self._given.is_specimen
+        if is_specimen and not self._closest.is_noise:
             return
         fresh = [key for key in self.plain if key not in self._coloured]
-        waiting = [key for key in fresh if not best.is_specimen or self.plain[key].is_noise]
+        waiting = [key for key in fresh if not is_specimen or self.plain[key].is_noise]
         for key in waiting:
             if key not in self._bounds:
                 self._bounds[key] = self.plain[key].evidence.log_evidence + autoregressive_bound(*_at(self.plain[key]))

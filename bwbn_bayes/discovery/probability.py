@@ -283,7 +283,7 @@ class Beliefs:
 
         And that this is no imitation, unless a measured loop itself shows what the names say. Another law of a
         mechanism of theirs is no rival. Of a specimen the evidence says how far stretches agree: its samples count by
-        what the best law leaves of them.
+        what the closest law leaves of them.
         """
         if self.best.is_specimen:
             return self._no_imitation(names)

@@ -42,11 +42,10 @@ def put(pool: Pool, law: Explanation, number: int) -> None:
 
 @pytest.fixture(autouse=True)
 def _known_by_their_keys(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Effects without a model; the best law is that of the greatest evidence."""
+    """Effects without a model."""
     monkeypatch.setattr(
         Explanation, "effects_key", property(lambda law: law.added[0].key if law.added else frozenset())
     )
-    monkeypatch.setattr(Pool, "laws", property(lambda pool: by_evidence(pool)))
 
 
 @pytest.mark.parametrize("cubic", [0.0, 8.0])
@@ -72,11 +71,11 @@ def test_a_law_that_leaves_more_than_noise_keeps_none_that_leaves_noise_waiting(
     assert pool.plain[frozenset()].evidence.correlation is not None
 
 
-def test_samples_count_by_what_the_best_law_leaves_and_in_all_alike() -> None:
+def test_samples_count_by_what_the_closest_law_leaves_and_in_all_alike() -> None:
     """Of two laws that leave more than noise; one by one as soon as a law leaves noise."""
     pool = pool_of(leaving(8.0), leaving(6.0))
     assert pool.count()
-    best = by_evidence(pool).best
+    best = max(pool.plain.values(), key=lambda one: one.evidence.log_likelihood)
     counted = samples_as_one(best.posterior, best.best)
     assert counted[0] > 2.0
     for one in pool.plain.values():
@@ -89,10 +88,6 @@ def test_samples_count_by_what_the_best_law_leaves_and_in_all_alike() -> None:
     assert pool.count()
     counts = [one.posterior.noise.correlation_samples for one in pool.plain.values()]  # type: ignore[attr-defined]
     assert set(counts) == {1.0}
-
-
-def by_evidence(pool: Pool) -> Any:
-    return SimpleNamespace(best=max(pool.plain.values(), key=lambda one: one.evidence.log_evidence))
 
 
 def test_of_the_likeliest_laws_optima_that_which_predicts_later_cycles_is_delivered(

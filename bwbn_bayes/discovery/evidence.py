@@ -167,9 +167,9 @@ def _under(posterior: Posterior, correlation: Correlation) -> Posterior:
     return posterior.with_noise(replace(posterior.noise, correlation=correlation))  # type: ignore[type-var]
 
 
-def under(evidence: Evidence, noise: Noise) -> Evidence:
-    """Laplace's evidence of the same model under white errors of another level, or whose samples count otherwise."""
-    view, points = evidence.posterior.with_noise(noise), _points(evidence.modes)
+def recounted(posterior: Posterior, modes: tuple[Mode, ...], noise: Noise) -> Evidence:
+    """Laplace's evidence under white errors whose samples count otherwise."""
+    view, points = posterior.with_noise(noise), _points(modes)
     if len(view.record.blocks) == 1:  # least squares whatever they count for
         return laplace(view, distinct(points, view.linearise(points)))
     return laplace(view, distinct(*_refitted(view, points)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from bwbn_bayes.discovery.evidence import (
     autoregressive,
     autoregressive_bound,
     autoregressive_outlook,
+    recounted,
     sampled,
-    under,
 )
 from bwbn_bayes.discovery.explanation import Explanation, Key, Place
 from bwbn_bayes.discovery.probability import Beliefs, beliefs
@@ -150,6 +150,11 @@ class Pool:
     def _given(self) -> Explanation:
         return self.plain[frozenset()]
 
+    @cached_property
+    def _white(self) -> IntegratedNoise:
+        """Noise whose samples count one by one, but behind a filter; found of the record, which stays the same."""
+        return default_noise(self._given.posterior.record)
+
     @property
     def _closest(self) -> Explanation:
         """The law that leaves least."""
@@ -171,7 +176,7 @@ class Pool:
         if not closest.is_specimen:
             return False
         assert isinstance(noise, IntegratedNoise)
-        white = default_noise(closest.posterior.record)
+        white = self._white
         if not closest.is_noise:
             as_one = np.maximum(white.as_one, samples_as_one(closest.posterior, closest.best))
             white = replace(white, correlation_samples=tuple(as_one.tolist()))
@@ -287,4 +292,4 @@ def _score_ahead(one: Explanation) -> float:
 
 def _counted(noise: Noise, one: Explanation) -> Evidence:
     """Its evidence under white errors whose samples count otherwise."""
-    return under(replace(one.evidence, posterior=one.posterior, modes=one.modes), noise)
+    return recounted(*_at(one), noise)

@@ -217,7 +217,7 @@ def _tell_limits(model: Structure, record: Record, run: Run) -> None:
     if len(record.runs) > 1:
         run.note("Nothing that happens at an instant was tried: in virgin records it would happen in each of them.")
     if model.is_driven and len(record.parts) > 1:
-        run.note("No force of no known law was tried beside the laws: of a specimen it is known of one test alone.")
+        run.note("No force of no known law is told: of a specimen it is known of one test alone.")
 
 
 def _thinned(record: Record, run: Run) -> Record:

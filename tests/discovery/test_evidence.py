@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bwbn_bayes.discovery.candidates import hypotheses, scales_of
-from bwbn_bayes.discovery.evidence import Evidence, autoregressive, autoregressive_bound, laplace, under
+from bwbn_bayes.discovery.evidence import Evidence, autoregressive, autoregressive_bound, laplace, recounted
 from bwbn_bayes.discovery.evidence import sampled as sampled_evidence
 from bwbn_bayes.discovery.race import Fit
 from bwbn_bayes.elements.bouc_wen import BoucWen
@@ -219,7 +219,7 @@ def test_under_another_count_of_samples_the_evidence_is_that_of_a_fit_under_it(
     noise = IntegratedNoise(shape=1.0, scale=(SD**2,) * n, correlation_samples=as_one)
     view = posterior.with_noise(noise)
     expected = laplace(view, distinct(*polish(view, np.full((1, 2), 0.5), n_iterations=20)))
-    found = under(laplace(posterior, modes), noise)
+    found = recounted(posterior, modes, noise)
     assert found.posterior.noise == noise
     assert found.log_evidence == pytest.approx(expected.log_evidence, abs=0.01)
     assert list(found.means.values()) == pytest.approx(list(expected.means.values()), abs=1e-4)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pulled_spring import TIME_STEP, explained, with_past
 
-from bwbn_bayes.discovery.evidence import autoregressive, under
+from bwbn_bayes.discovery.evidence import autoregressive, recounted
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.inference.likelihood import default_noise
 from bwbn_bayes.parameters import Floats
@@ -30,7 +30,7 @@ def counted(white: Floats) -> Explanation:
     """Five samples count as one."""
     one = explained(TRAVEL, white)
     noise = replace(default_noise(one.posterior.record), correlation_samples=5.0)
-    return replace(one, evidence=under(one.evidence, noise))
+    return replace(one, evidence=recounted(one.posterior, one.modes, noise))
 
 
 @pytest.mark.parametrize("kind", [plain, coloured, counted])

@@ -86,8 +86,8 @@ def test_samples_count_by_what_the_closest_law_leaves_and_in_all_alike() -> None
     assert not pool.count()
     put(pool, leaving(0.0), 2)
     assert pool.count()
-    counts = [one.posterior.noise.correlation_samples for one in pool.plain.values()]  # type: ignore[attr-defined]
-    assert set(counts) == {1.0}
+    counts = {cast(IntegratedNoise, one.posterior.noise).correlation_samples for one in pool.plain.values()}
+    assert counts == {1.0}
 
 
 def test_of_the_likeliest_laws_optima_that_which_predicts_later_cycles_is_delivered(

@@ -292,6 +292,20 @@ def test_sizes_are_guessed_beside_what_leaves_more_than_noise(monkeypatch: pytes
     assert guessed == [not is_quiet]
 
 
+def test_a_model_as_given_is_built_upon_with_the_hypotheses_of_the_first_round(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though laws with effects were built upon before it: their hypotheses stand on models with other parameters."""
+    raced: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(building, "race", lambda _, every, *_args, **_options: raced.append(every) or ())
+    monkeypatch.setattr(building, "hypotheses_of", lambda *_: ("of a law with an effect",))
+    monkeypatch.setattr(building, "on_one_thread", lambda posterior: posterior)
+    run = run_of(n_workers=1)
+    run.considered_first = cast(Any, ("of the first round",))
+    for added in ((), ("an effect",), ()):
+        parent: Any = SimpleNamespace(added=added, is_quiet=False, is_specimen=True, posterior=None, fits=None)
+        assert building.built_upon(parent, run) == []
+    assert raced == [("of the first round",), ("of a law with an effect",), ("of the first round",)]
+
+
 def test_what_cannot_be_solved_is_told_once() -> None:
     run = run_of()
     fits: Any = tuple(

@@ -35,6 +35,8 @@ _N_TURNS = 4
 """In which laws are solved and samples counted anew, at most."""
 _COUNTED_ALIKE = 0.01
 """Share by which counts of samples differ without a difference: of ten nats it is a tenth of one."""
+_MOST_PREDICTED = 24
+"""Laws of which it is asked how well they predict blocks of the record, the most probable ones."""
 _N_SETTLED, _N_STARTS = 8, 512
 """Optima, and draws of its priors, from which a specimen's law that is delivered is fitted."""
 _MOST_SAMPLED, _SAMPLED_REACH, _N_SAMPLED = 6, 10.0, 400
@@ -156,7 +158,7 @@ class Pool:
         return default_noise(self._given.posterior.record)
 
     @property
-    def _closest(self) -> Explanation:
+    def closest(self) -> Explanation:
         """The law that leaves least."""
         return max(self.plain.values(), key=lambda one: one.modes[0].log_likelihood)
 
@@ -172,7 +174,7 @@ class Pool:
         .. [1] K. P. Burnham and D. R. Anderson, "Model Selection and Multimodel Inference", 2nd ed., 2002,
            doi:10.1007/b97636 (variance inflation of the global model; cited from memory, not consulted).
         """
-        closest, noise = self._closest, self._given.posterior.noise
+        closest, noise = self.closest, self._given.posterior.noise
         if not closest.is_specimen:
             return False
         assert isinstance(noise, IntegratedNoise)
@@ -209,7 +211,7 @@ class Pool:
         A specimen's laws where the closest leaves noise, and those that do: how far more hangs together is counted.
         """
         is_specimen = self._given.is_specimen
-        if is_specimen and not self._closest.is_noise:
+        if is_specimen and not self.closest.is_noise:
             return
         fresh = [key for key in self.plain if key not in self._coloured]
         waiting = [key for key in fresh if not is_specimen or self.plain[key].is_noise]
@@ -232,8 +234,14 @@ class Pool:
                 self.plain[key] = replace(self.plain[key], evidence=evidence)
 
     def delivered(self, believed: Beliefs) -> Explanation:
-        """The explanation to predict by, settled."""
-        return self._settled(believed.predictive.effects_key)
+        """The explanation to predict by, settled.
+
+        Where it leaves noise the most probable one: its evidence is the score of predicting each sample from those
+        before it. Else samples hang together, and how well laws predict whole blocks of the record is asked itself.
+        """
+        every = [self.plain[one.effects_key] for one in believed.deliverable[:_MOST_PREDICTED]]
+        best = every[0] if every[0].is_noise else every[int(np.argmax(self.run.beside(_score_ahead, every)))]
+        return self._settled(best.effects_key)
 
     def _settled(self, key: Key) -> Explanation:
         """An explanation without anything unnamed, to predict by; a specimen's after a search all over its priors.

@@ -212,13 +212,12 @@ class Beliefs:
         return frozenset(name for name, p in self.names.items() if p < 1.0 - NAMED)
 
     @cached_property
-    def predictive(self) -> Explanation:
-        """The effects to deliver, as an explanation without an unnamed force, which knows nothing of what comes.
+    def deliverable(self) -> tuple[Explanation, ...]:
+        """What may be delivered, the most probable first: laws without an unnamed force, which knows nothing ahead.
 
-        The most probable of those that have what is likely, and nothing that could be named as absent: the evidence of
-        a record is the score of predicting each sample from those before it. Where the best of them leaves more than
-        noise, none is right; what the force takes up is not absent then, and what is named must be there alone. There
-        the evidence counts as it is: that laws may err, which the force tells, lets none of them predict better.
+        Those that have what is likely, and nothing that could be named as absent. Where the best of them leaves more
+        than noise, none is right; what the force takes up is not absent then, and what is named must be there alone.
+        There the evidence counts as it is: that laws may err, which the force tells, lets none of them predict better.
         """
         plain = [one for one in self.explanations if not one.has_unnamed]
         if plain[0].is_noise:
@@ -230,7 +229,7 @@ class Beliefs:
             by_evidence = [self.explanations[n] for n in np.argsort(self.forgiven - self.log_joint, kind="stable")]
             plain = [one for one in by_evidence if not one.has_unnamed]
             tried = [one for one in plain if named <= one.names and all(names & one.names for names in kin)]
-        return (tried or plain)[0]
+        return tuple(tried or plain)
 
     @cached_property
     def borne_out(self) -> dict[str, float]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import takewhile
+from itertools import product, takewhile
 
 import numpy as np
 
@@ -128,7 +128,7 @@ def _round(parent: Explanation, pool: Pool, run: Run) -> None:
     pool.expanded.add(parent.effects_key)
     pool.add(built_upon(parent, run))
     if not parent.added:
-        pool.add(_together(parent, run))
+        pool.add(_together(parent, pool, run))
     pool.weigh()
     if not run.stopped:
         pool.add(_reshaped(pool, run))
@@ -199,19 +199,26 @@ def _next(pool: Pool, run: Run) -> Explanation | None:
     return None
 
 
-def _together(given: Explanation, run: Run) -> Iterator[Explanation]:
-    """What occurs together, at a specimen, from all over its priors and from where its last effect alone was best."""
+def _together(given: Explanation, pool: Pool, run: Run) -> Iterator[Explanation]:
+    """What occurs together, at a specimen, from all over its priors: each loss in its usual form and in its best."""
     if not given.is_specimen or run.settings.most_effects < len(TOGETHER) + 1:
         return
-    every = {h.name: h for h in reversed(run.considered_first)}
-    if not {*TOGETHER} <= {*every}:
-        return
-    for pinch in (every[name] for name in WITH if name in every):
-        added = rebuilt(given, [*(every[name] for name in TOGETHER), pinch], run)
+    forms = {name: _usual_and_best(name, pool, run) for name in TOGETHER}
+    pinches = [own[0] for name in WITH if (own := _usual_and_best(name, pool, run))]
+    for *losses, pinch in product(*forms.values(), pinches):
+        added = rebuilt(given, [*losses, pinch], run)
         if run.must_stop():
             return
-        run.say(f"fitting {pinch.label} with a loss of strength and stiffness")
+        run.say(f"fitting {' and '.join(one.label for one in (*losses, pinch))}")
         yield from fitted(given, added, run)
+
+
+def _usual_and_best(name: str, pool: Pool, run: Run) -> list[Hypothesis]:
+    """An effect in its usual form, and in the one that is best alone."""
+    usual = [one for one in run.considered_first if one.name == name][:1]
+    alone = [one for one in pool.plain.values() if len(one.added) == 1 and name in one.names]
+    best = [max(alone, key=lambda one: one.evidence.log_evidence).added[0]] if alone else []
+    return list({own.symbols: own for own in (*usual, *best)}.values())
 
 
 def _reshaped(pool: Pool, run: Run) -> list[Explanation]:
@@ -283,9 +290,16 @@ def _change_forms(pool: Pool, run: Run) -> None:
     """The best laws with each effect in its other forms and places, and what is best then without what it can spare.
 
     The form and place of an effect are those in which it was best before the others came, and of a free shape the place
-    is that of the usual form that led to it: what they err by, some of the others may stand in for.
+    is that of the usual form that led to it: what they err by, some of the others may stand in for. Of a specimen the
+    closest law, by which samples are counted, is taken closer alike.
     """
     best = pool.ranked()[0]
+    if best.is_specimen and pool.closest is not best:
+        closest = pool.closest
+        pool.add(in_other_forms(closest, pool.plain, run))
+        pool.add(left_out(pool.closest, pool.plain, run))
+        pool.weigh()
+        best = pool.ranked()[0]
     pool.add(in_other_forms(best, pool.plain, run))
     pool.weigh()
     while pool.ranked()[0].effects_key != best.effects_key:

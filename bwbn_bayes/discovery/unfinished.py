@@ -59,7 +59,7 @@ class Unfinished:
 
         Held-out data are not looked at before the end.
         """
-        record, best = self.given.posterior.record, self.believed.predictive
+        record, best = self.given.posterior.record, self.believed.deliverable[0]
         fit = {"before": _nrmse(self.given), "after": _nrmse(best)}
         facts: dict[str, Any] = {
             "schema": SCHEMA,

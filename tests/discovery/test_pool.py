@@ -93,7 +93,7 @@ def test_samples_count_by_what_the_closest_law_leaves_and_in_all_alike() -> None
 def test_of_the_likeliest_laws_optima_that_which_predicts_later_cycles_is_delivered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Where it leaves more than noise; another law is not, however well it predicts some stretches."""
+    """Where it leaves more than noise, and the law that does so best of those that may be delivered."""
     pool, one = pool_of(), leaving(8.0)
     keys: list[Any] = [frozenset({((name,), (1,))}) for name in "ab"]
     laws = {key: replace(one, added=(SimpleNamespace(key=key),)) for key in keys}  # type: ignore[arg-type]
@@ -109,6 +109,9 @@ def test_of_the_likeliest_laws_optima_that_which_predicts_later_cycles_is_delive
     monkeypatch.setattr(pooling, "finely_solved", lambda law: law)
     monkeypatch.setattr(pooling, "find_modes", lambda *_, **__: ())
     monkeypatch.setattr(pooling, "settled", lambda *_, **__: optima)
-    found = pool.delivered(cast(Any, SimpleNamespace(predictive=laws[keys[0]])))
+    found = pool.delivered(cast(Any, SimpleNamespace(deliverable=(laws[keys[0]],))))
     assert found.effects_key == keys[0]
     assert found.modes == found.evidence.modes == optima[1:]
+    # Of several that may be delivered the one that predicts best is, however much more probable another one is.
+    found = pool.delivered(cast(Any, SimpleNamespace(deliverable=tuple(laws.values()))))
+    assert found.effects_key == keys[1]

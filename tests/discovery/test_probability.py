@@ -104,7 +104,7 @@ def test_probabilities_are_sums_over_explanations() -> None:
     assert list(found.names) == ["slip_lock", "cubic_stiffness"]
     assert found.names == pytest.approx({"slip_lock": np.sum(share[1:5]), "cubic_stiffness": share[3]})
     assert found.of_places("slip_lock") == pytest.approx({(2,): share[1] + share[3] + share[4], (3,): share[2]})
-    assert found.predictive is every[1]
+    assert found.deliverable[0] is every[1]
 
 
 def test_what_predicts_best_is_delivered_with_every_name_in_it() -> None:
@@ -114,7 +114,7 @@ def test_what_predicts_best_is_delivered_with_every_name_in_it() -> None:
     assert found.best is with_it
     assert found.verdict == "partly_explained"
     assert found.likely == {("slip_lock", (2,))}
-    assert found.predictive is plain
+    assert found.deliverable[0] is plain
 
 
 def test_nothing_is_named_where_evidences_are_equal() -> None:
@@ -129,15 +129,15 @@ def test_the_most_probable_of_those_with_what_is_likely_is_delivered() -> None:
     found = beliefs((explanation(0.0), one, both), N_EFFECTS, VARIANTS)
     assert found.likely == {("slip_lock", (2,))}
     assert 0.1 < found.names["cubic_stiffness"] < 0.5
-    assert found.predictive is one
+    assert found.deliverable[0] is one
     cost = log_prior(one, N_EFFECTS, VARIANTS) - log_prior(both, N_EFFECTS, VARIANTS)
     even = explanation(40.0 + cost + 0.1, SLIP, CUBIC)
-    assert beliefs((explanation(0.0), one, even), N_EFFECTS, VARIANTS).predictive is even
+    assert beliefs((explanation(0.0), one, even), N_EFFECTS, VARIANTS).deliverable[0] is even
     # A force of no known law says that there is no cubic spring: the law that takes its part by one is not delivered.
     forced = explanation(60.0, SLIP, unnamed=(1,))
     said = beliefs((explanation(0.0), one, explanation(48.0, SLIP, CUBIC), forced), N_EFFECTS, VARIANTS)
     assert said.names["cubic_stiffness"] < 0.1
-    assert said.predictive is one
+    assert said.deliverable[0] is one
 
 
 def test_where_no_law_leaves_noise_whatever_predicts_best_is_delivered_that_has_the_names() -> None:
@@ -148,11 +148,11 @@ def test_where_no_law_leaves_noise_whatever_predicts_best_is_delivered_that_has_
     found = beliefs((forced, *wrong, without), N_EFFECTS, VARIANTS)
     found.__dict__["borne_out"] = {"slip_lock": 0.95}
     assert found.names["cubic_stiffness"] < 0.1
-    assert found.predictive is wrong[1]
+    assert found.deliverable[0] is wrong[1]
     # What not all of the record bears out is no name, and need not be there.
     doubted = beliefs((forced, *wrong, without), N_EFFECTS, VARIANTS)
     doubted.__dict__["borne_out"] = {"slip_lock": 0.8}
-    assert doubted.predictive is without
+    assert doubted.deliverable[0] is without
 
 
 def test_what_a_law_is_forgiven_makes_it_predict_no_better() -> None:
@@ -163,7 +163,7 @@ def test_what_a_law_is_forgiven_makes_it_predict_no_better() -> None:
     erring = replace(found, explanations=(forced, one, more), forgiven=np.array([0.0, 80.0, 0.0]))
     erring.__dict__["borne_out"] = {"slip_lock": 0.95}
     assert erring.log_joint[1] > erring.log_joint[2]
-    assert erring.predictive is more
+    assert erring.deliverable[0] is more
 
 
 def test_the_law_that_is_delivered_has_one_of_a_family_that_is_certain(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,7 +175,7 @@ def test_the_law_that_is_delivered_has_one_of_a_family_that_is_certain(monkeypat
     found = beliefs((*forced, *alone), N_EFFECTS, VARIANTS)
     assert max(found.names.values()) < 0.9
     assert [one.probability for one in found.families] == [pytest.approx(1.0, abs=1e-6)]
-    assert found.predictive is alone[1]
+    assert found.deliverable[0] is alone[1]
 
 
 N = 4000
@@ -308,6 +308,6 @@ def test_an_effect_is_placed_where_it_comes_into_play() -> None:
     found = beliefs((explanation(0.0), alone, alike), N_EFFECTS, VARIANTS)
     assert found.best is alike
     assert found.likely == {("slip_lock", (2,))}
-    assert found.predictive is alone
+    assert found.deliverable[0] is alone
     clear = beliefs((alone, explanation(43.0, hypothesis("slip_lock", 1, 2))), N_EFFECTS, VARIANTS)
     assert clear.likely == {("slip_lock", (1, 2))}

@@ -321,20 +321,23 @@ SPECIMEN = Specimen(storey=BoucWen(k=Uniform(5, 60), beta=2.0, gamma=1.0))
 ON_SPECIMEN = hypotheses(SPECIMEN, [NOMINAL], measured=("force",))
 
 
-def tried_together(monkeypatch: pytest.MonkeyPatch, run: Run, *, is_specimen: bool = True) -> list[list[str]]:
-    """Names of the combinations that are fitted from all over their priors."""
+def tried_together(
+    monkeypatch: pytest.MonkeyPatch, run: Run, *known: Any, is_specimen: bool = True, of: str = "name"
+) -> list[list[str]]:
+    """Names, or labels, of the combinations that are fitted from all over their priors."""
     tried: list[list[str]] = []
 
     def fitted(_: Any, added: tuple[Hypothesis, ...], __: Run) -> Iterator[Explanation]:
         assert [placed.effect for placed in added[-1].model.effects] == [one.effect for one in added]
         # A specimen's law is that of every effect, compiled once.
         assert len(added[-1].model.carried) == len({one.symbols for one in run.considered_first}) - len(added)
-        tried.append([one.name for one in added])
+        tried.append([getattr(one, of) for one in added])
         return iter(())
 
     monkeypatch.setattr(searching, "fitted", fitted)
     given: Any = SimpleNamespace(is_specimen=is_specimen, model=SPECIMEN)
-    assert list(searching._together(given, run)) == []
+    pool: Any = SimpleNamespace(plain=dict(enumerate(known)))
+    assert list(searching._together(given, pool, run)) == []
     return tried
 
 
@@ -349,6 +352,15 @@ def test_a_pinch_is_tried_with_a_loss_of_strength_and_stiffness(monkeypatch: pyt
     assert tried_together(monkeypatch, run) == [[*losses, "foliente_pinching"]]
     run.consider(tuple(h for h in ON_SPECIMEN if h.name != "strength_degradation"))
     assert tried_together(monkeypatch, run) == []
+    run.consider(ON_SPECIMEN)
+    usual, other, *_ = (one for one in ON_SPECIMEN if one.name == "stiffness_degradation")
+    known = [
+        SimpleNamespace(added=(one,), names={one.name}, evidence=SimpleNamespace(log_evidence=v))
+        for one, v in ((usual, 1.0), (other, 2.0))
+    ]
+    tried = tried_together(monkeypatch, run, *known, of="label")
+    assert [one[1] for one in tried] == [usual.label, usual.label, other.label, other.label]
+    assert {one[0] for one in tried} == {"strength degradation (linear)"}
     few = run_of(most_effects=2)
     few.consider(ON_SPECIMEN)
     assert tried_together(monkeypatch, few) == []

@@ -20,7 +20,7 @@ def test_names_have_the_probability_that_they_have_at_the_end(monkeypatch: pytes
         law_probabilities={"slip_lock": 0.4, "backlash": 0.7, "gap_impact": 1e-9},
         verdict="partly_explained",
         verdicts={},
-        predictive=SimpleNamespace(added=(), cross_validation=scores),
+        deliverable=(SimpleNamespace(added=(), cross_validation=scores),),
     )
     record = SimpleNamespace(name="a record")
     given: Any = SimpleNamespace(posterior=SimpleNamespace(record=record), disagreement=SimpleNamespace(spots=()))

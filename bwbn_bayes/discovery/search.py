@@ -86,6 +86,8 @@ def search(given: Explanation, run: Run) -> Pool:
         _round(parent, pool, run)
     if not given.is_specimen:
         _exchange(pool, run)
+    if given.is_specimen and not run.stopped:
+        _draw_closer(pool, run)
     if not run.stopped:
         _change_forms(pool, run)
     if not given.is_specimen:
@@ -290,22 +292,22 @@ def _change_forms(pool: Pool, run: Run) -> None:
     """The best laws with each effect in its other forms and places, and what is best then without what it can spare.
 
     The form and place of an effect are those in which it was best before the others came, and of a free shape the place
-    is that of the usual form that led to it: what they err by, some of the others may stand in for. Of a specimen the
-    closest law, by which samples are counted, is taken closer alike.
+    is that of the usual form that led to it: what they err by, some of the others may stand in for.
     """
     best = pool.ranked()[0]
-    if best.is_specimen and pool.closest is not best:
-        closest = pool.closest
-        pool.add(in_other_forms(closest, pool.plain, run))
-        pool.add(left_out(pool.closest, pool.plain, run))
-        pool.weigh()
-        best = pool.ranked()[0]
     pool.add(in_other_forms(best, pool.plain, run))
     pool.weigh()
     while pool.ranked()[0].effects_key != best.effects_key:
         best = pool.ranked()[0]
         pool.add(left_out(best, pool.plain, run))
         pool.weigh()
+
+
+def _draw_closer(pool: Pool, run: Run) -> None:
+    """The law that leaves least of a specimen, by which samples are counted, in other forms and without each effect."""
+    pool.add(in_other_forms(pool.closest, pool.plain, run))
+    pool.add(left_out(pool.closest, pool.plain, run))
+    pool.weigh()
 
 
 def _search_anew(pool: Pool, run: Run) -> None:

@@ -69,6 +69,7 @@ def searched(script: Script, monkeypatch: pytest.MonkeyPatch, **settings: Any) -
     monkeypatch.setattr(searching, "_together", lambda *_: ())
     monkeypatch.setattr(searching, "left_out", lambda *_: ())
     monkeypatch.setattr(searching, "_reshaped", lambda *_: ())
+    monkeypatch.setattr(searching, "_draw_closer", lambda *_: None)
     monkeypatch.setattr(searching, "_change_forms", lambda *_: None)
     monkeypatch.setattr(searching, "_anew", lambda pair: pair[0])
     monkeypatch.setattr(searching, "settled", lambda _, modes, __: modes)

@@ -21,7 +21,7 @@ from bwbn_bayes.discovery.probability import Beliefs, beliefs
 from bwbn_bayes.discovery.race import FAR
 from bwbn_bayes.discovery.run import Run
 from bwbn_bayes.discovery.scheme import finely_solved
-from bwbn_bayes.inference.as_one import samples_as_one
+from bwbn_bayes.inference.as_one import counted_as_one
 from bwbn_bayes.inference.likelihood import IntegratedNoise, Noise, Posterior, default_noise
 from bwbn_bayes.inference.modes import N_CANDIDATES, Mode, find_modes, settled
 from bwbn_bayes.inference.residuals import has_past
@@ -180,8 +180,7 @@ class Pool:
         assert isinstance(noise, IntegratedNoise)
         white = self._white
         if not closest.is_noise:
-            as_one = np.maximum(white.as_one, samples_as_one(closest.posterior, closest.best))
-            white = replace(white, correlation_samples=tuple(as_one.tolist()))
+            white = counted_as_one(white, closest.posterior, closest.best)
         if np.allclose(white.as_one, noise.as_one, rtol=_COUNTED_ALIKE, atol=0.0):
             return False
         every = list(self.plain.values())

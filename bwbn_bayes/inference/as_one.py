@@ -16,16 +16,32 @@ References
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.linalg import matmul_toeplitz
 from scipy.signal import correlate
 
-from bwbn_bayes.inference.likelihood import Posterior
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior
 from bwbn_bayes.inference.slopes import Slopes
 from bwbn_bayes.parameters import Floats
 
 _INDEPENDENT = 1e-8
 """Of the largest singular value: a direction below it is one that others make up."""
+
+
+def counted_as_one(noise: IntegratedNoise, posterior: Posterior, point: Floats) -> IntegratedNoise:
+    """The same noise, whose samples count by what a fit leaves; no more of them than they did.
+
+    Parameters
+    ----------
+    noise : IntegratedNoise
+        White, or behind a filter.
+    posterior, point
+        As for :func:`samples_as_one`.
+    """
+    as_one = np.maximum(noise.as_one, samples_as_one(posterior, point))
+    return replace(noise, correlation_samples=tuple(as_one.tolist()))
 
 
 def samples_as_one(posterior: Posterior, point: Floats) -> Floats:

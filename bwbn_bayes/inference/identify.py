@@ -27,14 +27,15 @@ from bwbn_bayes.inference.accuracy import (
     on_rung,
 )
 from bwbn_bayes.inference.arrays import noise_scales
+from bwbn_bayes.inference.as_one import counted_as_one
 from bwbn_bayes.inference.doubts import doubts
 from bwbn_bayes.inference.finely import solve_finely
 from bwbn_bayes.inference.history import History, Listener
-from bwbn_bayes.inference.likelihood import Posterior, default_noise, require_noise
+from bwbn_bayes.inference.likelihood import IntegratedNoise, Posterior, default_noise, require_noise
 from bwbn_bayes.inference.method import Beside, Task
 from bwbn_bayes.inference.modes import Mode, distinct, find_modes, polish, turned_inwards
 from bwbn_bayes.inference.registry import method
-from bwbn_bayes.inference.residuals import residual_checks
+from bwbn_bayes.inference.residuals import leaves_noise, residual_checks
 from bwbn_bayes.inference.sampled import Given, Sampled
 from bwbn_bayes.inference.scale_of_z import Section, section_of
 from bwbn_bayes.inference.settings import Settings
@@ -84,8 +85,10 @@ class Sampling(ABC):
             # What is tried on draws that nobody keeps is not kept either.
             rung = tried.engine
             posterior = tried.with_engine(on_rung(engine, rung) if isinstance(rung, Lanes) else engine)
-            fitted = _doubted(_fit(posterior, streams[:N_ATTEMPTS], history), task.beside, history)
-            return _result(self, fitted, history, task)
+            fitted = _fit(posterior, streams[:N_ATTEMPTS], history)
+            if task.noise is None and not task.unnamed_force:
+                fitted = _counted(fitted)
+            return _result(self, _doubted(fitted, task.beside, history), history, task)
 
 
 def identify_from(
@@ -132,6 +135,18 @@ class _Fitted(NamedTuple):
     modes: tuple[Mode, ...]
     discretisation: Discretisation | None
     checks: tuple[Check, ...]
+
+
+def _counted(fitted: _Fitted) -> _Fitted:
+    """With samples of a specimen's loop counted as ``discover`` counts them, where more than noise is left of them."""
+    posterior, best = fitted.posterior, fitted.modes[0].point
+    noise = posterior.noise
+    is_specimen = posterior.record.excitation_kind == "displacement"
+    if not is_specimen or not isinstance(noise, IntegratedNoise) or leaves_noise(posterior, best):
+        return fitted
+    view = posterior.with_noise(counted_as_one(noise, posterior, best))
+    points = np.array([mode.point for mode in fitted.modes])
+    return fitted._replace(posterior=view, modes=distinct(*polish(view, points, n_iterations=20)))
 
 
 def _doubted(fitted: _Fitted, beside: Beside | None, history: History) -> _Fitted:

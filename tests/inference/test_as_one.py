@@ -5,6 +5,7 @@ import pytest
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
+from bwbn_bayes import Settings, identify
 from bwbn_bayes.elements.linear import Linear
 from bwbn_bayes.engines.lanes import Lanes
 from bwbn_bayes.inference.as_one import samples_as_one, variance_ratio
@@ -74,3 +75,25 @@ def test_each_block_has_its_own_count() -> None:
     white, red = samples_as_one(posterior, mode.point)
     assert white < 1.5
     assert red == pytest.approx(19.0, rel=0.4)
+
+
+@pytest.mark.parametrize(("memory", "counts"), [(0.0, 1.0), (0.9, 19.0)])
+def test_identify_counts_what_a_specimens_law_leaves_as_discover_does(memory: float, counts: float) -> None:
+    """Of errors that hang together an interval is as much wider; a noise that was asked for stays what it is."""
+    travel = 0.01 * np.sin(40.0 * TIME)
+    force = 2000.0 * travel + errors(np.random.default_rng(3), memory)
+    record = Record(
+        name="pulled without time",
+        time_step=0.01,
+        has_time=False,
+        excitation=travel,
+        excitation_kind="displacement",
+        channels={"force": force},
+    )
+    model = Specimen(storey=Linear(k=Uniform(1000.0, 3000.0), c=0.0))
+    settings = Settings(particles=500, seed=1)
+    found = identify(model, record, settings=settings)
+    asked = identify(model, record, settings=settings, noise=default_noise(record))
+    (own,), (plain,) = found.facts.parameters, asked.facts.parameters
+    assert own.mean == pytest.approx(plain.mean, abs=0.5 * own.sd)
+    assert (own.sd / plain.sd) ** 2 == pytest.approx(counts, rel=0.4)

@@ -139,7 +139,7 @@ def _added(
     return Added(
         hypothesis=hypothesis,
         probability=believed.of_name(hypothesis.name),
-        place_probability=places[hypothesis.storeys],
+        place_probability=places.get(hypothesis.storeys, 0.0),
         log_bayes_factor=factor,
         log_bayes_factor_se=error,
         equivalent=others,

@@ -20,6 +20,8 @@ References
 .. [3] P.-C. Bürkner, J. Gabry and A. Vehtari, "Approximate leave-future-out cross-validation for Bayesian time series
    models", Journal of Statistical Computation and Simulation 90(14), 2020, doi:10.1080/00949655.2020.1783262 (cited
    from memory, not consulted).
+.. [4] L. Breiman, J. Friedman, R. Olshen and C. Stone, "Classification and Regression Trees", 1984, section 3.4.3 (the
+   rule of one standard error; cited from memory, not consulted).
 """
 
 from __future__ import annotations
@@ -56,10 +58,24 @@ class CrossValidation:
         of these with one level, and of what comes before them with another. [nat]
     nrmse : float
         Root mean square over the channels of each one's rms error over its rms.
+    log_scores : tuple of float
+        Stretch by stretch, of which it is the sum.
     """
 
-    log_score: float
+    log_scores: tuple[float, ...]
     nrmse: float
+
+    @property
+    def log_score(self) -> float:
+        """Of all stretches, in nat."""
+        return float(np.sum(self.log_scores))
+
+    def is_better_than(self, other: CrossValidation) -> bool:
+        """Whether it scores higher by more than the error of the difference, by its scatter over stretches [4]_."""
+        if not np.isfinite(self.log_score) or not np.isfinite(other.log_score):
+            return self.log_score > other.log_score
+        gained = np.subtract(self.log_scores, other.log_scores)
+        return bool(np.sum(gained) > np.std(gained, ddof=1) * np.sqrt(len(gained)))
 
 
 def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
@@ -90,24 +106,27 @@ def cross_validated(posterior: Posterior, point: Floats) -> CrossValidation:
     n_blocks = len(record.blocks)
     as_one = posterior.noise.as_one if isinstance(posterior.noise, IntegratedNoise) else np.ones(n_blocks)
     as_one = np.broadcast_to(as_one, n_blocks)
-    log_score, missed, measured = 0.0, np.zeros(n_blocks), np.zeros(n_blocks)
+    scores: list[float] = []
+    missed, measured = np.zeros(n_blocks), np.zeros(n_blocks)
     for position, block in enumerate(record.blocks):
         every = np.arange(record.n_times)[block.samples]
         own = [(number, stretch) for number, (part, stretch) in enumerate(asked) if part == block.part]
         wrong = [scaled[number, block.channel, stretch] for number, stretch in own]
         fitted = [scaled[number, block.channel, every[known[number, every]]] for number, _ in own]
+        levels = [float(np.mean(one)) for one in fitted]
         if ahead and own:
-            wrong = fitted = [fitted[0], np.concatenate(wrong)]
-        for one, level in zip(wrong, map(np.mean, fitted), strict=True):
+            levels = [levels[0]] * len(own) + [float(np.mean(np.concatenate(wrong)))] * len(own)
+            wrong = [*np.array_split(fitted[0], len(own)), *wrong]
+        for one, level in zip(wrong, levels, strict=True):
             density = np.sum(one) / level + len(one) * np.log(2.0 * np.pi * level * slopes.noise[position] ** 2)
-            log_score -= 0.5 * float(density / as_one[position])
+            scores.append(-0.5 * float(density / as_one[position]))
         for number, stretch in own:
             missed[position] += np.sum(squared[number, block.channel, stretch])
             measured[position] += np.sum(np.square(record.measured[block.channel, stretch]))
-    if not np.isfinite(log_score):
-        return CrossValidation(log_score=-np.inf, nrmse=np.inf)
+    if not np.all(np.isfinite(scores)):
+        return CrossValidation(log_scores=(-np.inf,), nrmse=np.inf)
     shares = missed[measured > 0.0] / measured[measured > 0.0]
-    return CrossValidation(log_score=log_score, nrmse=float(np.sqrt(np.mean(shares))))
+    return CrossValidation(log_scores=tuple(scores), nrmse=float(np.sqrt(np.mean(shares))))
 
 
 def _later(record: Record) -> list[tuple[int, NDArray[np.int64]]]:

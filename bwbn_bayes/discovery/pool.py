@@ -8,6 +8,8 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from bwbn_bayes.discovery.build import built_upon
+from bwbn_bayes.discovery.cross_validation import CrossValidation
 from bwbn_bayes.discovery.evidence import (
     Evidence,
     autoregressive,
@@ -235,12 +237,41 @@ class Pool:
     def delivered(self, believed: Beliefs) -> Explanation:
         """The explanation to predict by, settled.
 
-        Where it leaves noise the most probable one: its evidence is the score of predicting each sample from those
-        before it. Else samples hang together, and how well laws predict whole blocks of the record is asked itself.
+        The most probable one where it leaves noise: its evidence is the score of predicting each sample from those
+        before it. Else samples hang together, and how well laws predict whole blocks of the record is asked itself: it
+        is the most probable one of those that nobody is seen to predict better than.
         """
         every = [self.plain[one.effects_key] for one in believed.deliverable[:_MOST_PREDICTED]]
-        best = every[0] if every[0].is_noise else every[int(np.argmax(self.run.beside(_score_ahead, every)))]
+        best = every[0]
+        if not best.is_noise:
+            scores = self._scores(every)
+            ahead = max(scores, key=lambda own: own.log_score)
+            best = self._grown(
+                *next(pair for pair in zip(every, scores, strict=True) if not ahead.is_better_than(pair[1]))
+            )
         return self._settled(best.effects_key)
+
+    def _grown(self, best: Explanation, score: CrossValidation) -> Explanation:
+        """A specimen's law built upon further, as long as what comes of it is seen to predict better.
+
+        What gains too little to be believed may predict all the same. It takes no part in what is believed.
+        """
+        while best.is_specimen and not self.run.must_stop():
+            self.run.say(f"building upon {best.label} as long as it predicts better")
+            found = built_upon(best, self.run)[:_MOST_PREDICTED]
+            scored = list(zip(found, self._scores(found), strict=True))
+            if not scored:
+                break
+            further, ahead = max(scored, key=lambda pair: pair[1].log_score)
+            if not ahead.is_better_than(score):
+                break
+            best, score = further, ahead
+            self.plain[best.effects_key] = best
+        return best
+
+    def _scores(self, every: Sequence[Explanation]) -> list[CrossValidation]:
+        """How well each predicts blocks of the record."""
+        return self.run.beside(_cross_validated, every)
 
     def _settled(self, key: Key) -> Explanation:
         """An explanation without anything unnamed, to predict by; a specimen's after a search all over its priors.
@@ -257,7 +288,7 @@ class Pool:
             modes = settled(one.posterior, found[:N_CANDIDATES], self.run.rng, reach=np.inf)
             if not one.is_noise:
                 optima = [one.with_modes(modes[number:]) for number in range(len(modes))]
-                one = optima[int(np.argmax(self.run.beside(_score_ahead, optima)))]
+                one = optima[int(np.argmax([own.log_score for own in self._scores(optima)]))]
             elif modes[0].log_likelihood > one.modes[0].log_likelihood:
                 one = replace(one, modes=modes)
             self.plain[key] = one
@@ -293,8 +324,8 @@ def _coloured(one: Explanation) -> Evidence:
     return autoregressive(*_at(one))
 
 
-def _score_ahead(one: Explanation) -> float:
-    return one.cross_validation.log_score
+def _cross_validated(one: Explanation) -> CrossValidation:
+    return one.cross_validation
 
 
 def _counted(noise: Noise, one: Explanation) -> Evidence:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bwbn_bayes.discovery.cross_validation import N_BLOCKS, cross_validated
+from bwbn_bayes.discovery.cross_validation import N_BLOCKS, CrossValidation, cross_validated
 from bwbn_bayes.elements.bouc_wen import BoucWen
 from bwbn_bayes.engines.base import Response
 from bwbn_bayes.engines.lanes import Lanes
@@ -170,3 +170,18 @@ def test_samples_that_are_held_out_have_no_part_in_it() -> None:
         found.append(cross_validated(posterior, point))
     assert found[0] == found[1]
     assert np.isfinite(found[0].log_score)
+
+
+def test_a_score_is_higher_where_it_is_by_more_than_the_error_of_the_difference() -> None:
+    """Of 100 stretches whose differences have the sd 1, the sum has the error 10."""
+    differences = np.tile([1.0, -1.0], 50)
+    base = CrossValidation(log_scores=tuple(np.linspace(-5.0, 5.0, 100).tolist()), nrmse=0.1)
+    for gained, is_better in ((9.0, False), (11.0, True), (-11.0, False)):
+        scores = np.asarray(base.log_scores) + differences + 0.01 * gained
+        own = CrossValidation(log_scores=tuple(scores.tolist()), nrmse=0.1)
+        assert own.log_score == pytest.approx(base.log_score + gained)
+        assert own.is_better_than(base) == is_better
+    lost = CrossValidation(log_scores=(-np.inf,), nrmse=np.inf)
+    assert base.is_better_than(lost)
+    assert not lost.is_better_than(base)
+    assert not lost.is_better_than(lost)

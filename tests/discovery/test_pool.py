@@ -9,6 +9,7 @@ import pytest
 from pulled_spring import TIME_STEP, explained, with_past
 
 from bwbn_bayes.discovery import pool as pooling
+from bwbn_bayes.discovery.cross_validation import CrossValidation
 from bwbn_bayes.discovery.evidence import laplace
 from bwbn_bayes.discovery.explanation import Explanation
 from bwbn_bayes.discovery.pool import Pool
@@ -90,28 +91,46 @@ def test_samples_count_by_what_the_closest_law_leaves_and_in_all_alike() -> None
     assert counts == {1.0}
 
 
-def test_of_the_likeliest_laws_optima_that_which_predicts_later_cycles_is_delivered(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Where it leaves more than noise, and the law that does so best of those that may be delivered."""
+def scored(value: float, *differs: float) -> CrossValidation:
+    """A score of four stretches, which differ by so much each."""
+    return CrossValidation(log_scores=tuple(0.25 * value + one for one in differs or (0.0,) * 4), nrmse=0.1)
+
+
+def test_the_law_is_delivered_that_predicts_blocks_of_the_record_best(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it leaves more than noise: the most probable one within the error of that, at the best of its optima."""
     pool, one = pool_of(), leaving(8.0)
-    keys: list[Any] = [frozenset({((name,), (1,))}) for name in "ab"]
-    laws = {key: replace(one, added=(SimpleNamespace(key=key),)) for key in keys}  # type: ignore[arg-type]
+    keys: list[Any] = [frozenset({((name,), (1,))}) for name in "abcd"]
+    laws = {key: replace(one, added=(SimpleNamespace(key=key, label="a law"),)) for key in keys}  # type: ignore[arg-type]
     optima = tuple(replace(one.modes[0], log_likelihood=one.modes[0].log_likelihood - n) for n in range(3))
     pool.plain.update(laws)
-    scores = {keys[0]: (5.0, 7.0, 6.0), keys[1]: (9.0, 9.0, 9.0)}
+    scores = {
+        keys[0]: (scored(5.0), scored(7.0), scored(6.0)),
+        keys[1]: (scored(9.0),) * 3,
+        keys[2]: (scored(10.0, 2.0, -2.0, 2.0, -2.0),) * 3,
+        keys[3]: (scored(12.0),) * 3,
+    }
 
-    def score(law: Explanation) -> float:
+    def score(law: Explanation) -> CrossValidation:
         number = [mode.log_likelihood for mode in optima].index(law.evidence.modes[0].log_likelihood)
         return scores[law.effects_key][number]
 
-    monkeypatch.setattr(pooling, "_score_ahead", score)
+    def delivered(*numbers: int, grown: int | None = None) -> Explanation:
+        further = [[] if grown is None else [laws[keys[grown]]], []]
+        monkeypatch.setattr(pooling, "built_upon", lambda *_: further.pop(0))
+        every = tuple(laws[keys[number]] for number in numbers)
+        return pool.delivered(cast(Any, SimpleNamespace(deliverable=every)))
+
+    monkeypatch.setattr(pooling, "_cross_validated", score)
     monkeypatch.setattr(pooling, "finely_solved", lambda law: law)
     monkeypatch.setattr(pooling, "find_modes", lambda *_, **__: ())
     monkeypatch.setattr(pooling, "settled", lambda *_, **__: optima)
-    found = pool.delivered(cast(Any, SimpleNamespace(deliverable=(laws[keys[0]],))))
+    found = delivered(0)
     assert found.effects_key == keys[0]
     assert found.modes == found.evidence.modes == optima[1:]
-    # Of several that may be delivered the one that predicts best is, however much more probable another one is.
-    found = pool.delivered(cast(Any, SimpleNamespace(deliverable=tuple(laws.values()))))
-    assert found.effects_key == keys[1]
+    assert delivered(0, 1).effects_key == keys[1]
+    # Its score is higher by one, and scatters by four.
+    assert delivered(1, 2).effects_key == keys[1]
+    assert delivered(2, 1).effects_key == keys[2]
+    # What comes of it is delivered where that predicts better, and is not where it does not.
+    assert delivered(1, grown=3).effects_key == keys[3]
+    assert delivered(1, grown=2).effects_key == keys[1]

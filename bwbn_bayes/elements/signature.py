@@ -78,6 +78,11 @@ class PlaceResponse:
         return float(self.histories["hysteretic_energy"][-1])
 
     @property
+    def largest_energy(self) -> float:
+        """Most work [J] that was on the hysteretic spring: what grows with it comes back out with what was elastic."""
+        return float(np.max(self.histories["hysteretic_energy"]))
+
+    @property
     def path(self) -> float:
         """Drift [m] gone through by the end."""
         return float(path_of(self.histories["drift"])[-1])

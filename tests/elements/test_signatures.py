@@ -160,6 +160,20 @@ def test_a_pinch_after_negative_work_has_no_size():
     assert form.signature.size(at) == 0.0
 
 
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("foliente_pinching", {**NUISANCES, "zeta_s": 0.9, "p": 0.1}), ("slip_lock", {"delta_s": 0.01})],
+)
+def test_a_pinch_is_as_large_as_it_ever_was(name, values):
+    """A test that ends near zero force has given back what was elastic, and a pinch that grows with work with it."""
+    form = next(form for form in FORMS if form.name == name)
+    at = response(form, {s: v for s, v in values.items() if s in {p.symbol for p in form.parameters}})
+    ends = [
+        replace(at, histories={**at.histories, "hysteretic_energy": np.array([0.0, 9.0, end])}) for end in (9.0, 1.0)
+    ]
+    assert form.signature.size(ends[0]) == form.signature.size(ends[1]) > form.signature.least
+
+
 MEASURED = {
     "strength_degradation": ([{"delta_nu": d} for d in (0.0, 0.02, 0.1)], 1.0),
     "stiffness_degradation": ([{"delta_eta": d} for d in (0.0, 0.003, 0.015)], 1.0),

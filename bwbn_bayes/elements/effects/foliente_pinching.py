@@ -102,7 +102,7 @@ class FolientePinching(Effect):
         measure="pinching index",
         plain_name="the shape of the reloading branch (Foliente's law)",
         reason="a pinch that takes a tenth of the stiffness, in a loop that is not full: the law bends any branch",
-        size=lambda at: _depth(at["zeta_s"], at["p"], at.energy),
+        size=lambda at: _depth(at["zeta_s"], at["p"], at.largest_energy),
         least=0.1,
         of_loop=pinching_index,
         needs="a motion that comes back through zero",
@@ -254,7 +254,7 @@ class FreePinch(Effect):
     form: ClassVar[str] = "free shape"
     signature: ClassVar[Signature] = replace(
         FolientePinching.signature,
-        size=lambda at: _depth(at["zeta_g"], at["p_g"], at.energy, at["i_g"]),
+        size=lambda at: _depth(at["zeta_g"], at["p_g"], at.largest_energy, at["i_g"]),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (
         *(

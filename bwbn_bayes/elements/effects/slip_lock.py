@@ -67,7 +67,7 @@ class SlipLock(Effect):
         measure="pinching index",
         plain_name="the shape of the reloading branch (Baber and Noori's law)",
         reason="a slip of half a per cent of the largest drift per crossing, in a loop that is not full: less is fit",
-        size=lambda at: 2.0 * at["delta_s"] * at.energy / at.peak("drift"),
+        size=lambda at: 2.0 * at["delta_s"] * at.largest_energy / at.peak("drift"),
         least=0.005,
         of_loop=pinching_index,
         needs="a motion that comes back through zero",
@@ -192,7 +192,10 @@ class FreeSlip(Effect):
     signature: ClassVar[Signature] = replace(
         SlipLock.signature,
         size=lambda at: (
-            2.0 * at["s_w"] * float(risen(abs(at.energy) / at["E_w"], at["b_w"], at["m_w"])) / at.peak("drift")
+            2.0
+            * at["s_w"]
+            * float(risen(at.peak("hysteretic_energy") / at["E_w"], at["b_w"], at["m_w"]))
+            / at.peak("drift")
         ),
     )
     parameters: ClassVar[tuple[Parameter, ...]] = (

@@ -53,13 +53,11 @@ class CrossValidation:
 
     Attributes
     ----------
-    log_score : float
-        Log density of all blocks, each normal with the noise level that the others show; where later ones are asked,
-        of these with one level, and of what comes before them with another. [nat]
+    log_scores : tuple of float
+        Log density of each stretch, normal with the noise level that the others show; where later ones are asked, of
+        these with one level, and of what comes before them with another. [nat]
     nrmse : float
         Root mean square over the channels of each one's rms error over its rms.
-    log_scores : tuple of float
-        Stretch by stretch, of which it is the sum.
     """
 
     log_scores: tuple[float, ...]

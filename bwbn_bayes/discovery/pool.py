@@ -244,12 +244,10 @@ class Pool:
         every = [self.plain[one.effects_key] for one in believed.deliverable[:_MOST_PREDICTED]]
         best = every[0]
         if not best.is_noise:
-            scores = self._scores(every)
-            ahead = max(scores, key=lambda own: own.log_score)
-            best = self._grown(
-                *next(pair for pair in zip(every, scores, strict=True) if not ahead.is_better_than(pair[1]))
-            )
-        return self._settled(best.effects_key)
+            scored = self._scored(every)
+            _, ahead = max(scored, key=_log_score)
+            best = self._grown(*next((one, own) for one, own in scored if not ahead.is_better_than(own)))
+        return self._settled(best)
 
     def _grown(self, best: Explanation, score: CrossValidation) -> Explanation:
         """A specimen's law built upon further, as long as what comes of it is seen to predict better.
@@ -258,40 +256,35 @@ class Pool:
         """
         while best.is_specimen and not self.run.must_stop():
             self.run.say(f"building upon {best.label} as long as it predicts better")
-            found = built_upon(best, self.run)[:_MOST_PREDICTED]
-            scored = list(zip(found, self._scores(found), strict=True))
-            if not scored:
-                break
-            further, ahead = max(scored, key=lambda pair: pair[1].log_score)
+            scored = self._scored(built_upon(best, self.run)[:_MOST_PREDICTED])
+            further, ahead = max(scored, key=_log_score, default=(best, score))
             if not ahead.is_better_than(score):
                 break
             best, score = further, ahead
-            self.plain[best.effects_key] = best
         return best
 
-    def _scores(self, every: Sequence[Explanation]) -> list[CrossValidation]:
-        """How well each predicts blocks of the record."""
-        return self.run.beside(_cross_validated, every)
+    def _scored(self, every: Sequence[Explanation]) -> list[tuple[Explanation, CrossValidation]]:
+        """Each with how well it predicts blocks of the record."""
+        return list(zip(every, self.run.beside(_cross_validated, every), strict=True))
 
-    def _settled(self, key: Key) -> Explanation:
+    def _settled(self, one: Explanation) -> Explanation:
         """An explanation without anything unnamed, to predict by; a specimen's after a search all over its priors.
 
         Of its optima that is taken which fits the first half of the record and predicts what comes after best, where
         more than noise is left: one that was likelier by 85 nats of samples counted one by one left 184 % of the end of
         a measured test, and this one 17 %.
         """
-        one = self.plain[key]
-        if one.is_specimen and key:
-            one = finely_solved(one)
-            anew = find_modes(one.posterior, self.run.rng, n_starts=_N_STARTS, reach=FAR)
-            found = (*one.modes[:_N_SETTLED], *anew)
-            modes = settled(one.posterior, found[:N_CANDIDATES], self.run.rng, reach=np.inf)
-            if not one.is_noise:
-                optima = [one.with_modes(modes[number:]) for number in range(len(modes))]
-                one = optima[int(np.argmax([own.log_score for own in self._scores(optima)]))]
-            elif modes[0].log_likelihood > one.modes[0].log_likelihood:
-                one = replace(one, modes=modes)
-            self.plain[key] = one
+        if not one.is_specimen or not one.added:
+            return one
+        one = finely_solved(one)
+        anew = find_modes(one.posterior, self.run.rng, n_starts=_N_STARTS, reach=FAR)
+        found = (*one.modes[:_N_SETTLED], *anew)
+        modes = settled(one.posterior, found[:N_CANDIDATES], self.run.rng, reach=np.inf)
+        if not one.is_noise:
+            optima = [one.with_modes(modes[number:]) for number in range(len(modes))]
+            one, _ = max(self._scored(optima), key=_log_score)
+        elif modes[0].log_likelihood > one.modes[0].log_likelihood:
+            one = replace(one, modes=modes)
         return one
 
     def _sample(self) -> None:
@@ -322,6 +315,10 @@ def _at(one: Explanation) -> tuple[Posterior, tuple[Mode, ...]]:
 
 def _coloured(one: Explanation) -> Evidence:
     return autoregressive(*_at(one))
+
+
+def _log_score(scored: tuple[Explanation, CrossValidation]) -> float:
+    return scored[1].log_score
 
 
 def _cross_validated(one: Explanation) -> CrossValidation:

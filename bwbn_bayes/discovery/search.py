@@ -86,7 +86,7 @@ def search(given: Explanation, run: Run) -> Pool:
         _round(parent, pool, run)
     if not given.is_specimen:
         _exchange(pool, run)
-    if given.is_specimen and not run.stopped:
+    elif not run.stopped:
         _draw_closer(pool, run)
     if not run.stopped:
         _change_forms(pool, run)
@@ -205,9 +205,9 @@ def _together(given: Explanation, pool: Pool, run: Run) -> Iterator[Explanation]
     """What occurs together, at a specimen, from all over its priors: each loss in its usual form and in its best."""
     if not given.is_specimen or run.settings.most_effects < len(TOGETHER) + 1:
         return
-    forms = {name: _usual_and_best(name, pool, run) for name in TOGETHER}
-    pinches = [own[0] for name in WITH if (own := _usual_and_best(name, pool, run))]
-    for *losses, pinch in product(*forms.values(), pinches):
+    forms = [_usual_and_best(name, pool, run) for name in TOGETHER]
+    pinches = [one for name in WITH for one in _usual(name, run)]
+    for *losses, pinch in product(*forms, pinches):
         added = rebuilt(given, [*losses, pinch], run)
         if run.must_stop():
             return
@@ -217,10 +217,14 @@ def _together(given: Explanation, pool: Pool, run: Run) -> Iterator[Explanation]
 
 def _usual_and_best(name: str, pool: Pool, run: Run) -> list[Hypothesis]:
     """An effect in its usual form, and in the one that is best alone."""
-    usual = [one for one in run.considered_first if one.name == name][:1]
     alone = [one for one in pool.plain.values() if len(one.added) == 1 and name in one.names]
     best = [max(alone, key=lambda one: one.evidence.log_evidence).added[0]] if alone else []
-    return list({own.symbols: own for own in (*usual, *best)}.values())
+    return list({own.symbols: own for own in (*_usual(name, run), *best)}.values())
+
+
+def _usual(name: str, run: Run) -> list[Hypothesis]:
+    """An effect in its usual form, if it is considered."""
+    return [one for one in run.considered_first if one.name == name][:1]
 
 
 def _reshaped(pool: Pool, run: Run) -> list[Explanation]:

@@ -98,11 +98,11 @@ def scored(value: float, *differs: float) -> CrossValidation:
 
 def test_the_law_is_delivered_that_predicts_blocks_of_the_record_best(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where it leaves more than noise: the most probable one within the error of that, at the best of its optima."""
-    pool, one = pool_of(), leaving(8.0)
-    keys: list[Any] = [frozenset({((name,), (1,))}) for name in "abcd"]
-    laws = {key: replace(one, added=(SimpleNamespace(key=key, label="a law"),)) for key in keys}  # type: ignore[arg-type]
+    one = leaving(8.0)
+    pool = pool_of(*[one] * 5)
+    laws = pool.plain
+    _, *keys = laws
     optima = tuple(replace(one.modes[0], log_likelihood=one.modes[0].log_likelihood - n) for n in range(3))
-    pool.plain.update(laws)
     scores = {
         keys[0]: (scored(5.0), scored(7.0), scored(6.0)),
         keys[1]: (scored(9.0),) * 3,
